@@ -1,0 +1,177 @@
+"""Compare the simulator's craters, rims and mounds with material-point samples, in millimetres.
+
+For every pair of frames (before, after) of the samples: rebuild the bed from the frame before,
+apply the same action at the same place with the agent's nominal stroke, look at the result with
+the same camera, and compare with the frame after over the action's ROI.
+
+    python benchmarks/sim_against_mpm.py --data DIR [--groups ...] [--split all|fit|held]
+
+Columns, all means over the pairs of a row: `change` mean |after - before| of the sample (what
+doing nothing would be off by), `f_D` leave-one-out error of the mean difference image, `sim` the
+simulator's mean |difference| to the sample after the action; then crater depth, rim height and
+affected area, sample / simulator.
+"""
+
+import argparse
+import csv
+import json
+import os
+from pathlib import Path
+
+import cv2
+import jax
+import numpy as np
+from scipy import ndimage
+
+from jshape.camera import Camera
+from jshape.sim import ACTIONS, CELL, SIZE, Z_FLOOR, apply_action, loose_bed, position_to_xy, render
+
+GROUPS = (
+    "flat_flour_robot",
+    "flat_flour_human",
+    "irregular_flour_robot",
+    "irregular_sand_human",
+)
+
+
+def default_data() -> Path:
+    """Where the samples are unless told: below $JSHAPE_SHARED, or beside the repository."""
+    shared = os.environ.get("JSHAPE_SHARED")
+    beside = Path(__file__).resolve().parents[2] / "shared"
+    return (Path(shared) if shared else beside) / "data" / "mpm"
+
+
+def read_group(folder: Path) -> tuple[Camera, list[dict]]:
+    """The camera and the pairs of a group; frames in metres, 0 for no reading."""
+    fields = json.loads((folder / "camera.json").read_text())
+    unit = fields.pop("depth_unit")
+    pairs = []
+    with open(folder / "pairs.csv", newline="") as file:
+        for row in csv.DictReader(file):
+            for name in ("prior", "posterior"):
+                raw = cv2.imread(str(folder / row[name]), cv2.IMREAD_UNCHANGED)
+                row[name] = raw.astype(np.float32) * unit
+            for name in ("u", "v", "width", "height"):
+                row[name] = int(row[name])
+            pairs.append(row)
+    return Camera(**fields), pairs
+
+
+def rebuild(depth: np.ndarray, camera: Camera, z_floor: float = Z_FLOOR):
+    """The bed under a depth image; places that the image does not show take their neighbour's."""
+    nearest = ndimage.distance_transform_edt(depth <= 0, return_indices=True)[1]
+    depth = depth[tuple(nearest)]
+    columns, rows = round(SIZE[0] / CELL), round(SIZE[1] / CELL)
+    x = (np.arange(columns) + 0.5 - columns / 2) * CELL
+    y = (np.arange(rows) + 0.5 - rows / 2) * CELL
+    z = np.full((rows, columns), 0.45)
+    for _ in range(12):  # which pixel sees the column depends on its height
+        u, v = camera.fx * x[None] / z + camera.u0, camera.fy * y[:, None] / z + camera.v0
+        z = ndimage.map_coordinates(depth, [v, u], order=1, mode="nearest")
+    return loose_bed((z_floor - z).astype(np.float32))
+
+
+def roi(pair: dict, image: np.ndarray) -> np.ndarray:
+    """The pair's ROI of an image."""
+    left, top = pair["u"] - pair["width"] // 2, pair["v"] - pair["height"] // 2
+    return image[top : top + pair["height"], left : left + pair["width"]]
+
+
+def shape_numbers(before: np.ndarray, after: np.ndarray) -> tuple[float, float, float]:
+    """Crater depth and rim height (98th percentiles, mm) and affected area (> 2 mm, mm²)."""
+    rise = (before - after) * 1000.0
+    pixel = 450.0 / 433.0  # mm at the surface
+    area = (np.abs(rise) > 2.0).sum() * pixel**2
+    return -np.percentile(rise, 2), np.percentile(rise, 98), float(area)
+
+
+def simulate(pair: dict, camera: Camera, bed=None) -> tuple[np.ndarray, np.ndarray]:
+    """The rebuilt bed seen before and after the simulated action, metres."""
+    bed = rebuild(pair["prior"], camera) if bed is None else bed
+    xy = position_to_xy(camera, np.array([pair["u"], pair["v"]], np.float32))
+    after = apply_action(
+        jax.random.key(0), bed, pair["material"], (pair["action"], pair["agent"]), xy, spread=0.0
+    )
+    return np.asarray(render(bed, camera)), np.asarray(render(after, camera))
+
+
+def compare(pairs: list[dict], camera: Camera) -> dict:
+    """The numbers of one row: pairs of one action of one group."""
+    changes, errors, samples, simulated, means = [], [], [], [], []
+    for pair in pairs:
+        before, after = roi(pair, pair["prior"]), roi(pair, pair["posterior"])
+        known = (before > 0) & (after > 0)
+        sim_before, sim_after = (roi(pair, z) for z in simulate(pair, camera))
+        changes.append(np.where(known, after - before, 0.0) * 1000.0)
+        # The sample's own prior plus the simulated change would hide nothing but the rebuilding;
+        # what is compared is the simulated image itself.
+        errors.append(np.abs(sim_after - after)[known].mean() * 1000.0)
+        samples.append(shape_numbers(np.where(known, before, 0), np.where(known, after, 0)))
+        simulated.append(shape_numbers(sim_before, sim_after))
+    changes = np.stack(changes)
+    for k in range(len(pairs)):
+        others = np.delete(changes, k, axis=0).mean(0)
+        means.append(np.abs(changes[k] - others).mean())
+    return dict(
+        change=float(np.abs(changes).mean()),
+        f_D=float(np.mean(means)),
+        sim=float(np.mean(errors)),
+        sample=np.mean(samples, axis=0),
+        simulated=np.mean(simulated, axis=0),
+        count=len(pairs),
+    )
+
+
+def split_of(pairs: list[dict], split: str) -> list[dict]:
+    """`fit`: the pairs that the constants were fitted to (all flat, even irregular); `held`: rest."""
+    chosen = []
+    for k, pair in enumerate(pairs):
+        fitted = pair["group"].startswith("flat") or k % 2 == 0
+        if split == "all" or fitted == (split == "fit"):
+            chosen.append(pair)
+    return chosen
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--data", type=Path, default=default_data())
+    parser.add_argument("--groups", nargs="+", default=GROUPS)
+    parser.add_argument("--actions", nargs="+", default=ACTIONS)
+    parser.add_argument("--split", choices=("all", "fit", "held"), default="all")
+    parser.add_argument("--noisy", action="store_true", help="use the frames with camera noise")
+    args = parser.parse_args()
+    print(
+        f"{'group':22} {'action':6} {'n':>3} {'change':>7} {'f_D':>6} {'sim':>6}   "
+        f"{'crater mm':>13} {'rim mm':>13} {'area mm²':>13}"
+    )
+    for group in args.groups:
+        folder = args.data / ("pairs_noisy" if args.noisy else "pairs") / group
+        camera, pairs = read_group(folder)
+        for pair in pairs:
+            pair["group"] = group
+        rows = []
+        for action in args.actions:
+            chosen = split_of([p for p in pairs if p["action"] == action], args.split)
+            if len(chosen) < 2:
+                continue
+            row = compare(chosen, camera)
+            rows.append(row)
+            _print(group, action, row)
+        if rows:
+            mean = {k: np.mean([r[k] for r in rows], axis=0) for k in rows[0]}
+            mean["count"] = sum(r["count"] for r in rows)
+            _print(group, "mean", mean)
+
+
+def _print(group: str, action: str, row: dict) -> None:
+    pairs = zip(row["sample"], row["simulated"], (1, 1, 0), strict=True)
+    shapes = " ".join(f"{a:6.{d}f}/{b:6.{d}f}" for a, b, d in pairs)
+    print(
+        f"{group:22} {action:6} {row['count']:3d} {row['change']:7.2f} {row['f_D']:6.2f} "
+        f"{row['sim']:6.2f}   {shapes}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,177 @@
+"""The depth camera: luminance <-> depth, pixel <-> point (the paper's section II).
+
+Arrays are `[v, u]` (row, column), 0-based, float32; a pixel given to or by a person is `(u, v)`.
+The camera frame has X along the columns, Y along the rows and Z along the optical axis, metres.
+A depth of 0, NaN or infinity means "no reading" and becomes a luminance of NaN, never a number.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape._typing import Array, ArrayLike, Float
+from jshape.errors import BadCamera
+
+STATIC = {"static": True}
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Camera:
+    """An undistorted pinhole depth camera.  A pytree: sizes and bits static, numbers traced."""
+
+    width: int = field(metadata=STATIC)
+    """Columns, pixels."""
+    height: int = field(metadata=STATIC)
+    """Rows, pixels."""
+    fx: float | Array
+    """Focal length along u, pixels."""
+    fy: float | Array
+    """Focal length along v, pixels."""
+    u0: float | Array
+    """Column of the principal point, pixels (may lie outside a cropped window)."""
+    v0: float | Array
+    """Row of the principal point, pixels."""
+    z_min: float | Array
+    """Depth that becomes white (2^bits - 1), metres."""
+    z_max: float | Array
+    """Depth that becomes black (0), metres."""
+    bits: int = field(default=8, metadata=STATIC)
+    """Bits of a luminance."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W)."""
+        return self.height, self.width
+
+    @property
+    def top(self) -> int:
+        """The largest luminance, 2^b - 1."""
+        return 2**self.bits - 1
+
+    def depth(self, luminance: ArrayLike) -> Float[Array, "..."]:
+        """Depth in metres of a luminance.  Eq. depth."""
+        scale = (self.z_min - self.z_max) / self.top
+        return scale * jnp.asarray(luminance, jnp.float32) + self.z_max
+
+    def luminance(self, depth: ArrayLike, *, quantize: bool = True) -> Float[Array, "..."]:
+        """Luminance of a depth in metres, clipped to [0, 2^b - 1].  Inverse of Eq. depth.
+
+        Args:
+          depth: any shape, metres; 0, NaN and infinity mean "no reading".
+          quantize: round to whole levels as the paper's camera does; False keeps fractions.
+
+        Returns:
+          float32 of the same shape; NaN where there was no reading.
+        """
+        depth = jnp.asarray(depth, jnp.float32)
+        level = self.top * (self.z_max - depth) / (self.z_max - self.z_min)
+        level = jnp.clip(level, 0.0, float(self.top))
+        if quantize:
+            level = jnp.round(level)
+        return jnp.where(jnp.isfinite(depth) & (depth > 0), level, jnp.nan)
+
+    def rays(self) -> tuple[Float[Array, "1 W"], Float[Array, "H 1"]]:
+        """Normalised pixel coordinates x (1, W) and y (H, 1).  Eq. camCoord."""
+        x = (jnp.arange(self.width, dtype=jnp.float32) - self.u0) / self.fx
+        y = (jnp.arange(self.height, dtype=jnp.float32) - self.v0) / self.fy
+        return x[None, :], y[:, None]
+
+    def points(self, luminance: ArrayLike) -> Float[Array, "H W 3"]:
+        """The visible point cloud of a luminance image, metres: the mapping m.  Eq. pinhole2."""
+        z = self.depth(luminance)
+        x, y = self.rays()
+        return jnp.stack([x * z, y * z, z], axis=-1)
+
+    def project(self, points: ArrayLike, *, quantize: bool = True) -> Float[Array, "H W"]:
+        """Luminance image (H, W) of a point cloud (P, 3) in metres: m inverse.  Eq. PtoI.
+
+        The nearest point wins a pixel.  Pixels that no point reaches are 0 (black, as far as the
+        camera sees); points behind the camera or outside the image are dropped.
+        """
+        px, py, z = jnp.moveaxis(jnp.asarray(points, jnp.float32), -1, 0)
+        ahead = jnp.isfinite(px) & jnp.isfinite(py) & jnp.isfinite(z) & (z > 0)
+        safe_z = jnp.where(ahead, z, 1.0)
+        u = jnp.round(self.fx * jnp.where(ahead, px, 0.0) / safe_z + self.u0)
+        v = jnp.round(self.fy * jnp.where(ahead, py, 0.0) / safe_z + self.v0)
+        seen = ahead & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
+        # Scatter drops an index past the end, but wraps a negative one: send all unseen to row H.
+        row = jnp.where(seen, v, self.height).astype(jnp.int32)
+        level = jnp.nan_to_num(self.luminance(safe_z, quantize=quantize))
+        image = jnp.zeros(self.shape, jnp.float32)
+        return image.at[row, u.astype(jnp.int32)].max(level, mode="drop")
+
+    def crop(self, left: int, top: int, width: int, height: int) -> "Camera":
+        """The camera of a window of this one's image: the principal point moves with it.
+
+        Raises:
+          BadCamera: the window is empty or leaves the image.
+        """
+        inside = 0 <= left and 0 <= top and left + width <= self.width
+        if not (inside and top + height <= self.height and width > 0 and height > 0):
+            raise BadCamera(
+                f"crop window left {left}, top {top}, {width}x{height} leaves the "
+                f"{self.width}x{self.height} image"
+            )
+        return replace(self, width=width, height=height, u0=self.u0 - left, v0=self.v0 - top)
+
+
+def check_camera(camera: Camera, where: str = "camera") -> Camera:
+    """The camera itself if its fields make sense (a host check, before any jit).
+
+    Raises:
+      BadCamera: a field that is not a finite number or out of its range, named with its value.
+    """
+    for name in ("width", "height", "bits"):
+        value = getattr(camera, name)
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value <= 0:
+            raise BadCamera(f"{where}: {name} is {value!r}; it must be a positive whole number")
+    if camera.bits > 24:
+        raise BadCamera(f"{where}: bits is {camera.bits}; float32 holds at most 24")
+    for name in ("fx", "fy", "u0", "v0", "z_min", "z_max"):
+        value = getattr(camera, name)
+        try:
+            finite = np.ndim(value) == 0 and np.isfinite(float(value))
+        except (TypeError, ValueError):
+            finite = False
+        if not finite or isinstance(value, bool | str):
+            raise BadCamera(f"{where}: {name} is {value!r}; it must be a finite number")
+        if name in ("fx", "fy", "z_min", "z_max") and float(value) <= 0:
+            raise BadCamera(f"{where}: {name} is {value!r}; it must be positive")
+    if float(camera.z_min) >= float(camera.z_max):
+        raise BadCamera(
+            f"{where}: z_min {camera.z_min} must be less than z_max {camera.z_max} (metres)"
+        )
+    return camera
+
+
+def window_of(inner: Camera, outer: Camera) -> tuple[int, int] | None:
+    """(left, top) if `inner` is a crop of `outer` with the same optics and depth range, else None.
+
+    Bits may differ: I = R∘L is normalised, so they do not matter to prediction.
+    """
+    same = all(
+        np.isclose(float(getattr(inner, n)), float(getattr(outer, n)), rtol=1e-4)
+        for n in ("fx", "fy", "z_min", "z_max")
+    )
+    left = float(outer.u0) - float(inner.u0)
+    top = float(outer.v0) - float(inner.v0)
+    whole = abs(left - round(left)) < 0.01 and abs(top - round(top)) < 0.01
+    left, top = round(left), round(top)
+    fits = left >= 0 and top >= 0
+    fits = fits and left + inner.width <= outer.width and top + inner.height <= outer.height
+    return (left, top) if same and whole and fits else None
+
+
+D435_NOMINAL = Camera(848, 480, 415.0, 373.0, 424.0, 240.0, 0.3, 3.0, bits=16)
+"""Intel RealSense D435 with its nominal numbers and ideal range; R̄ = 1.568."""
+
+D435_BAZAR = Camera(848, 480, 433.0, 433.0, 421.0, 243.0, 0.42, 0.47)
+"""The paper's calibrated D435, looking at the bed from 0.45 m."""
+
+PAPER_BOX = D435_BAZAR.crop(181, 46, 480, 395)
+"""The window of `D435_BAZAR` that holds the paper's box."""
+
+PRESETS = {"d435_nominal": D435_NOMINAL, "d435_bazar": D435_BAZAR, "paper_box": PAPER_BOX}

@@ -1,0 +1,98 @@
+"""Pairs of depth frames before and after an action: what predictors are fitted to."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jshape import actions, metric
+from jshape.camera import Camera
+from jshape.errors import BadDataset, UnknownName
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """N pairs of depth frames, kept as the raw counts of the files (2 bytes a pixel)."""
+
+    camera: Camera
+    depth_unit: float
+    """Metres per count."""
+    prior: np.ndarray
+    """(N, H, W) uint16 counts before the action; 0 = no reading."""
+    posterior: np.ndarray
+    """(N, H, W) uint16 counts after the action."""
+    action: np.ndarray
+    """(N,) names."""
+    agent: np.ndarray
+    """(N,) names."""
+    material: np.ndarray
+    """(N,) names."""
+    centre: np.ndarray
+    """(N, 2) ROI centres (u, v), pixels."""
+    size: np.ndarray
+    """(N, 2) ROI sizes (w, h), pixels."""
+    id: np.ndarray
+    """(N,) names of the pairs."""
+
+    def __len__(self) -> int:
+        return len(self.action)
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Names of the actions, in order of first appearance."""
+        return tuple(dict.fromkeys(self.action.tolist()))
+
+    def select(self, keep: np.ndarray) -> "Pairs":
+        """The pairs where `keep` (a mask or indices) says so."""
+        per_pair = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id")
+        return replace(self, **{name: getattr(self, name)[keep] for name in per_pair})
+
+    def of(self, action: str | None = None, agent: str | None = None) -> "Pairs":
+        """The pairs of one action and/or agent.
+
+        Raises:
+          UnknownName: no pair has that action or agent.
+        """
+        keep = np.ones(len(self), bool)
+        for what, name in (("action", action), ("agent", agent)):
+            if name is not None:
+                names = getattr(self, what)
+                if name not in names:
+                    raise UnknownName(what, name, dict.fromkeys(names.tolist()))
+                keep &= names == name
+        return self.select(keep)
+
+    def by_action(self) -> Iterator[tuple[str, "Pairs"]]:
+        """(name, its pairs) for every action."""
+        for name in self.actions:
+            yield name, self.of(action=name)
+
+    def roi_size(self, action: str) -> tuple[int, int]:
+        """ROI size (w, h) of an action: the mean over its pairs, as the paper does."""
+        w, h = np.rint(self.of(action=action).size.mean(0)).astype(int)
+        return int(w), int(h)
+
+    def rois(self, action: str, size: tuple[int, int] | None = None):
+        """Prior and posterior ROIs of I of one action: two (n, h, w) float32, NaN = no reading.
+
+        Raises:
+          BadDataset: a ROI leaves the image.
+        """
+        mine = self.of(action=action)
+        w, h = size or self.roi_size(action)
+        inside = actions.fits(self.camera, mine.centre, (w, h))
+        if not inside.all():
+            pair = int(np.argmin(inside))
+            raise BadDataset(
+                f"pair {mine.id[pair]}: the {w}x{h} ROI of {action} at {tuple(mine.centre[pair])} "
+                f"leaves the {self.camera.width}x{self.camera.height} image"
+            )
+        weight = np.asarray(metric.r_matrix(self.camera))
+        found = [], []
+        for k, (left, top) in enumerate(actions.first_pixels(mine.centre, (w, h))):
+            window = np.s_[top : top + h, left : left + w]
+            for counts, out in zip((mine.prior, mine.posterior), found, strict=True):
+                depth = counts[k][window].astype(np.float32) * np.float32(self.depth_unit)
+                level = self.camera.luminance(depth, quantize=False)
+                out.append(np.asarray(level) * weight[window])
+        return np.stack(found[0]), np.stack(found[1])

@@ -1,0 +1,133 @@
+"""The paper's distance between depth images (section III-B).
+
+Images are float32 in [0, 1], indexed `[v, u]`.  `weigh` turns a luminance image L into I = R∘L;
+every other function takes such I.  Distances are unitless in [0, 1] unless the name ends in `_mm`.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.linalg import blas
+
+from jshape._typing import Array, ArrayLike, Float
+from jshape.camera import Camera
+from jshape.errors import BadImage
+
+# Pixels of a pair compared at once on the host: two float32 inputs and one buffer of 32k pixels
+# are 384 kB, which stays in a core's second-level cache.
+_HOST_BLOCK = 32_768
+
+
+def ray_lengths(camera: Camera) -> Float[Array, "H W"]:
+    """R_uv: length of each pixel's ray per metre of depth, 1 at the principal point.  Eq. distPix."""
+    x, y = camera.rays()
+    return jnp.sqrt(1.0 + x**2 + y**2)
+
+
+def max_ray_length(camera: Camera) -> Float[Array, ""]:
+    """R̄, the largest R_uv.  R is convex over the image, so a corner has it: 4 pixels, not H·W."""
+    x = jnp.array([0.0, camera.width - 1.0]) - camera.u0
+    y = jnp.array([0.0, camera.height - 1.0]) - camera.v0
+    return jnp.sqrt(1.0 + jnp.max((x / camera.fx) ** 2) + jnp.max((y / camera.fy) ** 2))
+
+
+def r_matrix(camera: Camera) -> Float[Array, "H W"]:
+    """R, the weight of each luminance: R_uv / ((2^b - 1) R̄).  Eq. radMatrix."""
+    return ray_lengths(camera) / (camera.top * max_ray_length(camera))
+
+
+def weigh(luminance: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
+    """I = R∘L in [0, 1] of luminance images (any leading batch axes).  Eq. newMat.
+
+    NaN (no reading) stays NaN.
+
+    Raises:
+      BadImage: the last two axes are not the camera's (H, W).
+    """
+    if np.shape(luminance)[-2:] != camera.shape:
+        raise BadImage(
+            f"luminance has shape {np.shape(luminance)}; this camera makes {camera.shape} "
+            "(rows, columns)"
+        )
+    return _weigh(luminance, camera)
+
+
+@jax.jit
+def _weigh(luminance, camera):
+    return jnp.asarray(luminance, jnp.float32) * r_matrix(camera)
+
+
+def unweigh(image: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
+    """L of a weighed image I: the inverse of `weigh`, without rounding."""
+    return jnp.asarray(image, jnp.float32) / r_matrix(camera)
+
+
+def distance(a: ArrayLike, b: ArrayLike) -> Float[Array, "*B"] | np.float32:
+    """d = mean |a - b| over the last two axes, batched over the leading ones.  Eq. distNewImg.
+
+    A metric on weighed images, in [0, 1].  The leading axes broadcast, so that many images can be
+    compared with one goal.  Works under jit, vmap and grad.  One pair of concrete arrays is
+    compared on the host and gives a NumPy scalar: at 480x395 that takes 40 µs, where waking a
+    compiled kernel's threads takes 110.
+
+    Raises:
+      BadImage: fewer than two axes, or images of different size.
+    """
+    shape_a, shape_b = np.shape(a), np.shape(b)
+    if len(shape_a) < 2 or len(shape_b) < 2 or shape_a[-2:] != shape_b[-2:]:
+        raise BadImage(
+            f"distance of shapes {shape_a} and {shape_b}: the last two axes must be one (H, W)"
+        )
+    if len(shape_a) == len(shape_b) == 2 and not _traced(a) and not _traced(b):
+        return np.float32(_distance_on_host(np.asarray(a), np.asarray(b)))
+    return _distance(a, b)
+
+
+def _traced(x) -> bool:
+    return isinstance(x, jax.core.Tracer)
+
+
+def _distance_on_host(a: np.ndarray, b: np.ndarray) -> float:
+    flat_a = np.ascontiguousarray(a, np.float32).reshape(-1)
+    flat_b = np.ascontiguousarray(b, np.float32).reshape(-1)
+    buffer = np.empty(min(_HOST_BLOCK, flat_a.size), np.float32)
+    total = 0.0
+    for start in range(0, flat_a.size, _HOST_BLOCK):
+        block = flat_a[start : start + _HOST_BLOCK]
+        change = buffer[: block.size]
+        np.subtract(block, flat_b[start : start + _HOST_BLOCK], out=change)
+        total += float(blas.sasum(change))
+    return total / flat_a.size
+
+
+@jax.jit
+def _distance(a, b):
+    # Columns first, then across: reducing both axes at once leaves the vector units idle on the
+    # CPU (8.9 against 16.4 GB/s on 256 pairs); the barrier keeps XLA from merging the two again.
+    a, b = jnp.asarray(a, jnp.float32), jnp.asarray(b, jnp.float32)
+    height, width = a.shape[-2:]
+    columns = jnp.abs(a - b).sum(-2)
+    return jax.lax.optimization_barrier(columns).sum(-1) / (height * width)
+
+
+def to_mm(d: ArrayLike, camera: Camera) -> Float[Array, "..."]:
+    """The mean 3-D distance of matched points, in mm, of a distance d.  Eq. meanDist, distPix.
+
+    Exact where no pixel is clipped: d * R̄ * (Zmax - Zmin), in mm.
+    """
+    span_mm = 1e3 * (camera.z_max - camera.z_min)
+    return jnp.asarray(d, jnp.float32) * max_ray_length(camera) * span_mm
+
+
+def roi_change(
+    before: Float[Array, "h w"], after: Float[Array, "h w"], goal: Float[Array, "h w"]
+) -> Float[Array, ""]:
+    """How much the sum of |I - I*| grows when one ROI goes from `before` to `after`.
+
+    Divide by H·W for the change of d.  Pixels outside the ROI do not change, so only the ROI is
+    read: this is Eq. distNewImg of Eq. predStep3 minus that of the image before.
+    """
+    change = jnp.abs(after - goal) - jnp.abs(before - goal)
+    # A product with ones sums the rows in the CPU's vector units: 105 ROIs of the paper's box take
+    # 0.6 ms where `sum` over both axes takes 1.5.
+    return jnp.dot(jnp.ones(change.shape[0], change.dtype), change).sum()

@@ -1,0 +1,71 @@
+"""A bank: one camera, some actions, and a predictor for each.  One pytree for all of them."""
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape._typing import Array, ArrayLike, Float
+from jshape.camera import STATIC, Camera
+from jshape.errors import BadImage, UnknownName
+
+
+@runtime_checkable
+class Predictor(Protocol):
+    """What the ROI of one action becomes: a pytree that is callable."""
+
+    @property
+    def roi(self) -> tuple[int, int]:
+        """ROI size (w, h), pixels."""
+        ...
+
+    def __call__(self, roi: Float[Array, "*B h w"]) -> Float[Array, "*B h w"]:
+        """ROIs of I after the action, not yet clipped."""
+        ...
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Bank:
+    """The predictors of all actions, for one camera.  `kind` names the idea: "D" is f_D."""
+
+    camera: Camera
+    predictors: tuple[Any, ...]
+    """One `Predictor` per action, in the order of `actions`."""
+    actions: tuple[str, ...] = field(metadata=STATIC)
+    """Names of the actions."""
+    kind: str = field(default="D", metadata=STATIC)
+    """The predictors' kind: "D", "C", "CR", "DC", "DCR", ..."""
+
+    def predictor(self, name: str) -> Predictor:
+        """The predictor of one action.
+
+        Raises:
+          UnknownName: the bank has no such action.
+        """
+        if name not in self.actions:
+            raise UnknownName("action", name, self.actions)
+        return self.predictors[self.actions.index(name)]
+
+    def roi(self, name: str) -> tuple[int, int]:
+        """ROI size (w, h) of one action, pixels."""
+        return self.predictor(name).roi
+
+    @property
+    def rois(self) -> dict[str, tuple[int, int]]:
+        """ROI size (w, h) of every action, pixels."""
+        return {name: self.roi(name) for name in self.actions}
+
+    def predict(self, name: str, roi: ArrayLike) -> Float[Array, "*B h w"]:
+        """ROIs of I after an action, clipped to [0, 1]; leading batch axes allowed.  Eq. lastMapping.
+
+        Raises:
+          UnknownName: the bank has no such action.
+          BadImage: the last two axes are not the action's (h, w).
+        """
+        w, h = self.roi(name)
+        if np.shape(roi)[-2:] != (h, w):
+            raise BadImage(f"{name}: ROI has shape {np.shape(roi)}; its last axes must be {(h, w)}")
+        return jnp.clip(self.predictor(name)(jnp.asarray(roi, jnp.float32)), 0.0, 1.0)

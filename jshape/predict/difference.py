@@ -1,0 +1,52 @@
+"""f_D: the effect of an action is its average effect (Eq. DiffImage and Eq. Doutput)."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape._typing import Array, Float
+from jshape.errors import BadDataset
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Difference:
+    """f_D of one action: adds the mean change ΔI to a ROI."""
+
+    delta: Float[Array, "h w"]
+    """ΔI, the mean of posterior minus prior over the training pairs, units of I."""
+
+    @property
+    def roi(self) -> tuple[int, int]:
+        """ROI size (w, h), pixels."""
+        return self.delta.shape[1], self.delta.shape[0]
+
+    def __call__(self, roi: Float[Array, "*B h w"]) -> Float[Array, "*B h w"]:
+        """ROIs after the action, not yet clipped to [0, 1].  Eq. Doutput."""
+        return roi + self.delta
+
+
+def fit_difference(
+    prior: Float[np.ndarray, "N h w"], posterior: Float[np.ndarray, "N h w"]
+) -> Difference:
+    """f_D from N pairs of ROIs of I.  Eq. DiffImage.
+
+    A pixel without a reading (NaN) in either image of a pair is left out of that pixel's mean.
+
+    Raises:
+      BadDataset: no pairs, or a pixel that no pair has seen.
+    """
+    if len(prior) == 0:
+        raise BadDataset("no pairs to average")
+    change = np.asarray(posterior, np.float64) - np.asarray(prior, np.float64)
+    seen = np.isfinite(change)
+    count = seen.sum(0)
+    if (count == 0).any():
+        raise BadDataset(
+            f"{int((count == 0).sum())} of {count.size} ROI pixels have no depth reading in any "
+            f"of the {len(prior)} pairs"
+        )
+    delta = np.where(seen, change, 0.0).sum(0) / count
+    return Difference(jnp.asarray(delta, jnp.float32))

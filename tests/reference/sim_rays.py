@@ -1,0 +1,42 @@
+"""Plain-NumPy twin of `jshape.sim.render`: walk every ray down in small steps, then bisect."""
+
+import math
+
+import numpy as np
+
+
+def height_at(height, cell, x, y):
+    """Bilinear height at one place (metres from the middle), clamped at the walls; float64."""
+    rows, columns = height.shape
+    column = min(max(x / cell + (columns - 1) / 2, 0.0), columns - 1.0)
+    row = min(max(y / cell + (rows - 1) / 2, 0.0), rows - 1.0)
+    j, i = min(int(column), columns - 2), min(int(row), rows - 2)
+    a, b = column - j, row - i
+    return (
+        height[i, j] * (1 - a) * (1 - b)
+        + height[i, j + 1] * a * (1 - b)
+        + height[i + 1, j] * (1 - a) * b
+        + height[i + 1, j + 1] * a * b
+    )
+
+
+def render(height, cell, camera, z_floor, step=0.0005):
+    """Depth of the first surface that each pixel's ray meets, metres."""
+    height = np.asarray(height, float)
+    depth = np.zeros((camera.height, camera.width))
+    top = z_floor - height.max() - step
+    for v in range(camera.height):
+        for u in range(camera.width):
+            x, y = (u - camera.u0) / camera.fx, (v - camera.v0) / camera.fy
+
+            def inside(z, x=x, y=y):
+                return z >= z_floor - height_at(height, cell, x * z, y * z)
+
+            count = math.ceil((z_floor - top) / step) + 1
+            z = next(top + k * step for k in range(count + 1) if inside(top + k * step))
+            low, high = z - step, z
+            for _ in range(30):
+                middle = (low + high) / 2
+                low, high = (low, middle) if inside(middle) else (middle, high)
+            depth[v, u] = high
+    return depth

@@ -17,7 +17,8 @@ from jshape import actions as places
 from jshape import metric
 from jshape._typing import ArrayLike
 from jshape.camera import Camera
-from jshape.data import missing
+from jshape.data.depth import check_depth, to_metres
+from jshape.data.missing import fill_missing
 from jshape.errors import BadImage, BadPosition, JShapeError, UnknownName
 from jshape.planners import PLANNERS
 from jshape.planners.base import Limits, Status
@@ -183,6 +184,7 @@ def plan_depth(
     bank: Bank | str | Path | None = None,
     depth_unit: float = 0.001,
     max_missing: float = 0.1,
+    names: tuple[str, str] = ("z0", "zstar"),
     **options: Any,
 ) -> Plan:
     """`plan` from raw depth images: metres as floats, or uint16 counts of `depth_unit` metres.
@@ -197,6 +199,7 @@ def plan_depth(
       bank: as for `plan`.
       depth_unit: metres per count of integer images.
       max_missing: largest share of pixels without a reading that may be filled.
+      names: what to call the two images in errors.
       **options: passed on to `plan`.
 
     Raises:
@@ -205,7 +208,7 @@ def plan_depth(
     """
     bank = _as_bank(bank)
     images, filled = [], []
-    for name, raw in (("z0", z0), ("zstar", zstar)):
+    for name, raw in zip(names, (z0, zstar), strict=True):
         image, count = image_of_depth(
             raw, bank.camera, depth_unit=depth_unit, max_missing=max_missing, where=name
         )
@@ -228,15 +231,9 @@ def image_of_depth(
       MissingDepth: too many pixels without a reading.
       BadImage: wrong shape or type, or nothing of it within the camera's depth range.
     """
-    raw = np.asarray(depth)
-    if raw.dtype.kind == "u" and raw.dtype.itemsize <= 2:
-        metres = raw.astype(np.float32) * np.float32(depth_unit)
-    elif raw.dtype.kind == "f":
-        metres = raw.astype(np.float32)
-    else:
-        raise BadImage(f"{where} has type {raw.dtype}; depth is uint16 counts or floats in metres")
-    missing.check_depth(metres, camera, where)
-    metres, count = missing.fill_missing(metres, limit=max_missing, where=where)
+    metres = to_metres(np.asarray(depth), depth_unit, where)
+    check_depth(metres, camera, where, least_inside=0.5)
+    metres, count = fill_missing(metres, limit=max_missing, where=where)
     level = camera.luminance(metres, quantize=False)
     return np.asarray(metric.weigh(level, camera)), count
 

@@ -25,9 +25,9 @@ def fill_missing(
     """A depth image without gaps: each hole becomes the smooth surface that its rim spans.
 
     Every filled pixel is the mean of its neighbours (Laplace's equation), so a filled depth never
-    leaves the range of the readings around the hole.  On a bed with 5 % of its pixels missing that
-    is 1.6 to 6 times as near to the truth as the nearest reading, and OpenCV's inpainting of float
-    images is worse than either (Telea's is off by a metre, Navier-Stokes' by 8 mm).
+    leaves the range of the readings around the hole.  With 5 % of a smooth bed missing it is 0.01
+    mm off where single pixels are missing and 0.29 mm in blobs 12 pixels wide; the nearest reading
+    is 0.16 and 0.52 mm off, OpenCV's inpainting of float images (Navier-Stokes) 0.02 and 0.47.
 
     Args:
       depth: (H, W), metres; 0, NaN, infinity and negative numbers mean "no reading".

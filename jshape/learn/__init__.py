@@ -1,0 +1,1 @@
+"""Fitting banks to pairs, and measuring how wrong they are."""

@@ -18,6 +18,15 @@ class Status(IntEnum):
     NO_IMPROVEMENT = 2
     """No action lowers the distance by more than the least gain asked for."""
 
+    @property
+    def meaning(self) -> str:
+        """The same in words."""
+        return {
+            Status.CONVERGED: "the distance left is within the tolerance",
+            Status.MAX_STEPS: "as many actions as allowed",
+            Status.NO_IMPROVEMENT: "no further action is predicted to lower the distance",
+        }[self]
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)

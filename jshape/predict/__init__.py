@@ -1,0 +1,1 @@
+"""Predicting what an action does to a region of interest."""

@@ -1,0 +1,1 @@
+"""The only code with devices and a clock: worlds to act in, and the look-plan-act loop."""

@@ -1,0 +1,7 @@
+"""`python -m jshape` is the same as `jshape`."""
+
+import sys
+
+from jshape.cli import main
+
+sys.exit(main())

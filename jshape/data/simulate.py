@@ -1,0 +1,137 @@
+"""Pairs from the simulator: a new bed, one action at a random place, two looks."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape import sim
+from jshape._typing import Array, Key
+from jshape.camera import PAPER_BOX, Camera
+from jshape.errors import UnknownName
+
+ROIS = {
+    "grasp": (183, 183),
+    "knock": (112, 104),
+    "press": (76, 132),
+    "pinch": (70, 116),
+    "poke": (40, 45),
+}
+"""ROI sizes (w, h) in pixels of `PAPER_BOX` that hold the simulated effects.
+
+Grasp and poke are the paper's.  Its knock is 112 x 60, flatter than the crater of our fist with
+its rim; press and pinch have no printed size.
+"""
+
+BEDS = ("flat", "irregular", "curved")
+"""Kinds of bed to draw from."""
+
+DEPTH_UNIT = 0.0001
+"""Metres per count of simulated frames: 0.1 mm, finer than the noise."""
+
+
+class SimulatedPair(NamedTuple):
+    """One row of a data set with its frames."""
+
+    action: str
+    agent: str
+    material: str
+    position: tuple[int, int]
+    roi: tuple[int, int]
+    prior: np.ndarray
+    posterior: np.ndarray
+
+
+def random_bed(key: Key[Array, ""], kind: str, std: float = 0.008) -> sim.Bed:
+    """A bed of one kind; irregular ones have hills of standard deviation `std` metres.
+
+    Raises:
+      UnknownName: no such kind.
+    """
+    if kind == "flat":
+        return sim.flat_bed()
+    if kind == "irregular":
+        return sim.irregular_bed(key, std)
+    if kind == "curved":
+        return sim.curved_bed(jnp.where(jax.random.bernoulli(key), 0.25, -0.25))
+    raise UnknownName("kind of bed", kind, BEDS)
+
+
+def look(
+    key: Key[Array, ""], bed: sim.Bed, camera: Camera, *, frames: int = 1, noise: float = 0.00045
+) -> np.ndarray:
+    """Depth (H, W) in metres of a bed as the noisy camera reports it; 0 = no reading.
+
+    The mean of `frames` frames, taken over each pixel's readings only.
+    """
+    depth = sim.render(bed, camera)
+    if frames == 1:
+        return np.asarray(sim.sensor(key, depth, noise))
+    shots = jax.vmap(lambda k: sim.sensor(k, depth, noise))(jax.random.split(key, frames))
+    shots = np.asarray(shots)
+    seen = shots > 0
+    return shots.sum(0) / np.maximum(seen.sum(0), 1)
+
+
+def simulate_pairs(
+    key: Key[Array, ""],
+    count: int,
+    *,
+    actions: Sequence[str] = tuple(ROIS),
+    agents: Sequence[str] = ("robot",),
+    material: str = "flour",
+    beds: Sequence[str] = ("flat",),
+    camera: Camera = PAPER_BOX,
+    rois: Mapping[str, tuple[int, int]] = ROIS,
+    frames: int = 1,
+    noise: float = 0.00045,
+) -> Iterator[SimulatedPair]:
+    """`count` pairs per action and agent, at random places where the whole ROI is visible.
+
+    Args:
+      key: consumed.
+      count: pairs per action and agent.
+      actions: names of simulated actions.
+      agents: "robot" repeats itself, "human" is larger and varies.
+      material: name of a simulated material.
+      beds: kinds of bed, taken in turn.
+      camera: that looks straight down.
+      rois: ROI size (w, h) of each action, pixels.
+      frames: frames averaged into each look.
+      noise: standard deviation of one frame at 0.45 m, metres.
+
+    Raises:
+      UnknownName: no such action, agent, material or kind of bed.
+    """
+    for what, names, allowed in (
+        ("action", actions, sim.ACTIONS),
+        ("agent", agents, sim.AGENTS),
+        ("material", [material], sim.MATERIALS),
+        ("kind of bed", beds, BEDS),
+    ):
+        for name in names:
+            if name not in allowed:
+                raise UnknownName(what, name, allowed)
+    for agent in agents:
+        for action in actions:
+            for index in range(count):
+                key, for_bed, for_place, for_act, for_prior, for_posterior = jax.random.split(
+                    key, 6
+                )
+                bed = random_bed(for_bed, beds[index % len(beds)])
+                w, h = rois[action]
+                low = jnp.array([w // 2, h // 2])
+                high = low + jnp.array([camera.width - w, camera.height - h])
+                place = jax.random.randint(for_place, (2,), low, high + 1)
+                xy = sim.position_to_xy(camera, place)
+                after = sim.apply_action(for_act, bed, material, (action, agent), xy)
+                prior, posterior = (
+                    np.asarray(
+                        sim.to_uint16(look(k, b, camera, frames=frames, noise=noise), DEPTH_UNIT)
+                    )
+                    for k, b in ((for_prior, bed), (for_posterior, after))
+                )
+                u, v = (int(x) for x in place)
+                yield SimulatedPair(action, agent, material, (u, v), (w, h), prior, posterior)

@@ -1,0 +1,1 @@
+"""Whole runs that show something: each makes its data, figures and report."""

@@ -1,0 +1,170 @@
+"""The main job in simulation: a bed, a goal that another hand made, and the closed loop between."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jshape import metric, sim
+from jshape.data.simulate import random_bed
+from jshape.planning import DEFAULT_BANK, image_of_depth, placed_positions
+from jshape.robot.loop import Molding, Step, mold
+from jshape.robot.simulated import SimulatedWorld
+from jshape.store import banks, files, plans
+from jshape.store.runs import Run
+from jshape.viz import pictures
+
+MIN_GAIN_MM = 0.02
+"""Least gain worth an action: below it the camera's noise decides which action is best."""
+
+Say = Callable[[str], Any]
+
+
+def run_demo(
+    out: Path,
+    *,
+    bank_name: str | None = None,
+    seed: int = 0,
+    actions: int = 4,
+    max_steps: int = 8,
+    material: str = "flour",
+    agent: str = "robot",
+    replan: bool = True,
+    overwrite: bool = False,
+    say: Say = print,
+) -> dict[str, Any]:
+    """Simulate a bed and a goal, mold the one into the other, write a run with pictures.
+
+    Args:
+      out: folder of the run.
+      bank_name: bundled bank or folder; None is the default.
+      seed: another bed, goal and noise.
+      actions: how many random actions make the goal from a copy of the bed.
+      max_steps: most actions of the loop.
+      material: of the bed.
+      agent: whose hand acts, for the goal and in the loop.
+      replan: False applies the first plan blindly.
+      overwrite: replace the run that is there.
+      say: called with each line for people.
+
+    Returns:
+      Distances in mm (before, predicted, obtained), steps, why it stopped, the folder.
+
+    Raises:
+      UnknownName: no such bank, material or agent.
+      BadFile: the folder exists or cannot be written.
+    """
+    bank_name = bank_name or DEFAULT_BANK
+    bank = banks.load_bank(bank_name)
+    files.check_target(out, overwrite, marker="run.json")
+    for_bed, for_goal, for_world, for_other = jax.random.split(jax.random.key(seed), 4)
+    bed = random_bed(for_bed, "irregular", std=0.003)
+    world = SimulatedWorld(for_world, bed, material=material, agent=agent)
+    other = SimulatedWorld(for_other, bed, material=material, agent=agent)
+    made = _make_goal(for_goal, other, placed_positions(bank, None), actions)
+    goal, _ = image_of_depth(other.look(), bank.camera, where="goal")
+    say(f"a bed of {material}, and a goal made from it by: {', '.join(made)}")
+
+    run = Run.create(
+        out,
+        {"what": "demo", "bank": str(bank_name), "seed": seed, "goal": made, "agent": agent,
+         "material": material, "replan": replan},
+        overwrite=overwrite,
+    )  # fmt: skip
+    say("step  action            before     predicted  obtained (mm to the goal)")
+
+    def report(step: Step, depth: np.ndarray) -> None:
+        run.append(step._asdict(), depth)
+        u, v = step.position
+        say(
+            f"{len(run):4d}  {step.action:5s} ({u:3d},{v:4d})  {step.before_mm:8.3f}  "
+            f"{step.predicted_mm:9.3f}  {step.obtained_mm:9.3f}"
+        )
+
+    result = mold(
+        world,
+        goal,
+        bank,
+        max_steps=max_steps,
+        min_gain=MIN_GAIN_MM / float(metric.to_mm(1.0, bank.camera)),
+        replan=replan,
+        on_step=report,
+    )
+    summary = _summary(result) | {"goal": made, "bank": str(bank_name), "out": str(out)}
+    _write(out, result, summary)
+    say(f"stopped: {result.stop}")
+    say(
+        f"distance to the goal: {summary['before_mm']:.3f} mm before, "
+        f"{summary['predicted_mm']:.3f} mm predicted by the first plan "
+        f"({len(result.first_plan)} actions), {summary['obtained_mm']:.3f} mm obtained "
+        f"({len(result.steps)} actions)"
+    )
+    say(f"pictures and report: {out}")
+    return summary
+
+
+def _make_goal(key, world: SimulatedWorld, where: dict[str, np.ndarray], count: int) -> list[str]:
+    """Apply `count` random actions at different places; returns what was done, for people."""
+    names = [name for name in where if name in sim.ACTIONS]
+    rng = np.random.default_rng(jax.random.bits(key, (4,)).tolist())
+    made, used = [], set()
+    for k in range(count):
+        action = names[k % len(names)]
+        free = [tuple(p) for p in where[action].tolist() if tuple(p) not in used]
+        place = free[rng.integers(len(free))] if free else tuple(where[action][0].tolist())
+        used.add(place)
+        world.act(action, place)
+        made.append(f"{action} at ({place[0]}, {place[1]})")
+    return made
+
+
+def _summary(result: Molding) -> dict[str, Any]:
+    measured = result.distances_mm
+    return {
+        "before_mm": float(measured[0]),
+        "predicted_mm": float(result.first_plan.distances_mm[-1]),
+        "obtained_mm": float(measured[-1]),
+        "steps": [step._asdict() for step in result.steps],
+        "stop": result.stop.name,
+    }
+
+
+def _write(out: Path, result: Molding, summary: dict[str, Any]) -> None:
+    """Pictures, the first plan and a report into the run's folder."""
+    first = result.first_plan
+    plans.write_plan(out / "plan.json", first)
+    story = pictures.plan_figure(
+        first, result.goal, obtained=result.images[-1], obtained_mm=result.distances_mm,
+        title="demo: the first plan, and what the closed loop obtained",
+    )  # fmt: skip
+    files.write_atomic(out / "result.png", pictures.png(story))
+    files.write_atomic(out / "actions.png", pictures.png(pictures.overlay_figure(first)))
+    names = ["at the start", *(f"after {k + 1} {s.action}" for k, s in enumerate(result.steps))]
+    strip = pictures.strip_figure([*result.images, result.goal], [*names, "goal"], first.camera)
+    files.write_atomic(out / "steps.png", pictures.png(strip))
+    rows = "\n".join(
+        f"| {k + 1} | {s.action} | {s.position[0]}, {s.position[1]} | {s.before_mm:.3f} | "
+        f"{s.predicted_mm:.3f} | {s.obtained_mm:.3f} |"
+        for k, s in enumerate(result.steps)
+    )
+    report = f"""# Demo
+
+The goal was made from a copy of the bed by: {", ".join(summary["goal"])}.
+
+Distance to the goal: {summary["before_mm"]:.3f} mm before, {summary["predicted_mm"]:.3f} mm \
+predicted by the first plan, {summary["obtained_mm"]:.3f} mm obtained.
+
+| step | action | u, v | before (mm) | predicted (mm) | obtained (mm) |
+|---|---|---|---|---|---|
+{rows}
+
+Stopped: {result.stop}.
+
+![the whole story](result.png)
+![the first plan](actions.png)
+![what the camera saw](steps.png)
+"""
+    files.write_atomic(out / "report.md", report)
+    files.write_json(out / "summary.json", summary)

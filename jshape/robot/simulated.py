@@ -1,0 +1,50 @@
+"""A simulated world: a bed, a hand and a camera."""
+
+import jax
+import numpy as np
+
+from jshape import sim
+from jshape._typing import Array, Key
+from jshape.camera import PAPER_BOX, Camera
+from jshape.data.simulate import look
+
+
+class SimulatedWorld:
+    """A bed that an agent's hand changes and a noisy camera sees.  Holds state, as a world does."""
+
+    def __init__(
+        self,
+        key: Key[Array, ""],
+        bed: sim.Bed,
+        *,
+        material: str = "flour",
+        agent: str = "robot",
+        camera: Camera = PAPER_BOX,
+        frames: int = 5,
+        noise: float = 0.00045,
+    ):
+        """A world that starts with `bed`; `frames` frames are averaged into each look."""
+        self.bed = bed
+        self.camera = camera
+        self._key = key
+        self._material = material
+        self._agent = agent
+        self._frames = frames
+        self._noise = noise
+
+    def _next_key(self) -> Key[Array, ""]:
+        self._key, key = jax.random.split(self._key)
+        return key
+
+    def look(self) -> np.ndarray:
+        """Depth (H, W) in metres; 0 = no reading."""
+        return look(
+            self._next_key(), self.bed, self.camera, frames=self._frames, noise=self._noise
+        )
+
+    def act(self, action: str, position: tuple[int, int]) -> None:
+        """Apply an action at pixel (u, v)."""
+        xy = sim.position_to_xy(self.camera, np.asarray(position))
+        self.bed = sim.apply_action(
+            self._next_key(), self.bed, self._material, (action, self._agent), xy
+        )

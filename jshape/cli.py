@@ -46,18 +46,20 @@ def build_parser() -> Parser:
     plan.add_argument("desired", type=Path, help="the same wanted, or a point cloud (PLY, PCD)")
     plan.add_argument("--camera", help="camera.json or a preset (default: camera.json beside "
                       "INITIAL, else the bank's camera)")  # fmt: skip
+    plan.add_argument("--reproject", action="store_true", help="see the frames of another camera, "
+                      "or from another distance, as the bank's camera would")  # fmt: skip
     plan.add_argument("--depth-unit", type=_positive, help="metres per count of 16-bit images")
     plan.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
     plan.add_argument("--planner", default="greedy", help="which search (default: greedy)")
     plan.add_argument("--positions", default=None, metavar="CxR|FILE", help="grid of places, "
-                      "columns x rows (default: 5x3), or a JSON file with \"positions\": [[u, v], ...]")  # fmt: skip
+                      "columns x rows (default: 5x3), or a JSON file with positions [[u, v], ...]")  # fmt: skip
     plan.add_argument("--clip", default="refuse", choices=("refuse", "shift", "drop"),
                       help="what to do with a place whose ROI leaves the image")  # fmt: skip
     plan.add_argument("--max-steps", type=_count, default=16, help="most actions (default: 16)")
     plan.add_argument("--min-gain-mm", type=_nonnegative, default=0.0,
                       help="an action must help by more than this")  # fmt: skip
     plan.add_argument("--max-missing", type=_share, default=0.1,
-                      help="largest share of pixels without depth to fill (default: 0.1)")  # fmt: skip
+                      help="largest share of pixels without depth to fill (0.1)")  # fmt: skip
     plan.add_argument("--out", type=Path, help="folder for plan.json and pictures")
 
     dataset = commands_.add_parser("dataset", help="make and inspect data sets")

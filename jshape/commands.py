@@ -33,17 +33,15 @@ def plan(options: Options) -> dict[str, Any]:
         files.check_target(options.out, options.overwrite, marker="plan.json")
     camera, unit = _camera_for(options.initial, options.camera, bank)
     unit = options.depth_unit or unit
-    window = _window(bank, camera)
-    now, wanted = (
-        read(path, camera=camera, depth_unit=unit)[window]
-        for read, path in (
-            (images.read_depth, options.initial), (points.read_goal, options.desired)
-        )
-    )  # fmt: skip
+    check_camera(camera)
+    now = images.read_depth(options.initial, camera=camera, depth_unit=unit)
+    wanted = points.read_goal(options.desired, camera=camera, depth_unit=unit)
     found = plan_depth(
         now,
         wanted,
         bank=bank,
+        camera=camera,
+        reproject=options.reproject,
         planner=options.planner,
         positions=_positions(options.positions, bank),
         clip=options.clip,
@@ -52,16 +50,18 @@ def plan(options: Options) -> dict[str, Any]:
         max_missing=options.max_missing,
         names=(str(options.initial), str(options.desired)),
     )
-    offset = (window[1].start, window[0].start)
-    result = {"bank": str(bank_name), "crop": list(offset)} | plans.plan_fields(found)
+    view = found.view
+    bed = (float(bank.camera.z_min) + float(bank.camera.z_max)) / 2
+    own = view.pixels(found.positions, bed) if view is not None else found.positions
+    result = {"bank": str(bank_name), "camera_pixels": own.tolist()} | plans.plan_fields(found)
     if options.out is not None:
-        goal, _ = image_of_depth(wanted, bank.camera, max_missing=options.max_missing)
+        goal, _ = image_of_depth(wanted, bank.camera, view=view, max_missing=options.max_missing)
         with files.atomic_folder(options.out, options.overwrite, marker="plan.json") as folder:
             plans.write_plan(folder / "plan.json", found)
             _draw_plan(folder, found, goal)
         result["out"] = str(options.out)
     if not options.json:
-        _print_plan(found, str(bank_name), offset)
+        _print_plan(found, str(bank_name), own)
         if options.out is not None:
             print(f"plan and pictures: {options.out}")
     return result
@@ -241,25 +241,6 @@ def _camera_for(initial: Path, given: str | None, bank: Bank) -> tuple[Camera, f
     )
 
 
-def _window(bank: Bank, camera: Camera) -> tuple[slice, slice]:
-    """Where the bank's window lies in the image: rows and columns."""
-    check_camera(camera)
-    window = window_of(bank.camera, camera)
-    if window is None:
-        ours, theirs = (cameras.camera_fields(c) for c in (bank.camera, camera))
-        differ = [f"{n} {theirs[n]} for {ours[n]}" for n in ours
-                  if n != "bits" and ours[n] != theirs[n]]  # fmt: skip
-        raise BadCamera(
-            "the bank is for another camera, and its image is no window of this one: "
-            + ", ".join(differ)
-        )
-    left, top = window
-    return (
-        slice(top, top + bank.camera.height),
-        slice(left, left + bank.camera.width),
-    )
-
-
 def _positions(text: str | None, bank: Bank) -> np.ndarray | None:
     """Positions named on the command line: a grid "7x3", or a JSON file."""
     if text is None:
@@ -289,13 +270,13 @@ def _draw_plan(folder: Path, found: Plan, goal: np.ndarray) -> None:
     files.write_atomic(folder / "steps.png", pictures.png(strip))
 
 
-def _print_plan(found: Plan, bank: str, offset: tuple[int, int]) -> None:
+def _print_plan(found: Plan, bank: str, own: np.ndarray) -> None:
     print(f"bank {bank}, {found.evaluations} predictions; pixels without depth that were filled: "
           f"{found.filled[0]} now, {found.filled[1]} in the goal")  # fmt: skip
     d = found.distances_mm
     rows: list[tuple[Any, ...]] = [("", "start", "", "", f"{d[0]:.3f}", "")]
     for k, name in enumerate(found.actions):
-        u, v = found.positions[k] + offset
+        u, v = own[k]
         rows.append((k + 1, name, u, v, f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"))
     _print_table(("step", "action", "u", "v", "to the goal (mm)", "gain (mm)"), rows)
     print(f"{found.status.name}: {found.status.meaning}")

@@ -1,4 +1,4 @@
-"""Every error that jshape raises on purpose.  Messages say what came, what is allowed, and where."""
+"""Every error that jshape raises on purpose.  It says what came, what is allowed, and where."""
 
 from collections.abc import Iterable
 

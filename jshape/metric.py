@@ -19,7 +19,7 @@ _HOST_BLOCK = 32_768
 
 
 def ray_lengths(camera: Camera) -> Float[Array, "H W"]:
-    """R_uv: length of each pixel's ray per metre of depth, 1 at the principal point.  Eq. distPix."""
+    """R_uv: length of each pixel's ray per metre of depth; 1 on the axis.  Eq. distPix."""
     x, y = camera.rays()
     return jnp.sqrt(1.0 + x**2 + y**2)
 
@@ -63,7 +63,7 @@ def unweigh(image: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
 
 
 def distance(a: ArrayLike, b: ArrayLike) -> Float[Array, "*B"] | np.float32:
-    """d = mean |a - b| over the last two axes, batched over the leading ones.  Eq. distNewImg.
+    """Mean |a - b| over the last two axes, batched over the leading ones: d.  Eq. distNewImg.
 
     A metric on weighed images, in [0, 1].  The leading axes broadcast, so that many images can be
     compared with one goal.  Works under jit, vmap and grad.  One pair of concrete arrays is

@@ -19,6 +19,7 @@ from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.data.depth import check_depth, to_metres
 from jshape.data.missing import fill_missing
+from jshape.data.view import View, view_of
 from jshape.errors import BadImage, BadPosition, JShapeError, UnknownName
 from jshape.planners import PLANNERS
 from jshape.planners.base import Limits, Status
@@ -50,6 +51,8 @@ class Plan:
     """(K,) share of each predicted ROI that had to be clipped to [0, 1]."""
     filled: tuple[int, int] = (0, 0)
     """Pixels without a depth reading that were filled: in the initial image, in the goal."""
+    view: View | None = None
+    """How the camera's frames became those of `camera`; None: they were its own."""
     initial: np.ndarray | None = None
     """(H, W) the image I0 that was planned from."""
     patches: tuple[np.ndarray, ...] = ()
@@ -182,6 +185,8 @@ def plan_depth(
     zstar: ArrayLike,
     *,
     bank: Bank | str | Path | None = None,
+    camera: Camera | None = None,
+    reproject: bool = False,
     depth_unit: float = 0.001,
     max_missing: float = 0.1,
     names: tuple[str, str] = ("z0", "zstar"),
@@ -197,6 +202,10 @@ def plan_depth(
       z0: (H, W) depth of the bed now.
       zstar: (H, W) the depth wanted.
       bank: as for `plan`.
+      camera: that took the frames; None is the bank's own.  If the bank's image is a window of
+        this camera's, it is cut out.
+      reproject: see the frames of another camera, or from another distance, as the bank's camera
+        would.  `plan.view.pixels(plan.positions, z)` leads back to the camera's own pixels.
       depth_unit: metres per count of integer images.
       max_missing: largest share of pixels without a reading that may be filled.
       names: what to call the two images in errors.
@@ -204,23 +213,32 @@ def plan_depth(
 
     Raises:
       MissingDepth: too many pixels without a reading.
-      BadImage: wrong shape or type, or nothing of it within the camera's depth range.
+      BadCamera: the bank is for another camera.
+      BadImage: wrong shape or type, or less than half of it within the camera's depth range.
     """
     bank = _as_bank(bank)
+    z0, zstar = (
+        to_metres(np.asarray(z), depth_unit, name)
+        for z, name in zip((z0, zstar), names, strict=True)
+    )
+    view = None
+    if camera is not None:
+        view = view_of(camera, bank.camera, z0, reproject=reproject)
     images, filled = [], []
-    for name, raw in zip(names, (z0, zstar), strict=True):
+    for name, depth in zip(names, (z0, zstar), strict=True):
         image, count = image_of_depth(
-            raw, bank.camera, depth_unit=depth_unit, max_missing=max_missing, where=name
+            depth, bank.camera, view=view, max_missing=max_missing, where=name
         )
         images.append(image)
         filled.append(count)
-    return replace(plan(*images, bank=bank, **options), filled=tuple(filled))
+    return replace(plan(*images, bank=bank, **options), filled=tuple(filled), view=view)
 
 
 def image_of_depth(
     depth: ArrayLike,
     camera: Camera,
     *,
+    view: View | None = None,
     depth_unit: float = 0.001,
     max_missing: float = 0.1,
     where: str = "depth",
@@ -229,13 +247,15 @@ def image_of_depth(
 
     Raises:
       MissingDepth: too many pixels without a reading.
-      BadImage: wrong shape or type, or nothing of it within the camera's depth range.
+      BadImage: wrong shape or type, or less than half of it within the camera's depth range.
     """
-    metres = to_metres(np.asarray(depth), depth_unit, where)
+    metres, before = to_metres(np.asarray(depth), depth_unit, where), 0
+    if view is not None:
+        metres, before = view.depth(metres, limit=max_missing, where=where)
     check_depth(metres, camera, where, least_inside=0.5)
-    metres, count = fill_missing(metres, limit=max_missing, where=where)
+    metres, after = fill_missing(metres, limit=max_missing, where=where)
     level = camera.luminance(metres, quantize=False)
-    return np.asarray(metric.weigh(level, camera)), count
+    return np.asarray(metric.weigh(level, camera)), before + after
 
 
 def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:

@@ -28,3 +28,29 @@ def shared_data():
     if not (SHARED / "data").is_dir():
         pytest.skip("shared data are not here (set JSHAPE_SHARED to the folder that holds data/)")
     return SHARED / "data"
+
+
+@pytest.fixture(scope="session")
+def bank():
+    """A bank for the paper's box with two smooth craters: quick, and easy to reason about."""
+    from jshape import PAPER_BOX
+    from jshape.predict.bank import Bank
+    from jshape.predict.difference import Difference
+
+    def crater(w, h, depth):
+        x, y = (np.linspace(-2, 2, n) for n in (w, h))
+        return Difference(jax.numpy.asarray(-depth * np.exp(-(x**2) - y[:, None] ** 2), "float32"))
+
+    return Bank(PAPER_BOX, (crater(100, 80, 0.2), crater(40, 45, 0.3)), ("knock", "poke"))
+
+
+@pytest.fixture
+def molded(bank):
+    """(I0, I*, actions): a flat image, and the same after three actions of the bank."""
+    now = np.full(bank.camera.shape, 0.5, np.float32)
+    goal, applied = now.copy(), [("knock", 91, 92), ("poke", 239, 197), ("knock", 387, 302)]
+    for name, u, v in applied:
+        w, h = bank.roi(name)
+        window = np.s_[v - h // 2 : v - h // 2 + h, u - w // 2 : u - w // 2 + w]
+        goal[window] = bank.predict(name, goal[window])
+    return now, goal, applied

@@ -1,4 +1,4 @@
-"""Raw depth: counts or metres in, metres with NaN for "no reading" out, and whether it can be real."""
+"""Raw depth: counts or metres in, metres out with NaN for "no reading", and can it be real."""
 
 import numpy as np
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import jax
 
@@ -42,17 +43,17 @@ class Limits:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Found:
-    """The sequence a search found, in storage of fixed size (K = max_steps); leading axes B under `vmap`."""
+    """The sequence a search found, in storage of fixed size: K = max_steps; B under `vmap`."""
 
-    steps: Int[Array, "*B"]
+    steps: Int[Any, "*B"]
     """How many actions: entries past this are fillers."""
-    chosen: Int[Array, "*B K"]
+    chosen: Int[Any, "*B K"]
     """Candidate numbers, -1 past the end."""
-    patches: Float[Array, "*B K hmax wmax"]
+    patches: Float[Any, "*B K hmax wmax"]
     """Predicted ROI of each step, clipped to [0, 1], in the upper left corner."""
-    clipped: Float[Array, "*B K"]
+    clipped: Float[Any, "*B K"]
     """Share of that ROI's pixels which were clipped."""
-    status: Int[Array, "*B"]
+    status: Int[Any, "*B"]
     """A `Status`."""
-    evaluations: Int[Array, "*B"]
+    evaluations: Int[Any, "*B"]
     """How many ROI predictions were made."""

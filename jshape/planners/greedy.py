@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jshape._typing import Array, Bool, Float, Int
+from jshape._typing import Array, Bool, Float
 from jshape.planners.base import Found, Limits, Status
 from jshape.predict.bank import Bank
 from jshape.predict.sweep import Candidates, predict_at, refresh

@@ -59,7 +59,7 @@ class Bank:
         return {name: self.roi(name) for name in self.actions}
 
     def predict(self, name: str, roi: ArrayLike) -> Float[Array, "*B h w"]:
-        """ROIs of I after an action, clipped to [0, 1]; leading batch axes allowed.  Eq. lastMapping.
+        """ROIs of I after an action, clipped to [0, 1]; batch axes allowed.  Eq. lastMapping.
 
         Raises:
           UnknownName: the bank has no such action.

@@ -23,7 +23,7 @@ from jshape.predict.bank import Bank
 class Candidates:
     """M = sum of N_a candidates, as first pixels (v, u) of their ROIs per action."""
 
-    first: tuple[Int[Array, "N 2"], ...]
+    first: tuple[Int[Array, "_ 2"], ...]
     """Per action of the bank: first pixel (v, u) of the ROI at each of its positions."""
 
     @property

@@ -1,0 +1,52 @@
+# Everything starts from a Python 3.11 or newer and make; the virtual environment is made here.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/ready
+BENCH_READY := $(VENV)/bench-ready
+export JAX_PLATFORMS ?= cpu
+
+.PHONY: help demo test test-slow lint bench bank clean
+
+help:
+	@echo "make demo   simulate a bed and mold it into a goal, with pictures in runs/demo"
+	@echo "make test   run the tests        make lint   ruff and pyright"
+	@echo "make bench  measure speed beside what others use"
+	@echo "make bank   make the bundled bank again (2 minutes)"
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "jshape needs Python 3.11 or newer; $(PYTHON) is older: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(READY): $(VENV)/bin/python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $(READY)
+
+$(BENCH_READY): $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
+	@touch $(BENCH_READY)
+
+demo: $(READY)
+	$(BIN)/jshape demo --out runs/demo --overwrite
+
+test: $(READY)
+	$(BIN)/python -m pytest -m 'not slow'
+
+test-slow: $(READY)
+	$(BIN)/python -m pytest -m slow
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+bench: $(BENCH_READY)
+	$(BIN)/python -m benchmarks.run --out bench
+
+bank: $(READY)
+	$(BIN)/jshape dataset simulate runs/bank-pairs --pairs 75 --beds flat irregular --overwrite
+	$(BIN)/jshape train runs/bank-pairs --out weights/flour-robot --licence Apache-2.0 --overwrite
+
+clean:
+	rm -rf $(VENV) runs bench

@@ -1,0 +1,103 @@
+"""The closed loop: what it does, when it stops, what it reports."""
+
+import jax
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, JShapeError, metric, sim
+from jshape.errors import MissingDepth
+from jshape.robot.loop import Stop, World, mold
+from jshape.robot.simulated import SimulatedWorld
+
+
+class Obedient:
+    """A world where every action does just what the bank predicts, or a share of it."""
+
+    def __init__(self, bank, image, share=1.0):
+        self.camera, self.bank, self.image, self.share = bank.camera, bank, image.copy(), share
+        self.acted = []
+
+    def look(self):
+        return np.asarray(self.camera.depth(metric.unweigh(self.image, self.camera)))
+
+    def act(self, action, position):
+        (u, v), (w, h) = position, self.bank.roi(action)
+        window = np.s_[v - h // 2 : v - h // 2 + h, u - w // 2 : u - w // 2 + w]
+        before = self.image[window]
+        after = np.asarray(self.bank.predict(action, before))
+        self.image[window] = before + self.share * (after - before)
+        self.acted.append(action)
+
+
+PLACES = np.array([[91, 92], [239, 197], [387, 302]])
+
+
+def test_the_loop_reaches_a_goal_that_the_bank_can_make(bank, molded):
+    now, goal, applied = molded
+    world = Obedient(bank, now)
+    assert isinstance(world, World)
+    reported = []
+    result = mold(
+        world, goal, bank, positions=PLACES, tolerance=1e-5,
+        on_step=lambda step, depth: reported.append((step, depth.shape)),
+    )  # fmt: skip
+    assert result.stop is Stop.CONVERGED and len(world.acted) == len(applied)
+    assert [step for step, _ in reported] == result.steps
+    np.testing.assert_allclose(
+        [s.obtained_mm for s in result.steps], [s.predicted_mm for s in result.steps], atol=1e-3
+    )
+    obtained = [s.obtained_mm for s in result.steps]
+    np.testing.assert_allclose(result.distances_mm[1:], obtained, atol=1e-5)
+    assert (np.diff(result.distances_mm) < 0).all()
+
+
+def test_looking_again_corrects_a_weak_hand(bank, molded):
+    """With 0.4 of the effect the loop acts twice at each place: 0.2 is left instead of 0.6."""
+    now, goal, _ = molded
+    closed = mold(Obedient(bank, now, 0.4), goal, bank, positions=PLACES, min_gain=1e-5)
+    blind = mold(
+        Obedient(bank, now, 0.4), goal, bank, positions=PLACES, min_gain=1e-5, replan=False
+    )
+    assert len(blind.steps) == len(blind.first_plan) == 3
+    assert len(closed.steps) == 6
+    assert closed.distances_mm[-1] < 0.4 * blind.distances_mm[-1]
+
+
+def test_the_loop_stops_when_an_action_makes_it_worse(bank, molded):
+    now, goal, _ = molded
+    result = mold(Obedient(bank, now, -1.0), goal, bank, positions=PLACES)
+    assert result.stop is Stop.WORSE and len(result.steps) == 1
+    assert result.steps[0].obtained_mm > result.steps[0].before_mm
+
+
+def test_the_loop_stops_at_its_limits(bank, molded):
+    now, goal, _ = molded
+    assert mold(Obedient(bank, now), goal, bank, positions=PLACES, max_steps=1).stop is (
+        Stop.MAX_STEPS
+    )
+    none = mold(Obedient(bank, now), goal, bank, positions=PLACES, min_gain=1.0)
+    assert none.stop is Stop.NO_IMPROVEMENT and not none.steps
+    assert len(mold(Obedient(bank, now), goal, bank, max_steps=0).steps) == 0
+
+
+def test_a_blind_camera_is_refused_before_anything_moves(bank, molded):
+    now, goal, _ = molded
+    world = Obedient(bank, now)
+    world.look = lambda: np.where(np.arange(480) < 240, 0.0, 0.45) * np.ones((395, 1))
+    with pytest.raises(MissingDepth, match="look: 50.0 %"):
+        mold(world, goal, bank)
+    assert not world.acted
+    with pytest.raises(JShapeError, match="goal has shape"):
+        mold(Obedient(bank, now), goal[:-1], bank)
+
+
+def test_the_simulated_world_changes_where_it_is_pressed():
+    world = SimulatedWorld(jax.random.key(3), sim.flat_bed(), frames=3)
+    before = world.look()
+    world.act("knock", (240, 197))
+    after = world.look()
+    assert before.shape == PAPER_BOX.shape
+    seen = (before > 0) & (after > 0)
+    deeper_mm = np.where(seen, after - before, 0) * 1e3
+    assert deeper_mm[187:207, 230:250].mean() > 4  # a crater: farther from the camera
+    assert abs(deeper_mm[:50, :50].mean()) < 0.2

@@ -1,0 +1,1 @@
+"""Measurements of speed, each beside what else could be used, in one run."""

@@ -1,0 +1,283 @@
+"""Banks on disk: a folder with `manifest.json`, and `effects.npz` with one array per action.
+
+The manifest says what the bank is and holds the checksum of every other file; arrays are read only
+after their file has matched it, and nothing is unpickled.
+"""
+
+import io
+import os
+import re
+import zipfile
+from collections.abc import Callable, Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jshape.errors import BadBank, BadCamera, BadFile, UnknownName
+from jshape.predict.bank import Bank
+from jshape.predict.difference import Difference
+from jshape.store.cameras import camera_fields, camera_from
+from jshape.store.files import (
+    atomic_folder,
+    inside,
+    one_line,
+    read_bytes,
+    read_json,
+    sha256,
+    write_atomic,
+    write_json,
+)
+
+FORMAT = "jshape-bank"
+VERSION = 1
+MANIFEST = "manifest.json"
+EFFECTS = "effects.npz"
+FILE_LIMIT = 1024 * 2**20
+"""Largest array file that is read, and largest that it may unpack to, bytes."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+
+class Kind(NamedTuple):
+    """How the predictors of one kind become arrays and come back."""
+
+    pack: Callable[[Any], dict[str, np.ndarray]]
+    """Predictor -> its arrays by name."""
+    unpack: Callable[[Mapping[str, np.ndarray], tuple[int, int]], Any]
+    """Arrays by name and ROI size (w, h) -> predictor.  A missing array is a KeyError."""
+
+
+def _pack_difference(predictor: Difference) -> dict[str, np.ndarray]:
+    return {"delta": np.asarray(predictor.delta, np.float32)}
+
+
+def _unpack_difference(arrays: Mapping[str, np.ndarray], roi: tuple[int, int]) -> Difference:
+    return Difference(jnp.asarray(_checked(arrays["delta"], (roi[1], roi[0]), "delta")))
+
+
+KINDS: dict[str, Kind] = {"D": Kind(_pack_difference, _unpack_difference)}
+"""The kinds of bank that can be saved and loaded.  Another kind is one more entry."""
+
+
+def save_bank(
+    bank: Bank,
+    folder: str | os.PathLike,
+    *,
+    info: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write a bank as a folder, whole or not at all.
+
+    Args:
+      bank: what to save.
+      folder: where; it must not hold anything unless `overwrite`.
+      info: more for the manifest: `data` (what it was fitted to), `licence`, or anything else that
+        JSON can hold and that is not a name of the manifest's own.
+      overwrite: replace the bank that is there.
+
+    Returns:
+      The folder.
+
+    Raises:
+      BadBank: its kind cannot be saved, an effect is not finite, or `info` takes a reserved name.
+      BadFile: the folder exists or cannot be written.
+    """
+    where = str(folder)
+    kind = _kind(bank.kind, where)
+    if len(set(bank.actions)) != len(bank.actions) or len(bank.actions) != len(bank.predictors):
+        raise BadBank(f"{where}: actions {bank.actions} are not one per predictor, each once")
+    arrays = {}
+    for number, (name, predictor) in enumerate(zip(bank.actions, bank.predictors, strict=True)):
+        for part, array in kind.pack(predictor).items():
+            if not np.isfinite(array).all():
+                raise BadBank(f"{where}: {part} of {name} holds NaN or infinity")
+            arrays[f"{number}.{part}"] = array
+    manifest: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "kind": bank.kind,
+        "actions": list(bank.actions),
+        "rois": {name: list(size) for name, size in bank.rois.items()},
+        "camera": camera_fields(bank.camera),
+        "data": "",
+        "code_version": _code_version(),
+        "licence": "",
+    }
+    taken = set(manifest) - {"data", "licence"} | {"checksums"}
+    clash = sorted(taken & set(info or {}))
+    if clash:
+        raise BadBank(f"{where}: info must not set {', '.join(clash)}")
+    stream = io.BytesIO()
+    np.savez_compressed(stream, allow_pickle=False, **arrays)
+    with atomic_folder(folder, overwrite, marker=MANIFEST) as temp:
+        write_atomic(temp / EFFECTS, stream.getvalue())
+        checksums = {EFFECTS: sha256(temp / EFFECTS)}
+        write_json(temp / MANIFEST, manifest | dict(info or {}) | {"checksums": checksums})
+    return Path(folder)
+
+
+def load_bank(name_or_folder: str | os.PathLike) -> Bank:
+    """A bundled bank by its name, or a bank from a folder.
+
+    Raises:
+      UnknownName: neither a bundled bank nor a folder.
+      BadBank: something of it is missing, damaged, of another shape, or from a newer version.
+    """
+    folder, manifest = _open(name_or_folder)
+    where = str(folder)
+    kind = _kind(manifest["kind"], where)
+    arrays = _read_arrays(folder / EFFECTS)
+    predictors = []
+    for number, name in enumerate(manifest["actions"]):
+        start = f"{number}."
+        mine = {k[len(start) :]: a for k, a in arrays.items() if k.startswith(start)}
+        w, h = manifest["rois"][name]
+        try:
+            predictors.append(kind.unpack(mine, (w, h)))
+        except KeyError as missing:
+            raise BadBank(f"{where}: {EFFECTS} has no {missing.args[0]} of {name}") from None
+        except BadBank as problem:
+            raise BadBank(f"{where}: action {name}: {problem}") from None
+    camera = camera_from(manifest["camera"], f"{folder / MANIFEST}: camera")
+    return Bank(camera, tuple(predictors), tuple(manifest["actions"]), manifest["kind"])
+
+
+def list_banks() -> tuple[str, ...]:
+    """Names of the bundled banks."""
+    found = {
+        path.parent.name
+        for root in _bundled_roots()
+        for path in root.glob(f"*/{MANIFEST}")
+        if _NAME.fullmatch(path.parent.name)
+    }
+    return tuple(sorted(found))
+
+
+def bank_manifest(name_or_folder: str | os.PathLike) -> dict[str, Any]:
+    """What a bank says of itself, its files verified.
+
+    Raises:
+      UnknownName, BadBank: as for `load_bank`.
+    """
+    return _open(name_or_folder)[1]
+
+
+def _open(name_or_folder: str | os.PathLike) -> tuple[Path, dict[str, Any]]:
+    folder = _find(name_or_folder)
+    try:
+        manifest = read_json(folder / MANIFEST)
+        _check_manifest(manifest, f"{folder / MANIFEST}")
+        for name, expected in manifest["checksums"].items():
+            if sha256(inside(folder, name)) != expected:
+                raise BadBank(f"{folder / name}: checksum differs from the manifest's; damaged?")
+    except (BadFile, BadCamera) as problem:
+        raise BadBank(str(problem)) from None
+    return folder, manifest
+
+
+def _find(name_or_folder: str | os.PathLike) -> Path:
+    """The folder of a bank.  A bundled name goes before a folder of that name."""
+    if isinstance(name_or_folder, str):
+        if _NAME.fullmatch(name_or_folder):
+            for root in _bundled_roots():
+                if (root / name_or_folder / MANIFEST).is_file():
+                    return root / name_or_folder
+            if not os.path.lexists(name_or_folder):
+                raise UnknownName("bank", name_or_folder, list_banks())
+        elif not name_or_folder or "\0" in name_or_folder:
+            raise UnknownName("bank", name_or_folder, list_banks())
+    elif not isinstance(name_or_folder, os.PathLike):
+        raise UnknownName("bank", name_or_folder, list_banks())
+    folder = Path(name_or_folder)
+    if not folder.is_dir():
+        what = "is a file; a bank is a folder" if folder.exists() else "no such bank folder"
+        raise BadBank(f"{folder}: {what}")
+    if not (folder / MANIFEST).is_file():
+        raise BadBank(f"{folder}: has no {MANIFEST}, so it is not a bank")
+    return folder
+
+
+def _bundled_roots() -> tuple[Path, ...]:
+    """Where banks come with the program: in the installed package, or in the repository."""
+    package = Path(__file__).resolve().parents[1]
+    roots = [package / "weights"]
+    if (package.parent / "pyproject.toml").is_file():
+        roots.append(package.parent / "weights")
+    return tuple(root for root in roots if root.is_dir())
+
+
+def _check_manifest(manifest: dict[str, Any], where: str) -> None:
+    """Everything that the manifest must hold, in the types that the loader counts on."""
+    if manifest.get("format") != FORMAT:
+        raise BadBank(f"{where}: format is {manifest.get('format')!r}; expected {FORMAT!r}")
+    version = manifest.get("version")
+    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+        raise BadBank(f"{where}: version is {version!r}; expected a whole number from 1")
+    if version > VERSION:
+        raise BadBank(
+            f"{where}: version {version} is newer than this program reads ({VERSION}); update it"
+        )
+    types = {"kind": str, "actions": list, "rois": dict, "camera": dict, "checksums": dict}
+    for name, kind in types.items():
+        if name not in manifest:
+            raise BadBank(f"{where}: missing {name}")
+        if not isinstance(manifest[name], kind):
+            raise BadBank(f"{where}: {name} is a {type(manifest[name]).__name__}")
+    actions = manifest["actions"]
+    if not actions or not all(isinstance(a, str) and a for a in actions):
+        raise BadBank(f"{where}: actions must be names, at least one")
+    if len(set(actions)) != len(actions):
+        raise BadBank(f"{where}: an action is named twice")
+    camera = camera_from(manifest["camera"], f"{where}: camera")
+    for name in actions:
+        size = manifest["rois"].get(name)
+        whole = isinstance(size, list) and [type(x) for x in size] == [int, int]
+        if not whole or not (0 < size[0] <= camera.width and 0 < size[1] <= camera.height):
+            raise BadBank(
+                f"{where}: ROI of {name} is {size!r}; expected [w, h], at most "
+                f"{camera.width}x{camera.height} pixels"
+            )
+    if EFFECTS not in manifest["checksums"]:
+        raise BadBank(f"{where}: checksums lacks {EFFECTS}")
+
+
+def _kind(name: str, where: str) -> Kind:
+    if name not in KINDS:
+        raise BadBank(f"{where}: kind {name!r} is not known; allowed: {', '.join(KINDS)}")
+    return KINDS[name]
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        data = read_bytes(path, limit=FILE_LIMIT)
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            unpacked = sum(member.file_size for member in archive.infolist())
+        if unpacked > FILE_LIMIT:
+            raise BadBank(f"{path}: unpacks to {unpacked:,} bytes; at most {FILE_LIMIT:,} are read")
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except BadFile as problem:
+        raise BadBank(str(problem)) from None
+    except BadBank:
+        raise
+    except Exception as problem:  # zipfile and NumPy promise no type for a damaged archive
+        raise BadBank(f"{path}: not a readable NPZ: {one_line(problem)}") from None
+
+
+def _checked(array: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
+    """A float32 array of that shape, all finite."""
+    if array.shape != shape:
+        raise BadBank(f"{name} has shape {array.shape}; the manifest's ROI needs {shape}")
+    if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+        raise BadBank(f"{name} holds NaN, infinity or something that is not a number")
+    return array.astype(np.float32)
+
+
+def _code_version() -> str:
+    try:
+        return metadata.version("jshape")
+    except metadata.PackageNotFoundError:
+        return "unknown"

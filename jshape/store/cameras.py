@@ -1,0 +1,123 @@
+"""camera.json: the fields of a Camera, and the metres that one count of its frames stands for."""
+
+import math
+import os
+from typing import Any
+
+import numpy as np
+
+from jshape.camera import Camera, check_camera
+from jshape.errors import BadCamera
+from jshape.store.files import one_line, read_json, write_json
+
+DEPTH_UNIT = 0.001
+"""Metres per count where a file does not say: millimetres."""
+
+REQUIRED = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max")
+OPTIONAL = ("bits",)
+_WHOLE = ("width", "height", "bits")
+_MOST = 65_535
+
+
+def read_camera(path: str | os.PathLike) -> tuple[Camera, float]:
+    """A camera and its depth unit (metres per count, 0.001 unless the file says otherwise).
+
+    Raises:
+      BadFile: the file cannot be read or is not JSON.
+      BadCamera: a field is missing, unknown or not a number in its range.
+    """
+    fields = read_json(path)
+    unit = check_depth_unit(fields.pop("depth_unit", DEPTH_UNIT), str(path))
+    return camera_from(fields, str(path)), unit
+
+
+def write_camera(path: str | os.PathLike, camera: Camera, depth_unit: float = DEPTH_UNIT) -> None:
+    """Write camera.json, atomically.
+
+    Args:
+      path: the file.
+      camera: whose fields.
+      depth_unit: metres per count of the frames that belong to it.
+
+    Raises:
+      BadCamera: the camera or the unit makes no sense.
+      BadFile: the file cannot be written.
+    """
+    fields = camera_fields(camera)
+    fields["depth_unit"] = check_depth_unit(depth_unit, str(path))
+    write_json(path, fields)
+
+
+def camera_fields(camera: Camera) -> dict[str, int | float]:
+    """The fields of a camera as plain numbers.
+
+    Raises:
+      BadCamera: they make no sense.
+    """
+    check_camera(camera)
+    return {
+        name: int(getattr(camera, name)) if name in _WHOLE else _shortest(getattr(camera, name))
+        for name in REQUIRED + OPTIONAL
+    }
+
+
+def camera_from(fields: dict[str, Any], where: str) -> Camera:
+    """The camera of a dict of fields; `where` names the file in errors.
+
+    Raises:
+      BadCamera: a field is missing, unknown or not a number in its range.
+    """
+    missing = [name for name in REQUIRED if name not in fields]
+    if missing:
+        raise BadCamera(f"{where}: missing {', '.join(missing)}")
+    unknown = [name for name in fields if name not in REQUIRED + OPTIONAL]
+    if unknown:
+        raise BadCamera(
+            f"{where}: unknown {', '.join(map(repr, unknown))}; "
+            f"allowed: {', '.join(REQUIRED + OPTIONAL)}, depth_unit"
+        )
+    for name, value in fields.items():
+        if name in _WHOLE:
+            if type(value) is not int or not 0 < value <= _MOST:
+                raise BadCamera(
+                    f"{where}: {name} is {_short(value)}; "
+                    f"it must be a positive whole number, at most {_MOST:,}"
+                )
+        elif not _is_number(value):
+            raise BadCamera(f"{where}: {name} is {_short(value)}; it must be a finite number")
+    numbers: dict[str, Any] = {n: v if n in _WHOLE else float(v) for n, v in fields.items()}
+    return check_camera(Camera(**numbers), where)
+
+
+def check_depth_unit(value: Any, where: str) -> float:
+    """The depth unit (metres per count) itself, if it is a positive number.
+
+    Raises:
+      BadCamera: it is not.
+    """
+    number = value.item() if isinstance(value, np.number) else value
+    if not _is_number(number) or number <= 0:
+        raise BadCamera(
+            f"{where}: depth_unit is {_short(value)}; "
+            "it must be a positive number (metres per count)"
+        )
+    return float(number)
+
+
+def _is_number(value: Any) -> bool:
+    # Not "433", which float() takes, nor an integer that no float can hold.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return math.isfinite(value) if isinstance(value, float) else abs(value) < 1e300
+
+
+def _short(value: Any) -> str:
+    return one_line(repr(value), 60)
+
+
+def _shortest(value: Any) -> float:
+    """A float32 as the shortest decimal that gives it back: 0.42, not 0.41999998688697815."""
+    if isinstance(value, int | float):
+        return float(value)
+    array = np.asarray(value)
+    return float(str(array[()])) if array.dtype == np.float32 else float(array)

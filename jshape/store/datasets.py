@@ -1,0 +1,308 @@
+"""Data sets on disk: a folder with `camera.json`, `pairs.csv` and 16-bit depth frames.
+
+Frames are (H, W) uint16 counts of `depth_unit` metres, 0 = no reading.  ROI centres are `(u, v)`
+and sizes `(w, h)`, pixels.
+"""
+
+import csv
+import io
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape import actions
+from jshape.camera import Camera
+from jshape.data.pairs import Pairs
+from jshape.errors import BadDataset, BadFile, BadImage
+from jshape.store.cameras import read_camera, write_camera
+from jshape.store.files import atomic_folder, inside, one_line, read_bytes, write_atomic
+from jshape.store.images import read_counts, write_counts_png
+
+COLUMNS = (
+    "id", "action", "agent", "material", "prior", "posterior", "u", "v", "width", "height"
+)  # fmt: skip
+"""The header of pairs.csv."""
+CAMERA = "camera.json"
+TABLE = "pairs.csv"
+TABLE_LIMIT = 64 * 2**20
+"""Largest pairs.csv that is read, bytes."""
+
+_NAMES = ("id", "action", "agent", "material")
+_NUMBERS = ("u", "v", "width", "height")
+_WHOLE = re.compile(r"-?[0-9]{1,6}")
+_UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f]")
+
+
+def load_pairs(folder: str | os.PathLike) -> Pairs:
+    """All pairs of a data set, in the order of `pairs.csv`.
+
+    Columns may come in any order; columns of other names are not read.
+
+    Raises:
+      BadDataset: no such folder, a file or a column is missing, no rows, a bad number, a frame
+        that is missing, of another size or not 16-bit single-channel, a ROI that leaves the image,
+        an id twice, or a path that leads out of the folder.
+      BadCamera: camera.json makes no sense.
+    """
+    folder = Path(folder)
+    camera, depth_unit = _read_camera(folder)
+    rows = _read_table(folder / TABLE, camera)
+    # One frame first: a camera.json of absurd size is refused before memory is asked for.
+    _read_frame(folder, rows[0], "prior", camera)
+    try:
+        prior, posterior = np.empty((2, len(rows), *camera.shape), np.uint16)
+    except MemoryError:
+        raise BadDataset(f"{folder}: {len(rows)} pairs do not fit into memory") from None
+    for k, row in enumerate(rows):
+        prior[k] = _read_frame(folder, row, "prior", camera)
+        posterior[k] = _read_frame(folder, row, "posterior", camera)
+
+    def names(column: str) -> np.ndarray:
+        return np.array([row.texts[column] for row in rows])
+
+    return Pairs(
+        camera=camera,
+        depth_unit=depth_unit,
+        prior=prior,
+        posterior=posterior,
+        action=names("action"),
+        agent=names("agent"),
+        material=names("material"),
+        centre=np.array([row.centre for row in rows], np.int32),
+        size=np.array([row.size for row in rows], np.int32),
+        id=names("id"),
+    )
+
+
+def save_pairs(pairs: Pairs, folder: str | os.PathLike, overwrite: bool = False) -> Path:
+    """Write pairs as a data set, whole or not at all.
+
+    Args:
+      pairs: what to write.
+      folder: where; it must not hold anything unless `overwrite`.
+      overwrite: replace the data set that is there.
+
+    Returns:
+      The folder.
+
+    Raises:
+      BadDataset: no pairs, or one that could not be read again.
+      BadFile: the folder exists or cannot be written.
+    """
+    with dataset_writer(folder, pairs.camera, pairs.depth_unit, overwrite=overwrite) as add:
+        for k in range(len(pairs)):
+            (u, v), (w, h) = pairs.centre[k].tolist(), pairs.size[k].tolist()
+            add(
+                id=str(pairs.id[k]),
+                action=str(pairs.action[k]),
+                agent=str(pairs.agent[k]),
+                material=str(pairs.material[k]),
+                prior=pairs.prior[k],
+                posterior=pairs.posterior[k],
+                u=u,
+                v=v,
+                width=w,
+                height=h,
+            )
+    return Path(folder)
+
+
+@contextmanager
+def dataset_writer(
+    folder: str | os.PathLike, camera: Camera, depth_unit: float, *, overwrite: bool = False
+) -> "Iterator[Adder]":
+    """A data set written pair by pair: only one pair is in memory, and the folder appears whole.
+
+        with dataset_writer(folder, camera, 1e-4) as add:
+            add(id="poke_0", action="poke", agent="robot", material="flour",
+                prior=counts, posterior=counts, u=240, v=197, width=40, height=45)
+
+    Args:
+      folder: where; it must not hold anything unless `overwrite`.
+      camera: that sees all frames.
+      depth_unit: metres per count.
+      overwrite: replace the data set that is there.
+
+    Yields:
+      The function that adds a pair.  It raises BadDataset for one that could not be read again.
+
+    Raises:
+      BadDataset: no pair was added.
+      BadFile: the folder exists or cannot be written.
+      BadCamera: the camera or the unit makes no sense.
+    """
+    with atomic_folder(folder, overwrite, marker=TABLE) as temp:
+        write_camera(temp / CAMERA, camera, depth_unit)
+        adder = Adder(str(folder), temp, camera)
+        yield adder
+        if not adder.ids:
+            raise BadDataset(f"{folder}: no pairs were added")
+        write_atomic(temp / TABLE, adder.table.getvalue())
+
+
+@dataclass
+class Adder:
+    """Adds pairs to a data set that is being written."""
+
+    where: str
+    folder: Path
+    camera: Camera
+    table: io.StringIO = field(default_factory=io.StringIO)
+    ids: set[str] = field(default_factory=set)
+
+    def __call__(
+        self,
+        *,
+        id: str,
+        action: str,
+        agent: str,
+        material: str,
+        prior: np.ndarray,
+        posterior: np.ndarray,
+        u: int,
+        v: int,
+        width: int,
+        height: int,
+    ) -> None:
+        """Write the two frames of a pair, (H, W) uint16 counts, and remember its row.
+
+        Raises:
+          BadDataset: a name, number or frame that could not be read again.
+          BadFile: a frame cannot be written.
+        """
+        where = f"{self.where}: pair {id!r}"
+        texts = {"id": id, "action": action, "agent": agent, "material": material}
+        for column, text in texts.items():
+            if not isinstance(text, str) or not text.strip() or _UNPRINTABLE.search(text):
+                raise BadDataset(f"{where}: {column} is {text!r}; it must be a line of text")
+        numbers = {"u": u, "v": v, "width": width, "height": height}
+        for column, number in numbers.items():
+            if isinstance(number, bool) or not isinstance(number, int | np.integer):
+                raise BadDataset(f"{where}: {column} is {number!r}; it must be a whole number")
+        if id in self.ids:
+            raise BadDataset(f"{where}: the id is there twice")
+        _check_roi(self.camera, (int(u), int(v)), (int(width), int(height)), where)
+        for column, counts in (("prior", prior), ("posterior", posterior)):
+            if counts.dtype != np.uint16 or counts.shape != self.camera.shape:
+                raise BadDataset(
+                    f"{where}: {column} has shape {counts.shape} and type {counts.dtype}; "
+                    f"expected {self.camera.shape} (rows, columns) of uint16"
+                )
+            if not counts.any():
+                raise BadDataset(f"{where}: no pixel of {column} has a reading")
+        # Numbered, because an id need not be a file name.
+        paths = {c: f"frames/{len(self.ids):05d}_{c}.png" for c in ("prior", "posterior")}
+        for column, counts in (("prior", prior), ("posterior", posterior)):
+            write_counts_png(self.folder / paths[column], counts)
+        writer = csv.writer(self.table, lineterminator="\n")
+        if not self.ids:
+            writer.writerow(COLUMNS)
+        row: dict[str, Any] = texts | paths | numbers
+        writer.writerow([row[column] for column in COLUMNS])
+        self.ids.add(id)
+
+
+@dataclass(frozen=True)
+class _Row:
+    where: str
+    texts: dict[str, str]
+    centre: tuple[int, int]
+    size: tuple[int, int]
+
+
+def _read_camera(folder: Path) -> tuple[Camera, float]:
+    if not folder.is_dir():
+        what = "is a file; a data set is a folder" if folder.exists() else "no such folder"
+        raise BadDataset(f"{folder}: {what}")
+    for name in (CAMERA, TABLE):
+        if not (folder / name).is_file():
+            raise BadDataset(f"{folder}: has no {name}, so it is not a data set")
+    try:
+        return read_camera(folder / CAMERA)
+    except BadFile as problem:
+        raise BadDataset(str(problem)) from None
+
+
+def _read_table(path: Path, camera: Camera) -> list[_Row]:
+    try:
+        text = read_bytes(path, limit=TABLE_LIMIT).decode("utf-8-sig")
+        lines = csv.reader(io.StringIO(text, newline=""), strict=True)
+        header = [name.strip() for name in next(lines, [])]
+        missing = [name for name in COLUMNS if name not in header]
+        if missing:
+            raise BadDataset(
+                f"{path}: the header lacks {', '.join(missing)}; expected {','.join(COLUMNS)}"
+            )
+        twice = [name for name in COLUMNS if header.count(name) > 1]
+        if twice:
+            raise BadDataset(f"{path}: the header names {', '.join(twice)} twice")
+        rows, seen = [], {}
+        for cells in lines:
+            if not any(cell.strip() for cell in cells):
+                continue
+            where = f"{path}: line {lines.line_num}"
+            if len(cells) != len(header):
+                raise BadDataset(f"{where}: has {len(cells)} columns; the header has {len(header)}")
+            row = _parse_row(dict(zip(header, cells, strict=True)), where, camera)
+            name = row.texts["id"]
+            if name in seen:
+                raise BadDataset(f"{where}: id {name!r} is already on line {seen[name]}")
+            seen[name] = lines.line_num
+            rows.append(row)
+    except BadFile as problem:
+        raise BadDataset(str(problem)) from None
+    except UnicodeDecodeError:
+        raise BadDataset(f"{path}: is not UTF-8 text") from None
+    except csv.Error as problem:
+        raise BadDataset(f"{path}: not CSV that can be read: {one_line(problem)}") from None
+    if not rows:
+        raise BadDataset(f"{path}: has no rows, so there are no pairs")
+    return rows
+
+
+def _parse_row(cells: dict[str, str], where: str, camera: Camera) -> _Row:
+    texts = {column: cells[column].strip() for column in COLUMNS}
+    for column in (*_NAMES, "prior", "posterior"):
+        if not texts[column]:
+            raise BadDataset(f"{where}: {column} is empty")
+        if _UNPRINTABLE.search(texts[column]):
+            raise BadDataset(f"{where}: {column} is {texts[column]!r}; it must be a line of text")
+    numbers = []
+    for column in _NUMBERS:
+        if not _WHOLE.fullmatch(texts[column]):
+            raise BadDataset(
+                f"{where}: {column} is {texts[column]!r}; it must be a whole number of pixels"
+            )
+        numbers.append(int(texts[column]))
+    u, v, width, height = numbers
+    _check_roi(camera, (u, v), (width, height), where)
+    return _Row(where, texts, (u, v), (width, height))
+
+
+def _check_roi(camera: Camera, centre: tuple[int, int], size: tuple[int, int], where: str) -> None:
+    if size[0] <= 0 or size[1] <= 0:
+        raise BadDataset(f"{where}: the ROI is {size[0]}x{size[1]}; its sides must be positive")
+    if not actions.fits(camera, np.array([centre]), size)[0]:
+        raise BadDataset(
+            f"{where}: the {size[0]}x{size[1]} ROI at {centre} leaves the "
+            f"{camera.width}x{camera.height} image"
+        )
+
+
+def _read_frame(folder: Path, row: _Row, column: str, camera: Camera) -> np.ndarray:
+    try:
+        counts = read_counts(inside(folder, row.texts[column]))
+    except (BadFile, BadImage) as problem:
+        raise BadDataset(f"{row.where}: {column}: {problem}") from None
+    if counts.shape != camera.shape:
+        raise BadDataset(
+            f"{row.where}: {column}: {row.texts[column]} is {counts.shape[1]}x{counts.shape[0]} "
+            f"pixels; the camera makes {camera.width}x{camera.height}"
+        )
+    return counts

@@ -1,0 +1,384 @@
+"""Files and folders: written whole or not at all, read with limits, never outside their folder."""
+
+import hashlib
+import json
+import math
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any, NoReturn
+
+import numpy as np
+
+from jshape.errors import BadFile
+
+JSON_LIMIT = 64 * 2**20
+"""Default largest JSON file that is read, bytes."""
+
+
+def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
+    """Write a file whole or not at all; what was there stays until the new content is on disk.
+
+    Args:
+      path: the file; its folder is made if need be.
+      content: bytes, or text that is written as UTF-8.
+
+    Returns:
+      The path.
+
+    Raises:
+      BadFile: it cannot be written; nothing new is left behind.
+    """
+    path = Path(path)
+    data = content.encode() if isinstance(content, str) else content
+    temp = _temp_beside(path)
+    try:
+        if path.is_dir():
+            raise BadFile(f"{path}: is a folder; a file is to be written there")
+        with _parents(path):
+            try:
+                _write_synced(temp, data)
+                os.replace(temp, path)
+            finally:
+                _remove_file(temp)
+        _sync_folder(path.parent)
+    except (OSError, ValueError) as problem:
+        refuse(path, "cannot be written", problem)
+    return path
+
+
+@contextmanager
+def atomic_folder(
+    target: str | os.PathLike, overwrite: bool = False, *, marker: str | None = None
+) -> Iterator[Path]:
+    """A temporary folder that becomes `target` when the block ends without an error.
+
+    Args:
+      target: the folder to make.  An empty folder may be there already.
+      overwrite: replace what is there; it is removed only after the new folder is complete.
+      marker: a file that an existing folder must hold to be replaced, so that a mistyped path
+        does not cost somebody's other work.
+
+    Yields:
+      The temporary folder, beside the target.
+
+    Raises:
+      BadFile: the target exists (and must not be replaced), or cannot be written.
+    """
+    target = _resolved(Path(target))
+    occupied = check_target(target, overwrite, marker=marker)
+    temp, old = _temp_beside(target), _temp_beside(target)
+    try:
+        with _parents(target):
+            try:
+                temp.mkdir()
+            except OSError as problem:
+                refuse(target, "cannot be made", problem)
+            try:
+                yield temp
+                _put_in_place(temp, target, old if occupied else None)
+            finally:
+                shutil.rmtree(temp, ignore_errors=True)
+    finally:
+        if target.exists():
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def check_target(
+    target: str | os.PathLike, overwrite: bool = False, *, marker: str | None = None
+) -> bool:
+    """Whether `atomic_folder` may write there: call it before long work.
+
+    Returns:
+      True if something that may be replaced stands at the target.
+
+    Raises:
+      BadFile: the target exists (and must not be replaced), or cannot be written.
+    """
+    target = check_writable(target)
+    try:
+        if not os.path.lexists(target):
+            return False
+        if not target.is_dir():
+            raise BadFile(f"{target}: is a file; a folder is to be made there")
+        if not any(target.iterdir()):
+            return True
+        if not overwrite:
+            raise BadFile(f"{target}: the folder exists and is not empty; choose another name")
+        if marker is not None and not (target / marker).is_file():
+            raise BadFile(
+                f"{target}: the folder holds no {marker}, so it is not replaced; "
+                "choose another name"
+            )
+    except OSError as problem:
+        refuse(target, "cannot be read", problem)
+    return True
+
+
+def check_writable(folder: str | os.PathLike) -> Path:
+    """The folder as a path, if it is writable or can be made; nothing is left behind.
+
+    Raises:
+      BadFile: it, or the nearest folder above it that exists, is a file or refuses new files.
+    """
+    folder = Path(folder)
+    if "\0" in str(folder):
+        raise BadFile(f"{str(folder)!r}: is not a folder name")
+    try:
+        nearest = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))
+        if not nearest.is_dir():
+            raise BadFile(f"{folder}: cannot be written: {nearest} is not a folder")
+        probe = _temp_beside(nearest / "probe")
+        try:
+            _write_synced(probe, b"")
+        finally:
+            _remove_file(probe)
+    except (OSError, ValueError) as problem:
+        refuse(folder, "cannot be written", problem)
+    return folder
+
+
+def read_bytes(path: str | os.PathLike, *, limit: int, start: int | None = None) -> bytes:
+    """The content of a regular file of at most `limit` bytes (or only its first `start` bytes).
+
+    Raises:
+      BadFile: it is missing, a folder, empty, too large or unreadable.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            raise BadFile(f"{path}: is a folder, not a file")
+        if not path.exists():
+            raise BadFile(f"{path}: no such file")
+        if not path.is_file():
+            raise BadFile(f"{path}: is not a regular file")
+        size = path.stat().st_size
+        if size == 0:
+            raise BadFile(f"{path}: the file is empty")
+        if size > limit:
+            raise BadFile(f"{path}: {size:,} bytes; at most {limit:,} are read")
+        with path.open("rb") as file:
+            return file.read(limit if start is None else start)
+    except (OSError, ValueError) as problem:
+        refuse(path, "cannot be read", problem)
+
+
+def sha256(path: str | os.PathLike) -> str:
+    """SHA-256 of a file, in hexadecimal.
+
+    Raises:
+      BadFile: it cannot be read.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError) as problem:
+        refuse(path, "cannot be read", problem)
+
+
+def read_json(path: str | os.PathLike, *, limit: int = JSON_LIMIT) -> dict[str, Any]:
+    """The object (a dict) that a JSON file holds.
+
+    Raises:
+      BadFile: the file cannot be read, is too large, is not JSON, is not an object, names a key
+        twice, or holds NaN or infinity.
+    """
+    return parse_json(read_bytes(path, limit=limit), str(path))
+
+
+def parse_json(text: bytes | str, where: str) -> dict[str, Any]:
+    """The object (a dict) that a JSON text holds; `where` names it in errors.
+
+    Raises:
+      BadFile: as for `read_json`.
+    """
+    try:
+        if isinstance(text, bytes):
+            text = text.decode("utf-8-sig")
+        found = json.loads(
+            text,
+            object_pairs_hook=_unique,
+            parse_constant=_no_constant,
+            parse_float=_finite,
+        )
+    except UnicodeDecodeError:
+        raise BadFile(f"{where}: not JSON: it is not UTF-8 text") from None
+    except RecursionError:
+        raise BadFile(f"{where}: not JSON that can be read: nested too deeply") from None
+    except ValueError as problem:
+        raise BadFile(f"{where}: not JSON that can be read: {one_line(problem)}") from None
+    if not isinstance(found, dict):
+        raise BadFile(f"{where}: holds a {type(found).__name__}; a JSON object {{...}} is expected")
+    return found
+
+
+def json_text(content: dict[str, Any], where: str, *, indent: int | None = 1) -> str:
+    """JSON of a dict; NumPy and JAX numbers and arrays become numbers and lists.
+
+    Raises:
+      BadFile: it holds NaN, infinity or something that JSON has no word for.
+    """
+    try:
+        return json.dumps(content, indent=indent, allow_nan=False, default=_plain)
+    except (TypeError, ValueError, RecursionError) as problem:
+        raise BadFile(f"{where}: cannot be written as JSON: {one_line(problem)}") from None
+
+
+def write_json(path: str | os.PathLike, content: dict[str, Any]) -> Path:
+    """Write a dict as JSON, atomically.
+
+    Raises:
+      BadFile: as for `json_text` and `write_atomic`.
+    """
+    return write_atomic(path, json_text(content, str(path)) + "\n")
+
+
+def inside(folder: str | os.PathLike, relative: Any) -> Path:
+    """The path of a file that a data file names, which must lie inside `folder`.
+
+    Raises:
+      BadFile: an empty or absolute path, one with `..` or a backslash, or a symbolic link that
+        leads out of the folder.
+    """
+    folder = Path(folder)
+    if not isinstance(relative, str) or not relative.strip() or "\0" in relative:
+        raise BadFile(f"{folder}: {relative!r} is not a file name")
+    parts = PurePosixPath(relative).parts
+    windows = PureWindowsPath(relative)
+    if relative.startswith("/") or windows.drive or windows.root or "\\" in relative:
+        raise BadFile(
+            f"{folder}: path {relative!r} is not allowed; it must be relative to the folder, "
+            "with / between names"
+        )
+    if ".." in parts:
+        raise BadFile(f"{folder}: path {relative!r} is not allowed; it must not contain '..'")
+    path = folder / relative
+    try:
+        if not path.resolve().is_relative_to(folder.resolve()):
+            raise BadFile(f"{folder}: path {relative!r} is not allowed; it leads out of the folder")
+    except (OSError, RuntimeError) as problem:
+        refuse(path, "cannot be resolved", problem)
+    return path
+
+
+def refuse(path: Path, what: str, problem: Exception) -> NoReturn:
+    """Raise BadFile for an error of the operating system."""
+    reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else problem
+    raise BadFile(f"{path}: {what}: {one_line(reason)}") from None
+
+
+def one_line(text: object, limit: int = 200) -> str:
+    """A message of somebody else's as one line of at most `limit` characters."""
+    line = " ".join(str(text).split())
+    return line if len(line) <= limit else line[: limit - 3] + "..."
+
+
+def _put_in_place(temp: Path, target: Path, old: Path | None) -> None:
+    """Rename `temp` to `target`; what stands there goes to `old`, and back if that fails."""
+    try:
+        _sync_tree(temp)
+        if old is not None:
+            os.rename(target, old)
+        try:
+            os.rename(temp, target)
+        except OSError:
+            if old is not None:
+                os.rename(old, target)
+            raise
+        _sync_folder(target.parent)
+    except OSError as problem:
+        refuse(target, "cannot be written", problem)
+
+
+@contextmanager
+def _parents(path: Path) -> Iterator[None]:
+    """Makes the folders above a path; those that were made go again if the block fails."""
+    made = [parent for parent in path.parents if not parent.exists()]
+    try:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            refuse(path, "cannot be made", problem)
+        yield
+    except BaseException:
+        for parent in made:
+            with suppress(OSError):
+                parent.rmdir()
+        raise
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError) as problem:
+        refuse(path, "cannot be resolved", problem)
+
+
+def _temp_beside(path: Path) -> Path:
+    """A name for a temporary file or folder on the same file system, so that a rename is enough."""
+    return path.parent / f".{path.name[:80]}.{secrets.token_hex(6)}.tmp"
+
+
+def _write_synced(path: Path, data: bytes) -> None:
+    # Exclusive: a file of that name, or a link, is never followed.
+    with path.open("xb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _remove_file(path: Path) -> None:
+    with suppress(OSError, ValueError):
+        path.unlink(missing_ok=True)
+
+
+def _sync_tree(folder: Path) -> None:
+    for root, _, names in os.walk(folder):
+        for name in names:
+            with open(os.path.join(root, name), "rb") as file:
+                os.fsync(file.fileno())
+        _sync_folder(Path(root))
+
+
+def _sync_folder(folder: Path) -> None:
+    """Put a rename on disk where folders can be synced (not on Windows or some network disks)."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"{twice!r} is there twice")
+    return found
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a number")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is too large for a number")
+    return value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, os.PathLike):
+        raise TypeError("a path; write it as text relative to the folder")
+    if np.ndim(value) == 0 and hasattr(value, "item"):
+        return value.item()
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"a {type(value).__name__} is not a JSON value")

@@ -1,0 +1,224 @@
+"""One image file to one array, by what the bytes say and not by the file's name.
+
+PNG, TIFF and EXR are decoded by OpenCV, which prints what it dislikes: so a PNG is checked and
+reduced to its pixels first, and OpenCV's own log is off while the others are decoded.
+"""
+
+import os
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.errors import BadImage
+from jshape.store.files import one_line, read_bytes
+
+FILE_LIMIT = 512 * 2**20
+"""Largest image file that is read, bytes."""
+PIXEL_LIMIT = 2**26
+"""Most pixels of an image: 67 million."""
+
+ALLOWED = "PNG, TIFF, EXR or NPY"
+_PNG = b"\x89PNG\r\n\x1a\n"
+_NPY = b"\x93NUMPY"
+_EXR = b"v/1\x01"
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_OTHERS = {
+    b"\xff\xd8\xff": "a JPEG, which cannot hold a depth image",
+    b"GIF8": "a GIF, which cannot hold a depth image",
+    b"BM": "a BMP, which cannot hold a depth image",
+    b"PK\x03\x04": "a ZIP or NPZ archive",
+    b"ply": "a point cloud (PLY), not an image",
+}
+_COLOURS = {2: "colour (RGB)", 3: "colour (palette)", 4: "grey with alpha", 6: "colour (RGBA)"}
+
+
+def read_array(path: str | os.PathLike) -> np.ndarray:
+    """The array of an image file as it is stored, whatever its type: (H, W), one channel.
+
+    A TIFF of several pages gives its first.
+
+    Raises:
+      BadFile: the file is missing, a folder, empty, too large or unreadable.
+      BadImage: it is not a whole PNG, TIFF, EXR or NPY, or has more than one channel.
+    """
+    path = Path(path)
+    data = read_bytes(path, limit=FILE_LIMIT)
+    if data.startswith(_PNG):
+        image = _read_png(path, data)
+    elif data.startswith(_NPY):
+        image = _read_npy(path, data)
+    elif data.startswith(_EXR):
+        image = _decode(path, _exr_of_one_channel(path, data), "EXR")
+    elif data.startswith(_TIFF):
+        image = _decode(path, data, "TIFF")
+    else:
+        what = next((w for magic, w in _OTHERS.items() if data.startswith(magic)), "not an image")
+        raise BadImage(f"{path}: {what}; allowed: {ALLOWED}")
+    if image.ndim == 3 and image.shape[2] == 1:
+        image = image[..., 0]
+    if image.ndim == 3 and image.shape[2] in (2, 3, 4):
+        raise BadImage(
+            f"{path}: has {image.shape[2]} channels (a colour image); a depth image has one"
+        )
+    if image.ndim != 2:
+        raise BadImage(f"{path}: has shape {image.shape}; a depth image is (rows, columns)")
+    _check_size(path, image.shape[1], image.shape[0])
+    return image
+
+
+def encode_png(counts: np.ndarray) -> bytes:
+    """The bytes of a 16-bit single-channel PNG of counts (H, W) uint16.
+
+    Raises:
+      BadImage: not such an array, or it is empty.
+    """
+    if counts.dtype != np.uint16 or counts.ndim != 2 or counts.size == 0:
+        raise BadImage(
+            f"counts have shape {counts.shape} and type {counts.dtype}; expected "
+            "(rows, columns) of uint16"
+        )
+    import cv2
+
+    return cv2.imencode(".png", np.ascontiguousarray(counts))[1].tobytes()
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if width <= 0 or height <= 0:
+        raise BadImage(f"{path}: the image is empty ({width}x{height} pixels)")
+    if width * height > PIXEL_LIMIT:
+        raise BadImage(f"{path}: {width}x{height} pixels; at most {PIXEL_LIMIT:,} are read")
+
+
+def _read_png(path: Path, data: bytes) -> np.ndarray:
+    """A grey PNG of 8 or 16 bits; checked so far that the decoder finds nothing to print."""
+    broken = BadImage(f"{path}: the PNG is cut off or damaged")
+    header, body, at = b"", [], len(_PNG)
+    while True:
+        if at + 12 > len(data):
+            raise broken
+        size, kind = struct.unpack(">I4s", data[at : at + 8])
+        if at + 12 + size > len(data):
+            raise broken
+        content = data[at + 8 : at + 8 + size]
+        (check,) = struct.unpack(">I", data[at + 8 + size : at + 12 + size])
+        if kind in (b"IHDR", b"IDAT") and zlib.crc32(kind + content) != check:
+            raise broken
+        if kind == b"IHDR":
+            header = content
+        elif kind == b"IDAT":
+            body.append(content)
+        elif kind == b"IEND":
+            break
+        at += 12 + size
+    if len(header) != 13 or not body:
+        raise broken
+    width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
+    if colour in _COLOURS:
+        raise BadImage(f"{path}: is {_COLOURS[colour]}; a depth image has one grey channel")
+    if colour != 0 or depth not in (8, 16):
+        raise BadImage(f"{path}: is a {depth}-bit PNG; a depth image has 16 bits (or 8, luminance)")
+    _check_size(path, width, height)
+    row = 1 + width * depth // 8
+    try:
+        # Interlaced rows are padded a little differently; their size is at most twice as much.
+        pixels = zlib.decompressobj().decompress(b"".join(body), 2 * row * height + 2**16)
+    except zlib.error:
+        raise broken from None
+    if not interlaced and (
+        len(pixels) < row * height or max(pixels[: row * height : row], default=0) > 4
+    ):
+        raise broken
+    # Only header and pixels: text, colour profiles and the like can only make the decoder talk.
+    chunks = [(b"IHDR", header), (b"IDAT", b"".join(body)), (b"IEND", b"")]
+    return _decode(path, _PNG + b"".join(_png_chunk(*chunk) for chunk in chunks), "PNG")
+
+
+def _png_chunk(kind: bytes, content: bytes) -> bytes:
+    checked = kind + content
+    return struct.pack(">I", len(content)) + checked + struct.pack(">I", zlib.crc32(checked))
+
+
+def _read_npy(path: Path, data: bytes) -> np.ndarray:
+    """An array from its header and bytes: nothing is unpickled, nothing allocated on its word."""
+    import io
+    import warnings
+
+    stream = io.BytesIO(data)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            version = np.lib.format.read_magic(stream)
+            if version == (1, 0):
+                shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+            else:
+                shape, fortran, dtype = np.lib.format.read_array_header_2_0(stream)
+    except Exception as problem:  # NumPy promises no type here: a header is parsed as Python
+        raise BadImage(f"{path}: not a readable NPY: {one_line(problem)}") from None
+    if dtype.hasobject:
+        raise BadImage(f"{path}: the NPY holds Python objects, which are never loaded")
+    if dtype.fields is not None or dtype.kind not in "fiub":
+        raise BadImage(f"{path}: the NPY holds {dtype}; expected float (metres) or uint16 (counts)")
+    count = int(np.prod(shape, dtype=object)) if shape else 1
+    if count == 0:
+        raise BadImage(f"{path}: the image is empty (shape {shape})")
+    start = stream.tell()
+    if len(data) - start < count * dtype.itemsize:
+        raise BadImage(f"{path}: the NPY is cut off: {count:,} numbers expected")
+    flat = np.frombuffer(data, dtype, count, start)
+    return flat.reshape(shape, order="F" if fortran else "C").astype(dtype.newbyteorder("="))
+
+
+def _exr_of_one_channel(path: Path, data: bytes) -> bytes:
+    """The EXR, with its only channel called Y: OpenCV returns noise for a lone channel Z."""
+    at, channels = data.find(b"channels\0chlist\0"), []
+    if at < 0 or at + 20 > len(data):
+        raise BadImage(f"{path}: the EXR is cut off or damaged")
+    at += 16
+    (size,) = struct.unpack("<i", data[at : at + 4])
+    at, end = at + 4, min(at + 4 + size, len(data))
+    first = at
+    while at < end and data[at] != 0:
+        stop = data.find(b"\0", at, end)
+        if stop < 0:
+            raise BadImage(f"{path}: the EXR is cut off or damaged")
+        channels.append(data[at:stop].decode("latin-1"))
+        at = stop + 17
+    if len(channels) != 1:
+        raise BadImage(
+            f"{path}: the EXR has {len(channels)} channels ({', '.join(channels[:6])}); "
+            "a depth image has one"
+        )
+    if len(channels[0]) != 1:
+        raise BadImage(f"{path}: the EXR's channel is called {channels[0]!r}; rename it Z or Y")
+    return data[:first] + b"Y" + data[first + 1 :]
+
+
+def _decode(path: Path, data: bytes, kind: str) -> np.ndarray:
+    # OpenCV reads this once, when it meets its first EXR; importing cv2 earlier does no harm.
+    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
+    import cv2
+
+    log: Any = cv2.utils.logging
+    level = log.getLogLevel()
+    log.setLogLevel(log.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        image = None
+    finally:
+        log.setLogLevel(level)
+    if image is None:
+        if kind == "EXR" and not _has_exr(cv2):
+            raise BadImage(
+                f"{path}: this build of OpenCV cannot read EXR; convert it to TIFF or NPY"
+            )
+        raise BadImage(f"{path}: the {kind} is cut off, damaged or of a type that is not read")
+    return image
+
+
+def _has_exr(cv2: Any) -> bool:
+    lines = cv2.getBuildInformation().splitlines()
+    return any("OpenEXR:" in line and "NO" not in line for line in lines)

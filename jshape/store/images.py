@@ -1,0 +1,132 @@
+"""Depth images on disk.
+
+Arrays are (H, W), `[v, u]`, metres, float32; NaN = no reading.  Counts are whole numbers of
+`depth_unit` metres, uint16, 0 = no reading.
+"""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from jshape._typing import Float
+from jshape.camera import Camera
+from jshape.data.depth import check_depth, to_metres, wrong_shape
+from jshape.errors import BadImage
+from jshape.store.cameras import DEPTH_UNIT, check_depth_unit
+from jshape.store.files import write_atomic
+from jshape.store.formats import encode_png, read_array
+
+
+def read_depth(
+    path: str | os.PathLike, *, depth_unit: float = DEPTH_UNIT, camera: Camera | None = None
+) -> Float[np.ndarray, "H W"]:
+    """A depth image: PNG, TIFF, EXR or NPY, one channel.
+
+    uint16 is counts of `depth_unit`; floating point is metres; 8 bits are the luminance of
+    `camera`, white = z_min and black = z_max, where 0 and 255 are clipped depths and not missing
+    ones.  In the others 0, negative numbers, NaN and infinity mean "no reading".
+
+    Args:
+      path: the file.
+      depth_unit: metres per count.
+      camera: whose image it is: its size and range are checked.  8-bit images need it.
+
+    Returns:
+      (H, W) float32, metres, NaN = no reading.
+
+    Raises:
+      BadFile: the file cannot be read.
+      BadImage: it is not a depth image, has no reading at all, or does not fit the camera.
+      BadCamera: depth_unit is not a positive number.
+    """
+    depth_unit = check_depth_unit(depth_unit, "read_depth")
+    raw = read_array(path)
+    where = str(path)
+    if raw.dtype == np.uint8:
+        if camera is None:
+            raise BadImage(f"{where}: 8-bit images are luminance and need a camera to be depth")
+        if raw.shape != camera.shape:
+            raise BadImage(wrong_shape(where, raw.shape, camera))
+        return np.asarray(replace(camera, bits=8).depth(raw), np.float32)
+    depth = to_metres(raw, depth_unit, where)
+    if np.isnan(depth).all():
+        raise BadImage(f"{where}: no pixel has a reading")
+    if camera is not None:
+        check_depth(depth, camera, where, depth_unit if raw.dtype == np.uint16 else None)
+    return depth
+
+
+def image_shape(path: str | os.PathLike) -> tuple[int, ...]:
+    """(H, W) of an image on disk.
+
+    Raises:
+      BadFile, BadImage: it cannot be read as an image.
+    """
+    return read_array(path).shape
+
+
+def read_counts(path: str | os.PathLike) -> np.ndarray:
+    """The counts of a 16-bit single-channel frame, (H, W) uint16, 0 = no reading.
+
+    Raises:
+      BadFile: the file cannot be read.
+      BadImage: it is not such an image, or no pixel has a reading.
+    """
+    counts = read_array(path)
+    if counts.dtype != np.uint16:
+        raise BadImage(f"{path}: holds {counts.dtype}; a frame is 16-bit, one channel")
+    if not counts.any():
+        raise BadImage(f"{path}: no pixel has a reading")
+    return counts
+
+
+def to_counts(depth: np.ndarray, depth_unit: float, where: str = "image") -> np.ndarray:
+    """Counts (H, W) uint16 of depths in metres; 0, NaN and infinity become 0.
+
+    Raises:
+      BadImage: a depth needs more than 16 bits, or is nearer than half a count.
+      BadCamera: depth_unit is not a positive number.
+    """
+    depth_unit = check_depth_unit(depth_unit, where)
+    depth = np.asarray(depth)
+    if depth.ndim != 2 or depth.size == 0 or depth.dtype.kind not in "fui":
+        raise BadImage(
+            f"{where}: depth has shape {depth.shape} and type {depth.dtype}; "
+            "an image (H, W) of numbers in metres is expected"
+        )
+    seen = np.isfinite(depth) & (depth > 0)
+    counts = np.rint(np.where(seen, depth, 0.0).astype(np.float64) / depth_unit)
+    if counts.max() > 65535:
+        raise BadImage(
+            f"{where}: depth {np.where(seen, depth, 0.0).max():g} m is {counts.max():.0f} counts "
+            f"of {depth_unit:g} m; 16 bits hold at most 65535"
+        )
+    if (counts[seen] == 0).any():
+        raise BadImage(
+            f"{where}: depth {depth[seen].min():g} m is less than half a count of {depth_unit:g} m"
+        )
+    return counts.astype(np.uint16)
+
+
+def write_depth_png(
+    path: str | os.PathLike, depth: np.ndarray, depth_unit: float = DEPTH_UNIT
+) -> Path:
+    """Write depths (H, W) in metres as a 16-bit single-channel PNG, atomically.
+
+    Raises:
+      BadImage: a depth that 16 bits cannot hold in this unit.
+      BadFile: the file cannot be written.
+    """
+    return write_atomic(path, encode_png(to_counts(depth, depth_unit, str(path))))
+
+
+def write_counts_png(path: str | os.PathLike, counts: np.ndarray) -> Path:
+    """Write counts (H, W) uint16 as a 16-bit single-channel PNG, atomically.
+
+    Raises:
+      BadImage: not such an array.
+      BadFile: the file cannot be written.
+    """
+    return write_atomic(path, encode_png(counts))

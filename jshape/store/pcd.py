@@ -1,0 +1,111 @@
+"""PCD, the point cloud format of PCL: header and points, ASCII or binary."""
+
+from pathlib import Path
+
+import numpy as np
+
+from jshape._typing import Float
+from jshape.errors import BadFile
+from jshape.store.files import one_line
+
+_TYPES = {
+    ("F", "4"): "<f4", ("F", "8"): "<f8",
+    ("I", "1"): "<i1", ("I", "2"): "<i2", ("I", "4"): "<i4", ("I", "8"): "<i8",
+    ("U", "1"): "<u1", ("U", "2"): "<u2", ("U", "4"): "<u4", ("U", "8"): "<u8",
+}  # fmt: skip
+_KEYS = ("FIELDS", "SIZE", "TYPE", "COUNT", "POINTS", "DATA")
+
+
+def parse_pcd(path: Path, data: bytes) -> Float[np.ndarray, "P 3"]:
+    """The x, y, z of every point of a PCD file's bytes, wherever they stand among its fields.
+
+    Args:
+      path: what the file is called in errors.
+      data: its content; DATA ascii or binary, x y z as float32 or float64.
+
+    Returns:
+      (P, 3) floating point, metres; may hold NaN.
+
+    Raises:
+      BadFile: a damaged header, too few points, no x y z, or compressed.
+    """
+    header, start = _header(path, data)
+    names, dtype = _layout(path, header)
+    try:
+        count = int(header["POINTS"][0])
+    except (ValueError, IndexError):
+        raise BadFile(f"{path}: POINTS of the PCD is not a number") from None
+    if count <= 0:
+        raise BadFile(f"{path}: holds no points")
+    kind = " ".join(header["DATA"]).lower()
+    if kind == "binary":
+        if len(data) - start < count * dtype.itemsize:
+            raise BadFile(f"{path}: the PCD is cut off: {count:,} points expected")
+        table = np.frombuffer(data, dtype, count, start)
+        return np.stack([table[f"f{names.index(axis)}"][:, 0] for axis in "xyz"], -1)
+    if kind == "ascii":
+        return _ascii(path, data[start:], names, dtype, count)
+    if kind == "binary_compressed":
+        raise BadFile(f"{path}: compressed PCD is not read; save it as DATA binary or ascii")
+    raise BadFile(f"{path}: DATA of the PCD is {kind!r}; allowed: ascii, binary")
+
+
+def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], int]:
+    """The header's lines by key, and where the points start."""
+    header: dict[str, list[str]] = {}
+    at = 0
+    while "DATA" not in header:
+        end = data.find(b"\n", at, at + 10_000)
+        if end < 0 or at > 100_000:
+            raise BadFile(f"{path}: is not a PCD file (no DATA line)")
+        words = data[at:end].decode("latin-1").split()
+        if words and not words[0].startswith("#"):
+            header[words[0].upper()] = words[1:]
+        at = end + 1
+    if "COUNT" not in header:
+        header["COUNT"] = ["1"] * len(header.get("FIELDS", []))
+    if "POINTS" not in header and "WIDTH" in header:
+        try:
+            width, height = int(header["WIDTH"][0]), int(header.get("HEIGHT", ["1"])[0])
+        except (ValueError, IndexError):
+            raise BadFile(f"{path}: WIDTH or HEIGHT of the PCD is not a number") from None
+        header["POINTS"] = [str(width * height)]
+    absent = [key for key in _KEYS if key not in header]
+    if absent:
+        raise BadFile(f"{path}: the header of the PCD has no {', '.join(absent)}")
+    return header, at
+
+
+def _layout(path: Path, header: dict[str, list[str]]) -> tuple[list[str], np.dtype]:
+    """Names of the fields, and the type of one point with fields f0, f1, ..."""
+    names = [name.lower() for name in header["FIELDS"]]
+    absent = [axis for axis in "xyz" if names.count(axis) != 1]
+    if absent:
+        raise BadFile(f"{path}: the PCD has fields {' '.join(names)[:80]}; x, y and z are needed")
+    columns = header["TYPE"], header["SIZE"], header["COUNT"]
+    if any(len(column) != len(names) for column in columns):
+        raise BadFile(f"{path}: FIELDS, SIZE, TYPE and COUNT of the PCD differ in length")
+    fields = []
+    for k, (name, kind, size, count) in enumerate(zip(names, *columns, strict=True)):
+        code = _TYPES.get((kind.upper(), size))
+        if code is None or not count.isascii() or not count.isdigit() or not 1 <= int(count) < 1e6:
+            raise BadFile(f"{path}: field {name} of the PCD has type {kind}{size}, count {count}")
+        if name in ("x", "y", "z") and code not in ("<f4", "<f8"):
+            raise BadFile(f"{path}: field {name} of the PCD is {kind}{size}; it must be F4 or F8")
+        fields.append((f"f{k}", code, (int(count),)))
+    return names, np.dtype(fields)
+
+
+def _ascii(path: Path, text: bytes, names: list[str], dtype: np.dtype, count: int) -> np.ndarray:
+    widths = [dtype[k].shape[0] for k in range(len(names))]
+    columns = [sum(widths[: names.index(axis)]) for axis in "xyz"]
+    rows = [line.split() for line in text.split(b"\n")]
+    rows = [row for row in rows if row][:count]
+    if len(rows) < count:
+        raise BadFile(f"{path}: the PCD is cut off: {count:,} points expected, {len(rows):,} found")
+    if any(len(row) != sum(widths) for row in rows):
+        raise BadFile(f"{path}: a point of the PCD has not {sum(widths)} numbers")
+    try:
+        return np.array([[float(row[k]) for k in columns] for row in rows])
+    except ValueError as problem:
+        raise BadFile(f"{path}: a point of the PCD is not a number: {one_line(problem)}") from None

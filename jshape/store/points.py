@@ -1,0 +1,172 @@
+"""Point clouds and meshes on disk, and goals: either of them, or a depth image.
+
+Points are (P, 3) float32 in metres, in the camera's frame where they become an image: X along the
+columns, Y along the rows, Z along the optical axis.
+"""
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape._typing import Float
+from jshape.camera import Camera
+from jshape.errors import BadFile, BadImage
+from jshape.store.cameras import DEPTH_UNIT
+from jshape.store.files import one_line, read_bytes
+from jshape.store.images import read_depth
+from jshape.store.mesh import depth_of_faces
+from jshape.store.pcd import parse_pcd
+
+FILE_LIMIT = 512 * 2**20
+"""Largest point cloud file that is read, bytes."""
+SUFFIXES = (".ply", ".pcd")
+"""Files that are read as point clouds; everything else is taken for an image."""
+
+
+def read_points(path: str | os.PathLike) -> Float[np.ndarray, "P 3"]:
+    """The points of a PLY or PCD file (of a mesh: its vertices), metres.
+
+    Points with a coordinate that is not finite are dropped.
+
+    Args:
+      path: .ply (ASCII or binary) or .pcd (ASCII or binary, not compressed).
+
+    Returns:
+      (P, 3) float32, P >= 1.
+
+    Raises:
+      BadFile: the file cannot be read, is of another kind, damaged, or holds no point.
+    """
+    return _read(Path(path))[0]
+
+
+def read_goal(
+    path: str | os.PathLike, camera: Camera, depth_unit: float = DEPTH_UNIT
+) -> Float[np.ndarray, "H W"]:
+    """The depth image that is wanted, from an image or from a point cloud or mesh.
+
+    Points are in the camera's frame; the nearest wins a pixel.  The faces of a mesh count, not
+    only its vertices.  What lies beyond the camera's range has the depth where the range ends.
+
+    Args:
+      path: .ply or .pcd, else an image as for `read_depth`.
+      camera: the camera that is to see it.
+      depth_unit: metres per count, for images.
+
+    Returns:
+      (H, W) float32, metres; NaN where no point falls, or where an image has no reading.
+
+    Raises:
+      BadFile: the file cannot be read.
+      BadImage: it is not a depth image of this camera, or no point is in view and within range.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        return read_depth(path, depth_unit=depth_unit, camera=camera)
+    points, faces = _read(path)
+    if faces is None or not len(faces):
+        return depth_of_points(points, camera, str(path))
+    depth = depth_of_faces(points, faces, camera, path)
+    low, high = _range(camera)
+    if not ((depth >= low) & (depth <= high)).any():
+        raise BadImage(_out_of_view(points, camera, str(path)))
+    return np.clip(depth, np.float32(camera.z_min), np.float32(camera.z_max))
+
+
+def depth_of_points(
+    points: Float[np.ndarray, "P 3"], camera: Camera, where: str = "points"
+) -> Float[np.ndarray, "H W"]:
+    """The depth image of points in the camera's frame: (H, W) metres, NaN where none falls.
+
+    As `Camera.project` without rounding, except that a pixel which no point reaches is missing and
+    not black.
+
+    Raises:
+      BadImage: no point is in view and within the camera's range.
+    """
+    depth = _nearest(points, camera)
+    low, high = _range(camera)
+    ahead = points[(points[:, 2] >= low) & (points[:, 2] <= high)]
+    if np.isnan(_nearest(ahead, camera)).all():
+        raise BadImage(_out_of_view(points, camera, where))
+    return np.clip(depth, np.float32(camera.z_min), np.float32(camera.z_max))
+
+
+def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
+    """Depth of the nearest point at every pixel, (H, W) float32, NaN where there is none."""
+    x, y, z = points[points[:, 2] > 0].T
+    # Far to the side of a point at the lens a quotient overflows: infinity is not in the image.
+    with np.errstate(over="ignore"):
+        u = np.rint(np.float32(camera.fx) * (x / z) + np.float32(camera.u0))
+        v = np.rint(np.float32(camera.fy) * (y / z) + np.float32(camera.v0))
+    seen = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    depth = np.full(camera.shape, np.float32(np.inf))
+    np.minimum.at(depth, (v[seen].astype(int), u[seen].astype(int)), z[seen])
+    return np.where(np.isfinite(depth), depth, np.float32(np.nan))
+
+
+def _range(camera: Camera) -> tuple[float, float]:
+    """The camera's depth range, and a little more for rounding, metres."""
+    low, high = float(camera.z_min), float(camera.z_max)
+    slack = 1e-4 * (high - low)
+    return low - slack, high + slack
+
+
+def _out_of_view(points: np.ndarray, camera: Camera, where: str) -> str:
+    span = ", ".join(
+        f"{axis} {points[:, k].min():.3g} to {points[:, k].max():.3g}"
+        for k, axis in enumerate("XYZ")
+    )
+    return (
+        f"{where}: no point is in view of the camera within {float(camera.z_min):g} to "
+        f"{float(camera.z_max):g} m; the points span {span} m (camera frame: Z along the "
+        "optical axis)"
+    )
+
+
+def _read(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Points (P, 3), and the faces (F, 3) of a mesh."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise BadFile(f"{path}: point clouds are {' or '.join(SUFFIXES)}, not {suffix or 'this'!r}")
+    data = read_bytes(path, limit=FILE_LIMIT)
+    points, faces = _parse_ply(path, data) if suffix == ".ply" else (parse_pcd(path, data), None)
+    points = np.asarray(points)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise BadFile(f"{path}: holds no points")
+    with np.errstate(over="ignore"):
+        points = points.astype(np.float32)
+    finite = np.isfinite(points).all(1)
+    if not finite.any():
+        raise BadFile(f"{path}: none of its {len(points):,} points is finite")
+    if finite.all():
+        return points, faces
+    if faces is not None:
+        whole = np.take(finite, faces).all(1)
+        faces = np.take(np.cumsum(finite) - 1, faces[whole])
+    return points[finite], faces
+
+
+def _parse_ply(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray | None]:
+    try:
+        import trimesh
+    except ImportError:
+        raise BadFile(f"{path}: reading PLY needs trimesh: pip install trimesh") from None
+    if not data.startswith(b"ply"):
+        raise BadFile(f"{path}: is not a PLY file")
+    try:
+        # From memory and without a resolver: a texture that the file names is not looked for.
+        found: Any = trimesh.load(
+            io.BytesIO(data), file_type="ply", process=False, skip_materials=True
+        )
+        points, faces = np.asarray(found.vertices), getattr(found, "faces", None)
+        faces = None if faces is None else np.asarray(faces)
+    except Exception as problem:  # trimesh promises no type for a damaged file
+        reason = one_line(f"{type(problem).__name__}: {problem}", 100)
+        raise BadFile(f"{path}: the PLY is damaged or holds no points ({reason})") from None
+    if faces is not None and len(faces) and not 0 <= faces.min() <= faces.max() < len(points):
+        raise BadFile(f"{path}: a face of the PLY names a point that is not there")
+    return points, faces

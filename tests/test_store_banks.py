@@ -1,0 +1,284 @@
+"""Banks on disk: there and back to the bit, and nothing damaged is loaded."""
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jshape
+from jshape import Bank, Camera, list_banks, load_bank, save_bank
+from jshape.errors import BadBank, BadFile, UnknownName
+from jshape.predict.difference import Difference
+from jshape.store import banks
+from jshape.store.banks import bank_manifest
+
+CAMERA = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
+SIZES = {"grasp": (12, 9), "poke/ é": (3, 4)}
+
+
+@pytest.fixture
+def bank(rng):
+    effects = [rng.normal(0, 0.1, (h, w)).astype(np.float32) for w, h in SIZES.values()]
+    predictors = tuple(Difference(jnp.asarray(effect)) for effect in effects)
+    return Bank(CAMERA, predictors, tuple(SIZES), "D")
+
+
+@pytest.fixture
+def folder(tmp_path, bank):
+    return save_bank(bank, tmp_path / "bank")
+
+
+def same(a, b):
+    assert (a.actions, a.kind, a.camera) == (b.actions, b.kind, b.camera)
+    for name in a.actions:
+        np.testing.assert_array_equal(a.predictor(name).delta, b.predictor(name).delta)
+        assert a.roi(name) == b.roi(name)
+
+
+def edit(folder, **change):
+    """Change the manifest; None takes a field away."""
+    path = folder / "manifest.json"
+    fields = json.loads(path.read_text()) | change
+    path.write_text(json.dumps({k: v for k, v in fields.items() if v is not None}))
+
+
+def replace_arrays(folder, content=None, **arrays):
+    """Other arrays, with the checksum that goes with them."""
+    if content is None:
+        stream = io.BytesIO()
+        np.savez(stream, **arrays)
+        content = stream.getvalue()
+    (folder / "effects.npz").write_bytes(content)
+    edit(folder, checksums={"effects.npz": hashlib.sha256(content).hexdigest()})
+
+
+def refused(folder, match, error=BadBank):
+    with pytest.raises(error) as info:
+        load_bank(folder)
+    message = str(info.value)
+    assert match in message and "\n" not in message
+    return message
+
+
+def test_round_trip(folder, bank):
+    found = load_bank(folder)
+    same(found, bank)
+    same(load_bank(str(folder)), bank)
+    roi = np.full((9, 12), 0.5, np.float32)
+    np.testing.assert_array_equal(found.predict("grasp", roi), bank.predict("grasp", roi))
+
+
+def test_a_bank_is_written_alike_every_time(tmp_path, bank, folder):
+    again = save_bank(bank, tmp_path / "again")
+    for name in ("manifest.json", "effects.npz"):
+        assert (folder / name).read_bytes() == (again / name).read_bytes()
+
+
+def test_the_manifest_says_what_the_bank_is(tmp_path, bank):
+    info = {"data": {"pairs": 40, "agents": ["robot"]}, "licence": "Apache-2.0", "notes": "x"}
+    folder = save_bank(bank, tmp_path / "bank", info=info)
+    manifest = bank_manifest(folder)
+    assert manifest["format"] == "jshape-bank" and manifest["version"] == 1
+    assert manifest["kind"] == "D" and manifest["actions"] == list(SIZES)
+    assert manifest["rois"]["grasp"] == [12, 9]
+    assert manifest["camera"]["z_min"] == 0.4
+    assert {k: manifest[k] for k in info} == info
+    assert manifest["code_version"]
+    assert set(manifest["checksums"]) == {"effects.npz"}
+    assert sorted(os.listdir(folder)) == ["effects.npz", "manifest.json"]
+
+
+def test_an_existing_bank_is_replaced_only_on_demand(tmp_path, bank, folder):
+    other = replace(bank, actions=("a", "b"))
+    with pytest.raises(BadFile, match="exists"):
+        save_bank(other, folder)
+    same(load_bank(folder), bank)
+    save_bank(other, folder, overwrite=True)
+    same(load_bank(folder), other)
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(BadFile):
+        save_bank(bank, tmp_path / "file" / "below")
+    with pytest.raises(BadFile, match="not replaced"):
+        save_bank(bank, tmp_path, overwrite=True)
+
+
+def test_a_failed_save_leaves_the_old_bank(bank, folder, monkeypatch):
+    def fail(*_):
+        raise BadFile("no space")
+
+    monkeypatch.setattr(banks, "write_json", fail)
+    with pytest.raises(BadFile, match="no space"):
+        save_bank(replace(bank, actions=("a", "b")), folder, overwrite=True)
+    with pytest.raises(BadFile, match="no space"):
+        save_bank(bank, folder.parent / "new")
+    same(load_bank(folder), bank)
+    assert os.listdir(folder.parent) == ["bank"]
+
+
+def test_what_could_not_be_loaded_again_is_not_saved(tmp_path, bank):
+    broken = Difference(jnp.full((3, 4), jnp.nan))
+    for bad, match in (
+        (replace(bank, kind="Q"), "kind 'Q' is not known; allowed: D"),
+        (replace(bank, actions=("a", "a")), "each once"),
+        (replace(bank, actions=("a",)), "one per predictor"),
+        (replace(bank, predictors=(broken, broken)), "delta of grasp holds NaN"),
+    ):
+        with pytest.raises(BadBank, match=match):
+            save_bank(bad, tmp_path / "bank")
+    with pytest.raises(BadBank, match="info must not set camera, kind"):
+        save_bank(bank, tmp_path / "bank", info={"kind": "C", "camera": 1})
+    with pytest.raises(BadFile, match="JSON"):
+        save_bank(bank, tmp_path / "bank", info={"data": float("nan")})
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.fixture
+def bundled(tmp_path, bank, monkeypatch):
+    root = tmp_path / "weights"
+    save_bank(bank, root / "flour-D")
+    save_bank(bank, root / "sand-D")
+    (root / "empty").mkdir()
+    monkeypatch.setattr(banks, "_bundled_roots", lambda: (root,))
+    return root
+
+
+def test_bundled_banks_go_by_name(bundled, bank, tmp_path, monkeypatch):
+    assert list_banks() == ("flour-D", "sand-D")
+    same(load_bank("flour-D"), bank)
+    assert bank_manifest("flour-D")["kind"] == "D"
+    for name in ("snow-D", "", "empty", "a\0b"):
+        with pytest.raises(UnknownName, match="unknown bank.*allowed: flour-D, sand-D"):
+            load_bank(name)
+    monkeypatch.chdir(tmp_path)
+    save_bank(replace(bank, actions=("a", "b")), tmp_path / "mine")
+    assert load_bank("mine").actions == ("a", "b")  # a folder here, where no bundled bank is meant
+
+
+def test_a_name_does_not_reach_outside(bundled, tmp_path, bank):
+    save_bank(bank, tmp_path / "secret")
+    for name in ("../secret", "flour-D/../../secret"):
+        refused(name, "no such bank folder")
+
+
+def test_banks_of_the_repository_load():
+    for name in list_banks():
+        found = jshape.load_bank(name)
+        assert found.actions and bank_manifest(name)["licence"]
+
+
+def test_where_bundled_banks_are_looked_for(tmp_path, monkeypatch):
+    package = tmp_path / "site-packages" / "jshape" / "store"
+    package.mkdir(parents=True)
+    monkeypatch.setattr(banks, "__file__", str(package / "banks.py"))
+    (tmp_path / "site-packages" / "weights").mkdir()  # somebody else's
+    assert banks._bundled_roots() == ()
+    (package.parent / "weights").mkdir()
+    assert banks._bundled_roots() == (package.parent / "weights",)
+    (tmp_path / "site-packages" / "pyproject.toml").write_text("")
+    assert len(banks._bundled_roots()) == 2
+
+
+def test_no_bank(tmp_path):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "empty").mkdir()
+    refused(tmp_path / "none", "no such bank folder")
+    refused(tmp_path / "file", "is a file; a bank is a folder")
+    refused(tmp_path / "empty", "no manifest.json")
+
+
+def test_a_changed_file_is_not_loaded(folder):
+    content = bytearray((folder / "effects.npz").read_bytes())
+    content[len(content) // 2] ^= 1
+    (folder / "effects.npz").write_bytes(content)
+    refused(folder, "effects.npz: checksum differs")
+
+
+def test_a_missing_file_is_named(folder):
+    (folder / "effects.npz").unlink()
+    refused(folder, "effects.npz")
+
+
+@pytest.mark.parametrize(
+    "change, match",
+    [
+        ({"format": None}, "format is None"),
+        ({"format": "other"}, "expected 'jshape-bank'"),
+        ({"version": 2}, "version 2 is newer than this program reads (1)"),
+        ({"version": "1"}, "version is '1'"),
+        ({"version": None}, "version is None"),
+        ({"kind": None}, "missing kind"),
+        ({"kind": "CR"}, "kind 'CR' is not known; allowed: D"),
+        ({"kind": 3}, "kind is a int"),
+        ({"actions": None}, "missing actions"),
+        ({"actions": []}, "at least one"),
+        ({"actions": [1, 2]}, "must be names"),
+        ({"actions": ["grasp", "grasp"]}, "twice"),
+        ({"actions": ["grasp", "knock"]}, "ROI of knock is None"),
+        ({"rois": [1]}, "rois is a list"),
+        ({"rois": {"grasp": [12, 9], "poke/ é": [3.0, 4]}}, "ROI of poke/ é is [3.0, 4]"),
+        ({"rois": {"grasp": [41, 9], "poke/ é": [3, 4]}}, "at most 40x30"),
+        ({"rois": {"grasp": [0, 9], "poke/ é": [3, 4]}}, "ROI of grasp is [0, 9]"),
+        ({"rois": {"grasp": [9, 12], "poke/ é": [3, 4]}}, "action grasp: delta has shape (9, 12)"),
+        ({"camera": None}, "missing camera"),
+        ({"camera": {"width": 40}}, "camera: missing height"),
+        ({"camera": {**vars(CAMERA), "fx": -1}}, "fx is -1"),
+        ({"checksums": {}}, "checksums lacks effects.npz"),
+        ({"checksums": {"effects.npz": 3}}, "checksum differs"),
+        ({"checksums": {"effects.npz": "", "../x": ""}}, "checksum differs"),
+        ({"checksums": {"../../etc/passwd": "", "effects.npz": ""}}, "must not contain '..'"),
+    ],
+    ids=str,
+)
+def test_a_bad_manifest_is_refused(folder, change, match):
+    edit(folder, **change)
+    refused(folder, match)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"a": NaN}', b"\xff"])
+def test_a_manifest_that_is_no_json(folder, content):
+    (folder / "manifest.json").write_bytes(content)
+    refused(folder, "manifest.json")
+
+
+def test_bad_arrays_are_refused(folder):
+    good = np.zeros((9, 12), np.float32), np.zeros((4, 3), np.float32)
+    nan = good[0].copy()
+    nan[2, 3] = np.nan
+    replace_arrays(folder, **{"0.delta": good[0], "1.delta": good[1]})
+    load_bank(folder)
+    for arrays, match in (
+        ({"0.delta": good[0]}, "has no delta of poke"),
+        ({}, "has no delta of grasp"),
+        ({"0.delta": good[0].T, "1.delta": good[1]}, "action grasp: delta has shape (12, 9)"),
+        ({"0.delta": nan, "1.delta": good[1]}, "action grasp: delta holds NaN"),
+        ({"0.delta": good[0] == 0, "1.delta": good[1]}, "not a number"),
+        ({"0.delta": good[0], "1.delta": np.array([[print]])}, "not a readable NPZ"),
+    ):
+        replace_arrays(folder, **arrays)
+        refused(folder, match)
+    for content in (b"x", b"PK\x03\x04", np.zeros(3).tobytes()):
+        replace_arrays(folder, content)
+        refused(folder, "not a readable NPZ")
+    replace_arrays(folder, b"")
+    refused(folder, "empty")
+
+
+def test_an_archive_that_unpacks_too_far_is_refused(folder, monkeypatch):
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("0.delta.npy", bytes(10**6))
+    monkeypatch.setattr(banks, "FILE_LIMIT", 10**5)
+    replace_arrays(folder, stream.getvalue())
+    refused(folder, "unpacks to 1,000,000 bytes")
+
+
+def test_a_bank_reached_through_a_link_out_of_it_is_refused(folder):
+    (folder / "effects.npz").rename(folder.parent / "elsewhere.npz")
+    (folder / "effects.npz").symlink_to(folder.parent / "elsewhere.npz")
+    refused(folder, "leads out of the folder")

@@ -1,0 +1,339 @@
+"""Data sets on disk: there and back, pair by pair, and every damage named."""
+
+import csv
+import json
+import os
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, Camera, load_pairs, save_pairs
+from jshape.data.pairs import Pairs
+from jshape.errors import BadCamera, BadDataset, BadFile, BadImage, JShapeError
+from jshape.store import datasets
+from jshape.store.datasets import COLUMNS, dataset_writer
+
+SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
+FIELDS = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id")
+
+
+def make_pairs(rng, count=4, camera=SMALL):
+    frames = rng.integers(4000, 5000, (2, count, *camera.shape)).astype(np.uint16)
+    frames[:, :, :3] = 0
+    return Pairs(
+        camera=camera,
+        depth_unit=0.0001,
+        prior=frames[0],
+        posterior=frames[1],
+        action=np.array(["poke", "knock"] * count)[:count],
+        agent=np.array(["robot"] * count),
+        material=np.array(['sand, "kinetic"'] * count),
+        centre=np.stack([np.arange(count) + 10, np.arange(count) + 9], -1).astype(np.int32),
+        size=np.array([[5, 8]] * count, np.int32),
+        id=np.array([f"poke/{k} é" for k in range(count)]),
+    )
+
+
+@pytest.fixture
+def folder(tmp_path, rng):
+    return save_pairs(make_pairs(rng), tmp_path / "set")
+
+
+def same(a, b):
+    assert (a.camera, a.depth_unit) == (b.camera, b.depth_unit)
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def rewrite(folder, change):
+    """Change the rows (header first) of pairs.csv."""
+    path = folder / "pairs.csv"
+    rows = list(csv.reader(path.read_text().splitlines()))
+    rows = change(rows) or rows
+    with path.open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+def cell(row, column, value):
+    def change(rows):
+        rows[row][COLUMNS.index(column)] = value
+
+    return change
+
+
+def test_round_trip(tmp_path, rng):
+    pairs = make_pairs(rng)
+    folder = save_pairs(pairs, tmp_path / "deep" / "set")
+    found = load_pairs(folder)
+    same(found, pairs)
+    assert (found.prior.dtype, found.centre.dtype) == (np.uint16, np.int32)
+    same(load_pairs(save_pairs(found, tmp_path / "again")), pairs)
+    assert (folder / "pairs.csv").read_text().startswith(",".join(COLUMNS) + "\n")
+    frame = cv2.imread(str(folder / "frames" / "00000_prior.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(frame, pairs.prior[0])
+
+
+def test_pairs_of_one_action_can_be_saved(tmp_path, rng):
+    pairs = make_pairs(rng)
+    same(load_pairs(save_pairs(pairs.of("knock"), tmp_path / "knock")), pairs.of("knock"))
+
+
+def test_an_existing_data_set_is_replaced_only_on_demand(folder, rng):
+    other = make_pairs(rng, 1)
+    with pytest.raises(BadFile, match="exists"):
+        save_pairs(other, folder)
+    assert len(load_pairs(folder)) == 4
+    save_pairs(other, folder, overwrite=True)
+    same(load_pairs(folder), other)
+
+
+def test_a_folder_that_is_no_data_set_is_not_replaced(tmp_path, rng):
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(BadFile, match="not replaced"):
+        save_pairs(make_pairs(rng), tmp_path, overwrite=True)
+    assert os.listdir(tmp_path) == ["thesis.txt"]
+
+
+def pair(rng, **change):
+    frame = rng.integers(4000, 5000, SMALL.shape).astype(np.uint16)
+    values = dict(
+        id="a", action="poke", agent="robot", material="sand", prior=frame, posterior=frame,
+        u=10, v=9, width=5, height=8,
+    )  # fmt: skip
+    return values | change
+
+
+def test_the_writer_holds_one_pair_at_a_time(tmp_path, rng):
+    with dataset_writer(tmp_path / "set", SMALL, 1e-4) as add:
+        for k in range(3):
+            add(**pair(rng, id=str(k), u=10 + k))
+            assert not (tmp_path / "set").exists()
+            assert not any(isinstance(held, np.ndarray) for held in vars(add).values())
+    assert load_pairs(tmp_path / "set").centre[:, 0].tolist() == [10, 11, 12]
+
+
+def test_a_failure_in_the_middle_leaves_nothing_new_and_the_old_intact(tmp_path, folder, rng):
+    before = load_pairs(folder)
+    for target, overwrite in ((folder, True), (tmp_path / "new", False)):
+        with pytest.raises(RuntimeError):
+            with dataset_writer(target, SMALL, 1e-4, overwrite=overwrite) as add:
+                add(**pair(rng))
+                raise RuntimeError("the robot fell over")
+    assert os.listdir(tmp_path) == ["set"]
+    same(load_pairs(folder), before)
+
+
+@pytest.mark.parametrize(
+    "change, match",
+    [
+        ({"id": ""}, "id is ''"),
+        ({"id": "a\nb"}, "line of text"),
+        ({"action": " "}, "action is ' '"),
+        ({"u": 3.5}, "u is 3.5"),
+        ({"width": True}, "width is True"),
+        ({"width": 0}, "sides must be positive"),
+        ({"u": 39}, "leaves the 40x30 image"),
+        ({"v": 3}, "leaves the 40x30 image"),
+        ({"prior": np.zeros(SMALL.shape, np.uint16)}, "no pixel of prior"),
+        ({"prior": np.ones(SMALL.shape, np.float32)}, "float32; expected"),
+        ({"posterior": np.ones((9, 9), np.uint16)}, "posterior has shape (9, 9)"),
+    ],
+)
+def test_a_pair_that_could_not_be_read_again_is_not_written(tmp_path, rng, change, match):
+    values = pair(rng)
+    with pytest.raises(Exception) as info:  # the tests' shape checker may be the first to object
+        with dataset_writer(tmp_path / "set", SMALL, 1e-4) as add:
+            add(**values)
+            add(**values | {"id": "b"} | change)
+    if isinstance(info.value, JShapeError):
+        assert match in str(info.value) and "\n" not in str(info.value)
+    else:
+        assert type(info.value).__name__ == "TypeCheckError"
+    assert os.listdir(tmp_path) == []
+
+
+def test_ids_and_emptiness_of_the_writer(tmp_path, rng):
+    with pytest.raises(BadDataset, match="twice"):
+        with dataset_writer(tmp_path / "set", SMALL, 1e-4) as add:
+            add(**pair(rng))
+            add(**pair(rng))
+    with pytest.raises(BadDataset, match="no pairs were added"):
+        with dataset_writer(tmp_path / "set", SMALL, 1e-4):
+            pass
+    with pytest.raises(BadDataset, match="no pairs"):
+        save_pairs(make_pairs(rng).select(np.zeros(4, bool)), tmp_path / "set")
+    with pytest.raises(BadCamera):
+        with dataset_writer(tmp_path / "set", replace(SMALL, fx=-1.0), 1e-4):
+            pass
+    assert os.listdir(tmp_path) == []
+
+
+def refused(folder, match, error=BadDataset):
+    with pytest.raises(error) as info:
+        load_pairs(folder)
+    message = str(info.value)
+    assert match in message and "\n" not in message and str(folder.name) in message
+    return message
+
+
+def test_no_folder(tmp_path):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "empty").mkdir()
+    refused(tmp_path / "none", "no such folder")
+    refused(tmp_path / "file", "is a file")
+    refused(tmp_path / "file" / "below", "no such folder")
+    refused(tmp_path / "empty", "no camera.json")
+
+
+@pytest.mark.parametrize("name", ["camera.json", "pairs.csv"])
+def test_a_missing_file_is_named(folder, name):
+    (folder / name).unlink()
+    refused(folder, f"has no {name}")
+    (folder / name).mkdir()
+    refused(folder, f"has no {name}")
+
+
+@pytest.mark.parametrize("name", ["camera.json", "pairs.csv"])
+def test_an_empty_or_binary_file_is_named(folder, name):
+    (folder / name).write_bytes(b"")
+    refused(folder, "empty")
+    (folder / name).write_bytes(b"\xff\xfe\x00")
+    refused(folder, "UTF-8")
+
+
+def test_a_bad_camera_is_named(folder):
+    fields = json.loads((folder / "camera.json").read_text())
+    (folder / "camera.json").write_text(json.dumps(fields | {"fx": -1}))
+    refused(folder, "fx", BadCamera)
+
+
+@pytest.mark.parametrize("column", COLUMNS)
+def test_a_missing_column_is_named(folder, column):
+    k = COLUMNS.index(column)
+    rewrite(folder, lambda rows: [row[:k] + row[k + 1 :] for row in rows])
+    refused(folder, f"the header lacks {column};")
+
+
+def test_columns_in_another_order_and_others_besides(folder):
+    before = load_pairs(folder)
+    rewrite(folder, lambda rows: [[*reversed(row), "note"] for row in rows])
+    same(load_pairs(folder), before)
+    text = "\r\n".join((folder / "pairs.csv").read_text().splitlines()) + "\r\n\r\n"
+    (folder / "pairs.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    same(load_pairs(folder), before)
+
+
+def test_the_table_itself(folder):
+    text = (folder / "pairs.csv").read_text()
+    head, *rows = text.splitlines()
+    for content, match in (
+        (head, "no rows"),
+        (head + "\n\n,,,,,,,,,\n", "no rows"),
+        ("\n".join([head + ",u", *rows]), "names u twice"),
+        ("\n".join([head, rows[0] + ",1"]), "line 2: has 11 columns; the header has 10"),
+        ("\n".join([head, rows[0], rows[0]]), "line 3: id 'poke/0 é' is already on line 2"),
+        (head + '\n"a', "not CSV"),
+        ("\n".join(rows), "the header lacks"),
+    ):
+        (folder / "pairs.csv").write_text(content)
+        refused(folder, match)
+
+
+@pytest.mark.parametrize("column", ["u", "v", "width", "height"])
+@pytest.mark.parametrize("value", ["", "x", "3.5", "nan", "1e1", "1_0", "٣", "99999999", "--1"])
+def test_a_bad_number_is_named_by_line_and_column(folder, column, value):
+    rewrite(folder, cell(3, column, value))
+    refused(folder, f"line 4: {column} is {value!r}; it must be a whole number")
+
+
+@pytest.mark.parametrize("column, value", [("u", "1"), ("v", "29"), ("width", "41"), ("u", "-5")])
+def test_a_roi_that_leaves_the_image(folder, column, value):
+    rewrite(folder, cell(2, column, value))
+    assert "line 3" in refused(folder, "leaves the 40x30 image")
+
+
+def test_a_roi_has_positive_sides(folder):
+    rewrite(folder, cell(1, "height", "0"))
+    refused(folder, "line 2: the ROI is 5x0")
+
+
+@pytest.mark.parametrize("column", ["id", "action", "agent", "material", "prior"])
+def test_an_empty_name_is_named(folder, column):
+    rewrite(folder, cell(1, column, " "))
+    refused(folder, f"line 2: {column} is empty")
+
+
+@pytest.mark.parametrize(
+    "path", ["/etc/passwd", "../other.png", "frames/../../x.png", "C:\\x.png", "out/x.png", ".."]
+)
+def test_paths_do_not_leave_the_folder(folder, path):
+    (folder / "out").symlink_to(folder.parent)
+    rewrite(folder, cell(1, "posterior", path))
+    refused(folder, "line 2: posterior: ")
+    assert "not allowed" in refused(folder, repr(path))
+
+
+def frame(array):
+    return cv2.imencode(".png", array)[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    "content, match",
+    [
+        (None, "no such file"),
+        (b"", "empty"),
+        (b"x", "not an image"),
+        (frame(np.ones((30, 40), np.uint8)), "holds uint8; a frame is 16-bit"),
+        (frame(np.ones((30, 40, 3), np.uint16)), "colour"),
+        (frame(np.ones((40, 30), np.uint16)), "is 30x40 pixels; the camera makes 40x30"),
+        (frame(np.zeros((30, 40), np.uint16)), "no pixel has a reading"),
+        (frame(np.ones((30, 40), np.uint16))[:-20], "cut off"),
+    ],
+    ids=lambda v: v if isinstance(v, str) else "",
+)
+def test_a_bad_frame_is_named_by_line_and_column(folder, content, match):
+    path = folder / "frames" / "00002_posterior.png"
+    path.unlink()
+    if content is not None:
+        path.write_bytes(content)
+    refused(folder, match)
+    refused(folder, "line 4: posterior: ")
+
+
+def test_an_absurd_camera_asks_for_no_memory(folder):
+    fields = json.loads((folder / "camera.json").read_text())
+    fields |= {"width": 65535, "height": 65535}
+    (folder / "camera.json").write_text(json.dumps(fields))
+    refused(folder, "the camera makes 65535x65535")
+
+
+def test_too_little_memory_is_reported(folder, monkeypatch):
+    def none_left(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(datasets.np, "empty", none_left)
+    refused(folder, "do not fit into memory")
+
+
+@pytest.mark.parametrize("noise", ["pairs", "pairs_noisy"])
+def test_every_group_of_shared_pairs(shared_data, noise):
+    groups = sorted(shared_data.glob(f"mpm/{noise}/*"))
+    assert len(groups) == 4
+    for group in groups:
+        found = load_pairs(group)
+        assert found.camera == PAPER_BOX and found.depth_unit == 0.0001
+        assert found.actions == ("grasp", "knock", "pinch", "poke", "press")
+        assert (found.prior > 0).any((1, 2)).all()
+        prior, posterior = found.rois("poke")
+        assert prior.shape == posterior.shape and np.isfinite(prior).mean() > 0.9
+
+
+def test_the_smallest_shared_group_there_and_back(shared_data, tmp_path):
+    found = load_pairs(shared_data / "mpm/pairs/flat_flour_human").of("poke")
+    same(load_pairs(save_pairs(found, tmp_path / "set")), found)
+
+
+def test_errors_are_of_one_family():
+    assert issubclass(BadDataset, JShapeError) and issubclass(BadImage, JShapeError)

@@ -1,0 +1,288 @@
+"""Files and folders appear whole or not at all, and nothing leads out of its folder."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jshape.errors import BadFile
+from jshape.store import files
+
+
+def one_line(info) -> str:
+    message = str(info.value)
+    assert "\n" not in message and message
+    return message
+
+
+@pytest.fixture
+def broken_disk(monkeypatch):
+    """Every sync fails, as on a full disk."""
+
+    def fail(handle):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.os, "fsync", fail)
+
+
+def test_write_atomic_replaces_and_makes_folders(tmp_path):
+    path = tmp_path / "a" / "b.txt"
+    files.write_atomic(path, "old")
+    files.write_atomic(path, b"new")
+    assert path.read_bytes() == b"new"
+    assert os.listdir(path.parent) == ["b.txt"]
+
+
+def test_a_failed_write_leaves_what_was_there(tmp_path, broken_disk):
+    path = tmp_path / "b.txt"
+    path.write_text("old")
+    with pytest.raises(BadFile, match="No space left") as info:
+        files.write_atomic(path, "new")
+    assert str(path) in one_line(info)
+    with pytest.raises(BadFile):
+        files.write_atomic(tmp_path / "new" / "deep" / "c.txt", "new")
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["b.txt"]
+
+
+def test_an_interrupted_rename_leaves_nothing(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files.os, "replace", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        files.write_atomic(tmp_path / "b.txt", "new")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_file_is_not_written_over_a_folder_or_under_a_file(tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("x")
+    for path in (tmp_path / "folder", tmp_path / "file" / "below"):
+        with pytest.raises(BadFile) as info:
+            files.write_atomic(path, "new")
+        one_line(info)
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
+
+
+def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
+    (tmp_path / "target").write_text("kept")
+    (tmp_path / "link").symlink_to("target")
+    files.write_atomic(tmp_path / "link", "new")
+    assert (tmp_path / "target").read_text() == "kept"
+    assert (tmp_path / "link").read_text() == "new"
+
+
+def test_atomic_folder_appears_whole(tmp_path):
+    target = tmp_path / "deep" / "folder"
+    with files.atomic_folder(target) as temp:
+        (temp / "sub").mkdir()
+        (temp / "sub" / "a").write_text("1")
+        assert not target.exists()
+    assert (target / "sub" / "a").read_text() == "1"
+    assert os.listdir(target.parent) == ["folder"]
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_failure_inside_leaves_the_old_folder(tmp_path, overwrite):
+    target = tmp_path / "folder"
+    if overwrite:
+        target.mkdir()
+        (target / "old").write_text("old")
+    with pytest.raises(RuntimeError):
+        with files.atomic_folder(target, overwrite) as temp:
+            (temp / "half").write_text("half")
+            raise RuntimeError("in the middle")
+    assert os.listdir(tmp_path) == (["folder"] if overwrite else [])
+    assert not overwrite or (target / "old").read_text() == "old"
+
+
+def test_a_failed_last_rename_puts_the_old_folder_back(tmp_path, monkeypatch):
+    target = tmp_path / "folder"
+    target.mkdir()
+    (target / "old").write_text("old")
+    rename, calls = os.rename, []
+
+    def second_fails(source, to):
+        calls.append(to)
+        if len(calls) == 2:
+            raise OSError(5, "Input/output error")
+        rename(source, to)
+
+    monkeypatch.setattr(files.os, "rename", second_fails)
+    with pytest.raises(BadFile, match="Input/output"):
+        with files.atomic_folder(target, overwrite=True) as temp:
+            (temp / "new").write_text("new")
+    assert len(calls) == 3
+    assert os.listdir(tmp_path) == ["folder"] and os.listdir(target) == ["old"]
+
+
+def test_a_full_disk_leaves_no_folder_and_no_parents(tmp_path, broken_disk):
+    with pytest.raises(BadFile, match="No space left"):
+        with files.atomic_folder(tmp_path / "a" / "b") as temp:
+            (temp / "x").write_text("x")
+    assert os.listdir(tmp_path) == []
+
+
+def test_an_existing_folder_is_replaced_only_on_demand(tmp_path):
+    target = tmp_path / "folder"
+    target.mkdir()
+    with files.atomic_folder(target) as temp:  # an empty one is as good as none
+        (temp / "marker").write_text("1")
+    with pytest.raises(BadFile, match="exists") as info:
+        with files.atomic_folder(target):
+            raise AssertionError("not reached")
+    one_line(info)
+    with files.atomic_folder(target, overwrite=True, marker="marker") as temp:
+        (temp / "other").write_text("2")
+    assert os.listdir(target) == ["other"]
+    with pytest.raises(BadFile, match="holds no marker"):
+        with files.atomic_folder(target, overwrite=True, marker="marker"):
+            raise AssertionError("not reached")
+    assert os.listdir(target) == ["other"] and os.listdir(tmp_path) == ["folder"]
+
+
+def test_a_folder_does_not_replace_a_file(tmp_path):
+    (tmp_path / "file").write_text("x")
+    for target in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(BadFile) as info:
+            with files.atomic_folder(target, overwrite=True):
+                raise AssertionError("not reached")
+        one_line(info)
+    assert (tmp_path / "file").read_text() == "x"
+
+
+def test_check_writable_leaves_nothing(tmp_path):
+    (tmp_path / "file").write_text("x")
+    assert files.check_writable(tmp_path / "a" / "b") == tmp_path / "a" / "b"
+    files.check_writable(tmp_path)
+    assert os.listdir(tmp_path) == ["file"]
+    for bad in (tmp_path / "file", tmp_path / "file" / "below", "a\0b"):
+        with pytest.raises(BadFile) as info:
+            files.check_writable(bad)
+        one_line(info)
+
+
+def test_check_writable_reports_a_full_disk(tmp_path, broken_disk):
+    with pytest.raises(BadFile, match="No space left"):
+        files.check_writable(tmp_path / "a")
+    assert os.listdir(tmp_path) == []
+
+
+def test_sha256(tmp_path):
+    path = files.write_atomic(tmp_path / "x", b"abc")
+    assert files.sha256(path).startswith("ba7816bf8f01cfea414140de5dae2223")
+    for bad in (tmp_path / "none", tmp_path):
+        with pytest.raises(BadFile):
+            files.sha256(bad)
+
+
+@pytest.mark.parametrize(
+    "content, match",
+    [
+        (b"", "empty"),
+        (b"{", "not JSON"),
+        (b'{"a": NaN}', "NaN is not a number"),
+        (b'{"a": -Infinity}', "Infinity is not a number"),
+        (b'{"a": 1e999}', "too large"),
+        (b'{"a": 1, "b": {"c": 1, "c": 2}}', "'c' is there twice"),
+        (b"[1, 2]", "holds a list"),
+        (b"3", "holds a int"),
+        (b'{"a": "\xff"}', "UTF-8"),
+        (b'{"a": ' + b"[" * 100_000, "not JSON"),
+        (b'{"a": ' + b"9" * 10_000 + b"}", "not JSON"),
+        (b'{"a": "' + b"x" * 2000 + b'"}', "at most 1,000"),
+    ],
+)
+def test_bad_json(tmp_path, content, match):
+    path = tmp_path / "x.json"
+    path.write_bytes(content)
+    limit = 1000 if b"xxx" in content else 10**6
+    with pytest.raises(BadFile, match=match) as info:
+        files.read_json(path, limit=limit)
+    assert str(path) in one_line(info)
+
+
+@pytest.mark.parametrize("name", ["none.json", "folder", "pipe"])
+def test_json_that_is_no_file(tmp_path, name):
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(BadFile) as info:
+        files.read_json(tmp_path / name)
+    one_line(info)
+
+
+numbers = st.integers(-(2**53), 2**53) | st.floats(allow_nan=False, allow_infinity=False)
+values = st.recursive(
+    st.none() | st.booleans() | numbers | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=40)
+@given(st.dictionaries(st.text(), values, max_size=4))
+def test_json_round_trip(content):
+    assert files.parse_json(files.json_text(content, "x"), "x") == content
+
+
+def test_write_json_takes_numpy_and_refuses_the_rest(tmp_path):
+    path = tmp_path / "x.json"
+    files.write_json(path, {"a": np.float32(0.5), "b": np.arange(3), "c": np.int64(2)})
+    assert files.read_json(path) == {"a": 0.5, "b": [0, 1, 2], "c": 2}
+    for bad in (float("nan"), np.float32("inf"), object(), {1, 2}, path, np.array([np.nan])):
+        with pytest.raises(BadFile) as info:
+            files.write_json(path, {"a": bad})
+        one_line(info)
+    assert files.read_json(path)["a"] == 0.5
+
+
+def test_json_may_start_with_a_byte_order_mark(tmp_path):
+    (tmp_path / "x.json").write_bytes(b"\xef\xbb\xbf" + json.dumps({"a": 1}).encode())
+    assert files.read_json(tmp_path / "x.json") == {"a": 1}
+
+
+ESCAPES = [
+    "../x", "a/../../x", "a/../b", "/etc/passwd", "..", "", " ", "C:\\x", "C:/x", "\\\\host\\x",
+    "a\\b", "//host/x", "a\0b", "link/x", "file_link",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("relative", ESCAPES)
+def test_paths_do_not_leave_their_folder(tmp_path, relative):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "link").symlink_to(tmp_path)
+    (folder / "file_link").symlink_to("/etc/passwd")
+    with pytest.raises(BadFile) as info:
+        files.inside(folder, relative)
+    one_line(info)
+
+
+def test_paths_inside_are_allowed(tmp_path):
+    folder = tmp_path / "folder"
+    (folder / "sub").mkdir(parents=True)
+    (folder / "near").symlink_to("sub")
+    (tmp_path / "alias").symlink_to("folder")
+    for relative in ("a.png", "sub/a.png", "near/a.png", "./a..png", "..a/b"):
+        assert files.inside(folder, relative) == folder / relative
+    files.inside(tmp_path / "alias", "sub/a.png")
+
+
+@given(st.text(max_size=30))
+def test_no_name_leaves_the_folder(tmp_path_factory, text):
+    folder = tmp_path_factory.getbasetemp()
+    try:
+        path = files.inside(folder, text)
+    except BadFile as problem:
+        assert "\n" not in str(problem)
+    else:
+        assert path.resolve().is_relative_to(folder.resolve())
+
+
+def test_the_head_of_a_file_can_be_read_alone(tmp_path):
+    path = files.write_atomic(tmp_path / "x", b"abcdef")
+    assert files.read_bytes(path, limit=10, start=3) == b"abc"

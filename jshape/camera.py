@@ -120,7 +120,7 @@ class Camera:
 
 
 def reproject(
-    depth: Float[Array, "H W"], source: Camera, target: Camera, rise: float | Array = 0.0
+    depth: ArrayLike, source: Camera, target: Camera, rise: float | Array = 0.0
 ) -> Float[Array, "h w"]:
     """What `target` would see of a bed that `source` saw, both looking the same way from one axis.
 
@@ -137,6 +137,7 @@ def reproject(
     Returns:
       (h, w) metres of target's size; NaN where `source` did not look.
     """
+    depth = jnp.asarray(depth, jnp.float32)
     x, y = target.rays()
 
     def step(_, z):

@@ -1,0 +1,301 @@
+"""The command line as a user meets it: what is printed, what is written, and every refusal."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, Plan, metric, save_bank
+from jshape.cli import main
+from jshape.store.banks import MANIFEST
+from jshape.store.cameras import write_camera
+
+
+@pytest.fixture
+def folder(tmp_path, bank, molded, monkeypatch):
+    """A folder with two frames, a camera and a bank; the working directory."""
+    now, goal, _ = molded
+    for name, image in (("now", now), ("goal", goal)):
+        depth = np.asarray(PAPER_BOX.depth(metric.unweigh(image, PAPER_BOX)))
+        counts = np.rint(depth / 1e-5).astype(np.uint16)
+        cv2.imwrite(str(tmp_path / f"{name}.png"), counts)
+    write_camera(tmp_path / "camera.json", PAPER_BOX, 1e-5)
+    save_bank(bank, tmp_path / "bank")
+    places = [[91, 92], [239, 197], [387, 302]]
+    (tmp_path / "places.json").write_text(json.dumps({"positions": places}))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+PLAN = ["plan", "now.png", "goal.png", "--bank", "bank", "--positions", "places.json"]
+
+
+def test_plan_prints_the_actions_and_writes_pictures(folder, capsys, molded):
+    assert main([*PLAN, "--out", "out"]) == 0
+    text = capsys.readouterr().out
+    assert text.count("knock") == 2 and text.count("poke") == 1 and "to the goal (mm)" in text
+    found = Plan.from_json(folder / "out" / "plan.json")
+    assert sorted(found.actions) == sorted(name for name, *_ in molded[2])
+    for name in ("plan.png", "actions.png", "steps.png"):
+        picture = cv2.imread(str(folder / "out" / name))
+        assert picture.shape[0] > 200 and picture.std() > 10
+
+
+def test_json_output_is_json_and_nothing_else(folder, capsys):
+    assert main([*PLAN, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert [s["action"] for s in result["steps"]].count("knock") == 2
+    assert result["distances_mm"][-1] < result["distances_mm"][0]
+    assert result["camera_pixels"] == [s["position"] for s in result["steps"]]
+
+
+def test_limits_reach_the_planner(folder, capsys):
+    assert main([*PLAN, "--json", "--max-steps", "1"]) == 0
+    assert json.loads(capsys.readouterr().out)["status"] == "MAX_STEPS"
+    assert main([*PLAN, "--json", "--min-gain-mm", "50"]) == 0
+    assert json.loads(capsys.readouterr().out)["steps"] == []
+
+
+@pytest.mark.parametrize("kind", ["npy", "tiff", "8-bit", "float-tiff"])
+def test_every_kind_of_image(folder, capsys, kind):
+    counts = {n: cv2.imread(f"{n}.png", cv2.IMREAD_UNCHANGED) for n in ("now", "goal")}
+    for name, image in counts.items():
+        metres = image.astype(np.float32) * 1e-5
+        if kind == "npy":
+            np.save(f"{name}.npy", metres)
+        elif kind == "tiff":
+            cv2.imwrite(f"{name}.tiff", image)
+        elif kind == "float-tiff":
+            cv2.imwrite(f"{name}.tiff", metres)
+        else:
+            cv2.imwrite(f"{name}8.png", np.asarray(PAPER_BOX.luminance(metres)).astype(np.uint8))
+    suffix = {"npy": ".npy", "8-bit": "8.png"}.get(kind, ".tiff")
+    options = ["plan", f"now{suffix}", f"goal{suffix}", *PLAN[3:], "--json"]
+    assert main(options) == 0
+    steps = json.loads(capsys.readouterr().out)["steps"]
+    assert sorted(s["action"] for s in steps)[:3] == ["knock", "knock", "poke"]
+
+
+def test_a_goal_as_a_point_cloud(folder, capsys):
+    import trimesh
+
+    counts = cv2.imread("goal.png", cv2.IMREAD_UNCHANGED)
+    level = PAPER_BOX.luminance(counts.astype(np.float32) * 1e-5, quantize=False)
+    cloud = np.asarray(PAPER_BOX.points(level)).reshape(-1, 3)
+    (folder / "goal.ply").write_bytes(trimesh.PointCloud(cloud).export(file_type="ply"))
+    assert main(["plan", "now.png", "goal.ply", *PLAN[3:], "--json"]) == 0
+    steps = json.loads(capsys.readouterr().out)["steps"]
+    assert sorted(s["action"] for s in steps) == ["knock", "knock", "poke"]
+
+
+def test_holes_are_filled_and_counted(folder, capsys):
+    counts = cv2.imread("now.png", cv2.IMREAD_UNCHANGED)
+    counts[100:110, 200:230] = 0
+    cv2.imwrite("now.png", counts)
+    assert main([*PLAN, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["filled"] == [300, 0]
+
+
+def _png(name, array):
+    assert cv2.imwrite(name, array)
+    return name
+
+
+def _bytes(name, content):
+    with open(name, "wb") as file:
+        file.write(content)
+    return name
+
+
+def _npy(name, array):
+    np.save(name, array)
+    return name
+
+
+BOX = (395, 480)
+BAD_IMAGES = {
+    "wrong size": (lambda: _png("x.png", np.full((100, 100), 450, np.uint16)), "100x100"),
+    "wrong type": (lambda: _npy("x.npy", np.full(BOX, 450, np.int64)), "int64"),
+    "RGB": (lambda: _png("x.png", np.zeros((*BOX, 3), np.uint8)), "channel"),
+    "empty": (lambda: _bytes("x.png", b""), "empty"),
+    "not an image": (lambda: _bytes("x.png", b"hello"), "x.png"),
+    "truncated": (lambda: _bytes("x.png", Path("now.png").read_bytes()[:2000]), "x.png"),
+    "all zero": (lambda: _png("x.png", np.zeros(BOX, np.uint16)), "no pixel has a reading"),
+    "all NaN": (lambda: _npy("x.npy", np.full(BOX, np.nan)), "no pixel has a reading"),
+    "too many NaN": (
+        lambda: _npy("x.npy", np.where(np.arange(480) < 240, np.nan, 0.45) * np.ones(BOX)),
+        "50.0 %",
+    ),
+    "out of range": (lambda: _png("x.png", np.full(BOX, 60000, np.uint16)), "0.42 to 0.47"),
+    "pickle": (lambda: _npy("x.npy", np.array([{"a": 1}], object)), "x.npy"),
+    "missing file": (lambda: "no-such-file.png", "no-such-file.png"),
+    "folder": (lambda: "bank", "bank"),
+}
+
+
+def refused(arguments, capsys, words):
+    """Exit code 2, one line that says the words, nothing on stdout."""
+    try:
+        code = main(arguments)
+    except SystemExit as exit_:
+        code = exit_.code
+    out, err = capsys.readouterr()
+    assert code == 2 and out == ""
+    assert err.count("\n") == 1 and err.startswith("jshape") and "error: " in err
+    assert words in err
+
+
+@pytest.mark.parametrize("case", BAD_IMAGES)
+@pytest.mark.parametrize("place", [1, 2])
+def test_bad_images_are_refused_and_nothing_is_written(folder, capsys, case, place):
+    make, words = BAD_IMAGES[case]
+    arguments = [*PLAN, "--out", "out", "--camera", "camera.json"]
+    arguments[place] = make()
+    refused(arguments, capsys, words)
+    assert not (folder / "out").exists()
+    assert not [p for p in folder.iterdir() if p.name.startswith(".")]
+
+
+def _edit_json(path, **changes):
+    content = json.loads(path.read_text())
+    for key, value in changes.items():
+        if value is None:
+            del content[key]
+        else:
+            content[key] = value
+    path.write_text(json.dumps(content))
+
+
+def _break_checksum(folder):
+    path = folder / "bank" / "effects.npz"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(bytes(content))
+
+
+def _file_at(path):
+    path.write_text("in the way")
+
+
+BAD_SETTINGS = {
+    "camera without fx": (lambda f: _edit_json(f / "camera.json", fx=None), [], "fx"),
+    "camera with negative fy": (lambda f: _edit_json(f / "camera.json", fy=-433.0), [], "fy"),
+    "camera with text": (lambda f: _edit_json(f / "camera.json", u0="left"), [], "u0"),
+    "camera of no JSON": (lambda f: (f / "camera.json").write_text("{"), [], "camera.json"),
+    "no such camera": (None, ["--camera", "no-camera"], "no-camera"),
+    "bank for another camera": (
+        lambda f: _edit_json(f / "camera.json", fx=500.0), [], "bank is for another camera: fx 500",
+    ),
+    "wrong checksum": (_break_checksum, [], "effects.npz"),
+    "bank without manifest": (lambda f: (f / "bank" / MANIFEST).unlink(), [], "manifest.json"),
+    "no such bank": (None, ["--bank", "no-bank"], "no-bank"),
+    "ROI outside": (
+        lambda f: (f / "places.json").write_text('{"positions": [[5, 5]]}'), [], "knock at (5, 5)",
+    ),
+    "positions of no sense": (None, ["--positions", "many"], "COLUMNSxROWS"),
+    "no such planner": (None, ["--planner", "magic"], "magic"),
+    "out is a file": (lambda f: _file_at(f / "out"), [], "out"),
+    "out below a file": (lambda f: _file_at(f / "file"), ["--out", "file/out"], "file"),
+    "negative steps": (None, ["--max-steps", "-1"], "-1"),
+    "no number": (None, ["--min-gain-mm", "much"], "much"),
+    "unknown option": (None, ["--fast"], "--fast"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_SETTINGS)
+def test_bad_settings_are_refused_and_nothing_is_written(folder, capsys, case):
+    spoil, options, words = BAD_SETTINGS[case]
+    if spoil is not None:
+        spoil(folder)
+    before = sorted(folder.rglob("*"))
+    refused([*PLAN, "--out", "out", *options], capsys, words)
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_what_is_there_is_not_overwritten_unless_asked(folder, capsys):
+    assert main([*PLAN, "--out", "out"]) == 0
+    capsys.readouterr()
+    stamp = (folder / "out" / "plan.json").stat().st_mtime_ns
+    refused([*PLAN, "--out", "out"], capsys, "exists")
+    assert (folder / "out" / "plan.json").stat().st_mtime_ns == stamp
+    assert main([*PLAN, "--out", "out", "--overwrite"]) == 0
+    shutil.copytree("out", "precious")
+    (folder / "precious" / "plan.json").unlink()
+    capsys.readouterr()
+    refused([*PLAN, "--out", "precious", "--overwrite"], capsys, "precious")
+
+
+def test_another_camera_with_reproject(folder, capsys):
+    """A 640x480 camera at 0.55 m sees the same two beds; places come back in its own pixels."""
+    from jshape import Camera
+    from jshape.camera import reproject
+
+    other = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, 0.3, 1.0)
+    for name in ("now", "goal"):
+        depth = cv2.imread(f"{name}.png", cv2.IMREAD_UNCHANGED).astype(np.float32) * 1e-5
+        seen = np.asarray(reproject(depth, PAPER_BOX, other, 0.1))
+        seen = np.where(np.isfinite(seen), seen, 0.56)  # beyond the box: a table
+        cv2.imwrite(f"{name}.png", np.rint(seen / 1e-5).astype(np.uint16))
+    write_camera(folder / "camera.json", other, 1e-5)
+    refused(PLAN, capsys, "--reproject")
+    assert main([*PLAN, "--reproject", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert sorted(s["action"] for s in result["steps"])[-3:] == ["knock", "knock", "poke"]
+    poke = [s["action"] for s in result["steps"]].index("poke")
+    # The poke at (239, 197) of the box is a pixel left of the axis: (320 - 1, 240) of this camera.
+    assert np.abs(np.subtract(result["camera_pixels"][poke], [319, 240])).max() <= 1
+
+
+def test_from_simulated_pairs_to_a_plan(tmp_path, capsys, monkeypatch):
+    """The whole way: simulate, look, evaluate, train, plan; on two actions to be quick."""
+    monkeypatch.chdir(tmp_path)
+    simulate = ["dataset", "simulate", "pairs", "--pairs", "4", "--actions", "knock", "poke"]
+    assert main([*simulate, "--frames", "2", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["pairs"] == 8
+    assert main(["dataset", "info", "pairs"]) == 0
+    text = capsys.readouterr().out
+    assert "knock" in text and "112x104" in text
+    assert main(["evaluate", "pairs", "--json", "--out", "scores"]) == 0
+    scores = {s["action"]: s for s in json.loads(capsys.readouterr().out)["scores"]}
+    assert scores["knock"]["mean_mm"] < 0.5 * scores["knock"]["change_mm"]
+    assert (tmp_path / "scores" / "scores.csv").read_text().startswith("action,agent,count")
+    assert main(["train", "pairs", "--out", "bank", "--json"]) == 0
+    assert main(["evaluate", "pairs", "--bank", "bank", "--json"]) == 0
+    capsys.readouterr()
+    rows = (tmp_path / "pairs" / "pairs.csv").read_text().splitlines()
+    first = dict(zip(rows[0].split(","), rows[1].split(","), strict=True))
+    place = {"positions": [[int(first["u"]), int(first["v"])]]}
+    (tmp_path / "place.json").write_text(json.dumps(place))
+    frames = [f"pairs/{first[k]}" for k in ("prior", "posterior")]
+    options = ["--camera", "pairs/camera.json", "--positions", "place.json", "--clip", "shift"]
+    assert main(["plan", *frames, "--bank", "bank", *options, "--json"]) == 0
+    steps = json.loads(capsys.readouterr().out)["steps"]
+    assert steps[0]["action"] == first["action"]
+    refused([*simulate[:3], "--actions", "tap"], capsys, "exists")
+    refused(["dataset", "simulate", "new", "--actions", "tap"], capsys, "'tap'; allowed: grasp")
+    refused(["train", "pairs", "--out", "new", "--kind", "Z"], capsys, "'Z'; allowed: D")
+    assert not (tmp_path / "new").exists()
+
+
+def test_commands_as_processes(folder):
+    """A real process: exit codes, one line on stderr, no traceback, help that is quick to read."""
+
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, "-m", "jshape", *arguments], capture_output=True, text=True
+        )
+
+    for arguments in (["--help"], ["plan", "--help"], ["dataset", "simulate", "--help"]):
+        done = run(*arguments)
+        assert done.returncode == 0 and "usage: jshape" in done.stdout
+    assert run("--version").stdout.strip().count(".") == 2
+    assert run().returncode == 2 and run("dataset").returncode == 2
+    done = run("plan", "now.png", "no.png", "--bank", "bank")
+    assert (done.returncode, done.stdout) == (2, "") and done.stderr.count("\n") == 1
+    done = run(*PLAN, "--json")
+    assert done.returncode == 0 and done.stderr == "" and json.loads(done.stdout)

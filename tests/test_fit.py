@@ -1,0 +1,117 @@
+"""f_D: fitting and measuring, against plain NumPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, Pairs, fit, metric
+from jshape.errors import BadDataset, JShapeError, UnknownName
+from jshape.learn.evaluate import cross_validate, evaluate, roi_errors_mm
+
+UNIT = 1e-5
+
+
+@pytest.fixture
+def pairs(rng):
+    """Two actions, two agents: a level bed gets a square pit whose depth varies by pair."""
+    count, (h, w) = 12, PAPER_BOX.shape
+    prior = np.full((count, h, w), round(0.44 / UNIT), np.uint16)
+    posterior = prior.copy()
+    centre = np.stack([rng.integers(60, 420, count), rng.integers(60, 330, count)], -1)
+    depth = rng.integers(400, 600, count)
+    for k, (u, v) in enumerate(centre):
+        posterior[k, v - 10 : v + 10, u - 10 : u + 10] += depth[k].astype(np.uint16)
+    action = np.array(["knock", "poke"] * 6)
+    size = np.where(action[:, None] == "knock", [[40, 30]], [[24, 26]])
+    return Pairs(
+        camera=PAPER_BOX, depth_unit=UNIT, prior=prior, posterior=posterior, action=action,
+        agent=np.array(["robot"] * 6 + ["human"] * 6), material=np.array(["flour"] * count),
+        centre=centre, size=size, id=np.array([f"p{k}" for k in range(count)]),
+    )  # fmt: skip
+
+
+def images(pairs):
+    """Weighed images by the definition, float64."""
+    weight = np.asarray(metric.r_matrix(PAPER_BOX), np.float64)
+    for name in ("prior", "posterior"):
+        depth = getattr(pairs, name) * UNIT
+        level = 255 * (0.47 - depth) / 0.05
+        yield np.where(getattr(pairs, name) > 0, np.clip(level, 0, 255), np.nan) * weight
+
+
+def test_the_effect_is_the_mean_difference(pairs):
+    bank = fit(pairs)
+    assert bank.actions == ("knock", "poke") and bank.kind == "D"
+    assert bank.rois == {"knock": (40, 30), "poke": (24, 26)}
+    prior, posterior = images(pairs)
+    for name in bank.actions:
+        w, h = bank.roi(name)
+        changes = [
+            (posterior[k] - prior[k])[v - h // 2 : v - h // 2 + h, u - w // 2 : u - w // 2 + w]
+            for k, (u, v) in enumerate(pairs.centre)
+            if pairs.action[k] == name
+        ]
+        np.testing.assert_allclose(bank.predictor(name).delta, np.mean(changes, 0), atol=1e-6)
+
+
+def test_missing_pixels_are_left_out_of_the_mean(pairs):
+    whole = fit(pairs)
+    u, v = pairs.centre[0]
+    holed = replace(pairs, prior=pairs.prior.copy())
+    holed.prior[0, v, u] = 0
+    delta = np.asarray(fit(holed).predictor("knock").delta)
+    same = np.ones(delta.shape, bool)
+    same[15, 20] = False
+    np.testing.assert_array_equal(delta[same], np.asarray(whole.predictor("knock").delta)[same])
+    prior, posterior = images(pairs)
+    others = [k for k in range(2, 12, 2)]
+    change = [posterior[k][tuple(pairs.centre[k][::-1])] - prior[k][tuple(pairs.centre[k][::-1])]
+              for k in others]  # fmt: skip
+    np.testing.assert_allclose(delta[15, 20], np.mean(change), atol=1e-6)
+    blind = replace(pairs, prior=np.zeros_like(pairs.prior))
+    with pytest.raises(BadDataset, match="knock: 1200 of 1200 ROI pixels have no depth reading"):
+        fit(blind)
+
+
+def test_errors_are_the_mean_distance_of_matched_points(pairs):
+    bank = fit(pairs)
+    error, change = roi_errors_mm(bank, pairs, "poke")
+    prior, posterior = images(pairs)
+    r_max = float(metric.ray_lengths(PAPER_BOX).max())
+    delta = np.asarray(bank.predictor("poke").delta)
+    for n, k in enumerate(np.flatnonzero(pairs.action == "poke")):
+        u, v = pairs.centre[k]
+        window = np.s_[v - 13 : v + 13, u - 12 : u + 12]
+        gap = np.abs(np.clip(prior[k][window] + delta, 0, 1) - posterior[k][window])
+        np.testing.assert_allclose(error[n], gap.mean() * r_max * 50, rtol=1e-3)
+        moved = np.abs(posterior[k][window] - prior[k][window])
+        np.testing.assert_allclose(change[n], moved.mean() * r_max * 50, rtol=1e-3)
+
+
+def test_evaluation_lists_every_action_and_agent(pairs):
+    scores = evaluate(fit(pairs), pairs)
+    assert [(s.action, s.agent, s.count) for s in scores] == [
+        (a, g, 3) for a in ("knock", "poke") for g in ("robot", "human")
+    ]
+    folds = cross_validate(pairs, partitions=3)
+    assert all(s.count == 3 and 0 < s.mean_mm < s.change_mm for s in folds)
+    assert cross_validate(pairs, seed=1) == cross_validate(pairs, seed=1)
+    assert cross_validate(pairs, seed=1) != cross_validate(pairs, seed=2)
+
+
+def test_what_cannot_be_fitted_or_tested_is_refused(pairs):
+    with pytest.raises(UnknownName, match="'Q'; allowed: D"):
+        fit(pairs, "Q")
+    with pytest.raises(BadDataset, match="no pairs"):
+        fit(pairs.select(np.zeros(len(pairs), bool)))
+    with pytest.raises(BadDataset, match="1 pair.* cannot be split"):
+        cross_validate(pairs.select(np.array([0, 1])))
+    other = replace(pairs, camera=replace(PAPER_BOX, fx=500.0))
+    with pytest.raises(JShapeError, match="fx is 433, the data set's 500"):
+        evaluate(fit(pairs), other)
+    moved = replace(pairs, centre=np.full_like(pairs.centre, 3))
+    with pytest.raises(BadDataset, match="pair p0: the 40x30 ROI of knock"):
+        fit(moved)
+    with pytest.raises(UnknownName, match="'tap'; allowed: knock, poke"):
+        pairs.of(action="tap")

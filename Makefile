@@ -31,7 +31,7 @@ demo: $(READY)
 	$(BIN)/jshape demo --out runs/demo --overwrite
 
 test: $(READY)
-	$(BIN)/python -m pytest -m 'not slow'
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 -m 'not slow'
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow

@@ -16,9 +16,7 @@ def run(report: Report) -> None:
             lambda a=action: sim.apply_action(key, bed, sim.FLOUR, (a, "robot"), xy).height
         )
         report.add(f"simulate one {action}", 1e3 * time, "ms")
-    report.add(
-        "render 480x395", 1e3 * seconds(lambda: sim.render(bed, PAPER_BOX)), "ms"
-    )
+    report.add("render 480x395", 1e3 * seconds(lambda: sim.render(bed, PAPER_BOX)), "ms")
     stroke = sim.stroke("knock", "robot")
     keys = jax.random.split(key, 16)
     beds = jax.vmap(lambda k: sim.irregular_bed(k, 0.008))(keys)

@@ -51,8 +51,8 @@ def build_parser() -> Parser:
     plan.add_argument("--depth-unit", type=_positive, help="metres per count of 16-bit images")
     plan.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
     plan.add_argument("--planner", default="greedy", help="which search (default: greedy)")
-    plan.add_argument("--positions", default=None, metavar="CxR|FILE", help="grid of places, "
-                      "columns x rows (default: 5x3), or a JSON file with positions [[u, v], ...]")  # fmt: skip
+    plan.add_argument("--positions", default=None, metavar="CxR|FILE", help="grid, "
+                      "columns x rows (default: 5x3), or JSON: {positions: [[u, v], ...]}")  # fmt: skip
     plan.add_argument("--clip", default="refuse", choices=("refuse", "shift", "drop"),
                       help="what to do with a place whose ROI leaves the image")  # fmt: skip
     plan.add_argument("--max-steps", type=_count, default=16, help="most actions (default: 16)")

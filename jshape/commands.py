@@ -206,9 +206,7 @@ def evaluate(options: Options) -> dict[str, Any]:
             lines = [",".join(evaluation.Score._fields)]
             lines += [",".join(str(x) for x in score) for score in scores]
             files.write_atomic(folder / "scores.csv", "\n".join(lines) + "\n")
-            files.write_atomic(
-                folder / "scores.png", pictures.png(pictures.scores_figure(scores))
-            )
+            files.write_atomic(folder / "scores.png", pictures.png(pictures.scores_figure(scores)))
     if not options.json:
         print(how)
         _print_table(
@@ -247,8 +245,7 @@ def _positions(text: str | None, bank: Bank) -> np.ndarray | None:
         return None
     size = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", text)
     if size:
-        margin = np.array(list(bank.rois.values())).max(0)
-        return grid(bank.camera, int(size[1]), int(size[2]), margin=(margin[0], margin[1]))
+        return grid(bank.camera, int(size[1]), int(size[2]), margin=bank.largest_roi)
     content = files.read_json(text) if Path(text).suffix == ".json" else None
     if content is None:
         raise BadPosition(f"positions {text!r}: expected COLUMNSxROWS or a .json file")
@@ -261,9 +258,7 @@ def _positions(text: str | None, bank: Bank) -> np.ndarray | None:
 def _draw_plan(folder: Path, found: Plan, goal: np.ndarray) -> None:
     from jshape.viz import pictures
 
-    files.write_atomic(
-        folder / "plan.png", pictures.png(pictures.plan_figure(found, goal))
-    )
+    files.write_atomic(folder / "plan.png", pictures.png(pictures.plan_figure(found, goal)))
     files.write_atomic(folder / "actions.png", pictures.png(pictures.overlay_figure(found)))
     names = ["now", *(f"{k + 1} {name}" for k, name in enumerate(found.actions)), "goal"]
     strip = pictures.strip_figure([*found.images, goal], names, found.camera)
@@ -298,4 +293,3 @@ def _print_table(head: tuple[str, ...], rows: Iterable[tuple[Any, ...]]) -> None
 def _progress(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
     """A progress bar on stderr; none when that is not a terminal."""
     return tqdm(items, total=total, desc=what, disable=not sys.stderr.isatty(), leave=False)
-

@@ -7,7 +7,8 @@ every other function takes such I.  Distances are unitless in [0, 1] unless the 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.linalg import blas
+from jax.core import Tracer
+from scipy.linalg.blas import sasum  # pyright: ignore[reportAttributeAccessIssue]
 
 from jshape._typing import Array, ArrayLike, Float
 from jshape.camera import Camera
@@ -84,7 +85,7 @@ def distance(a: ArrayLike, b: ArrayLike) -> Float[Array, "*B"] | np.float32:
 
 
 def _traced(x) -> bool:
-    return isinstance(x, jax.core.Tracer)
+    return isinstance(x, Tracer)
 
 
 def _distance_on_host(a: np.ndarray, b: np.ndarray) -> float:
@@ -96,7 +97,7 @@ def _distance_on_host(a: np.ndarray, b: np.ndarray) -> float:
         block = flat_a[start : start + _HOST_BLOCK]
         change = buffer[: block.size]
         np.subtract(block, flat_b[start : start + _HOST_BLOCK], out=change)
-        total += float(blas.sasum(change))
+        total += float(sasum(change))
     return total / flat_a.size
 
 

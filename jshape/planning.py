@@ -296,8 +296,7 @@ def placed_positions(
     """
     rois = bank.rois
     if positions is None:
-        margin = tuple(int(m) for m in np.array(list(rois.values())).max(0))
-        per_action = dict.fromkeys(bank.actions, places.grid(bank.camera, margin=margin))
+        per_action = dict.fromkeys(bank.actions, places.grid(bank.camera, margin=bank.largest_roi))
     elif isinstance(positions, Mapping):
         unknown = [name for name in positions if name not in bank.actions]
         if unknown:

@@ -60,9 +60,7 @@ class View:
         return np.rint(np.stack(both, -1)).astype(int)
 
 
-def view_of(
-    source: Camera, target: Camera, first: np.ndarray, *, reproject: bool = False
-) -> View:
+def view_of(source: Camera, target: Camera, first: np.ndarray, *, reproject: bool = False) -> View:
     """The view from `source` frames to `target` frames.
 
     Args:

@@ -50,8 +50,7 @@ def search(
     count, pixels = len(candidates), image.size
     first, sizes, number = _rectangles(bank, candidates)
     number = jnp.asarray(number, jnp.int32)
-    h_max = max((bank.roi(name)[1] for name in bank.actions), default=1)
-    w_max = max((bank.roi(name)[0] for name in bank.actions), default=1)
+    w_max, h_max = bank.largest_roi
     total = jnp.abs(image - goal).sum(0).sum()
 
     def look(state: _State) -> _State:
@@ -123,4 +122,3 @@ def search(
         return replace(empty, status=status.astype(jnp.int32))
     end = lax.while_loop(lambda s: s.found.status < 0, lambda s: look(act(s)), look(start))
     return end.found
-

@@ -58,6 +58,12 @@ class Bank:
         """ROI size (w, h) of every action, pixels."""
         return {name: self.roi(name) for name in self.actions}
 
+    @property
+    def largest_roi(self) -> tuple[int, int]:
+        """The largest (w, h) over the actions, pixels; (1, 1) if there are none."""
+        w, h = (max((roi[k] for roi in self.rois.values()), default=1) for k in (0, 1))
+        return w, h
+
     def predict(self, name: str, roi: ArrayLike) -> Float[Array, "*B h w"]:
         """ROIs of I after an action, clipped to [0, 1]; batch axes allowed.  Eq. lastMapping.
 

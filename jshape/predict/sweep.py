@@ -116,7 +116,5 @@ def sweep(
 ) -> Float[Array, "M"]:
     """Change of d = mean |I - I*| by every candidate: negative where it brings I nearer to I*."""
     total = len(candidates)
-    changes = refresh(
-        bank, image, goal, candidates, jnp.zeros(total), jnp.ones(total, dtype=bool)
-    )
+    changes = refresh(bank, image, goal, candidates, jnp.zeros(total), jnp.ones(total, dtype=bool))
     return changes / image.size

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from jshape import metric
 from jshape._typing import ArrayLike
@@ -155,15 +156,15 @@ def draw_actions(ax: Axes, plan: Plan) -> None:
         )  # fmt: skip
 
 
-def draw_curve(
-    ax: Axes, predicted_mm: ArrayLike, obtained_mm: ArrayLike | None = None
-) -> None:
+def draw_curve(ax: Axes, predicted_mm: ArrayLike, obtained_mm: ArrayLike | None = None) -> None:
     """Distance to the goal over the actions."""
     ax.plot(range(np.size(predicted_mm)), predicted_mm, "o--", color="tab:blue", label="predicted")
     if obtained_mm is not None:
         ax.plot(range(np.size(obtained_mm)), obtained_mm, "s-", color="tab:red", label="obtained")
-    ax.set(xlabel="actions applied", ylabel="distance to the goal (mm)", ylim=(0, None))
-    ax.xaxis.get_major_locator().set_params(integer=True)
+    largest = max(float(np.max(y)) for y in (predicted_mm, obtained_mm) if y is not None)
+    top = max(1.1 * largest, 1e-3)  # not 0, where goal and start are equal
+    ax.set(xlabel="actions applied", ylabel="distance to the goal (mm)", ylim=(0, top))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(alpha=0.3)
     ax.legend()
 

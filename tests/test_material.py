@@ -1,0 +1,91 @@
+"""Beds that the project did not make: an independent simulation, real sand, raw camera frames.
+
+Everything here skips where the shared data are absent.
+"""
+
+import json
+
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, fit, load_pairs, plan_depth
+from jshape.cli import main
+from jshape.data.relief import depth_of_relief
+from jshape.learn.evaluate import cross_validate
+from jshape.store.images import read_depth
+
+SEQUENCES = {
+    "dev1_flour_flat": "flat_flour_robot",
+    "dev2_sand_irregular": "irregular_sand_human",
+    "dev3_sand_irregular": "irregular_sand_human",
+    "dev4_flour_irregular": "irregular_flour_robot",
+}
+
+
+@pytest.mark.parametrize("noise", ["", "_noisy"])
+@pytest.mark.parametrize("name", SEQUENCES)
+def test_the_applied_actions_are_found(shared_data, name, noise):
+    """Type and place of every applied action, from the first and the last frame alone."""
+    folder = shared_data / "mpm" / f"seqs{noise}" / name
+    sequence = json.loads((folder / "sequence.json").read_text())
+    bank = fit(load_pairs(shared_data / "mpm" / f"pairs{noise}" / SEQUENCES[name]))
+    first, last = (
+        read_depth(folder / f"{k}.png", depth_unit=1e-4) for k in (0, len(sequence["applied"]))
+    )
+    found = plan_depth(first, last, bank=bank, positions=sequence["positions"], clip="drop")
+    applied = {(a["action"], *a["position"]) for a in sequence["applied"]}
+    planned = list(zip(found.actions, *found.positions.T.tolist(), strict=True))
+    assert applied <= set(planned)
+    assert (np.diff(found.distances) < 0).all()
+    # What is planned besides is small change: a poke more where one went deeper than usual.
+    extra = [k for k, step in enumerate(planned) if step not in applied]
+    gains = -np.diff(found.distances_mm)
+    assert len(extra) <= 2 and all(gains[k] < 0.05 for k in extra)
+
+
+def test_errors_of_the_mean_difference_are_those_known(shared_data):
+    """The data's own README: leave-one-out f_D errors of 0.8-1.3 mm (flat), 1.3-3.1 (irregular)."""
+    flat = cross_validate(load_pairs(shared_data / "mpm" / "pairs" / "flat_flour_robot"))
+    rough = cross_validate(load_pairs(shared_data / "mpm" / "pairs" / "irregular_flour_robot"))
+    assert 0.5 < np.mean([s.mean_mm for s in flat]) < 1.4
+    assert 1.2 < np.mean([s.mean_mm for s in rough]) < 3.1
+
+
+def test_real_sand_gets_a_plan_that_helps(shared_data):
+    """A real sandbox before and after reshaping by hand, shrunk into the paper's box."""
+    before, after = (
+        np.load(shared_data / "real" / "sand" / f"{k}.npz", allow_pickle=False)["arr_0"]
+        for k in (1, 2)
+    )
+    depths = [depth_of_relief(r, PAPER_BOX, scale=0.2e-3, middle=0.447) for r in (before, after)]
+    found = plan_depth(*depths)
+    assert len(found) > 0 and found.distances[-1] < found.distances[0]
+
+
+def test_a_raw_frame_with_holes_is_refused_in_words(shared_data, tmp_path, capsys):
+    """A Kinect's and a RealSense's raw frames, as a newcomer would try them."""
+    folder = shared_data / "real"
+    kinect = folder / "sand" / "kinect_v2_raw.npy"
+    bin_ = folder / "realsense_sr300"
+    intrinsics = np.loadtxt(bin_ / "camera-0.intrinsics.txt")
+    camera = dict(
+        width=640, height=480, fx=intrinsics[0, 0], fy=intrinsics[1, 1], u0=intrinsics[0, 2],
+        v0=intrinsics[1, 2], z_min=0.2, z_max=1.5, depth_unit=1e-4,
+    )  # fmt: skip
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps(camera))
+    frames = [str(bin_ / f"{name}-0.depth.png") for name in ("background", "input")]
+    for arguments, words in [
+        ([str(kinect), str(kinect)], "(424, 512)"),
+        (frames, "(480, 640)"),
+        ([*frames, "--camera", str(path)], "--reproject"),
+        ([*frames, "--camera", str(path), "--reproject"], "no depth reading"),
+    ]:
+        assert main(["plan", *arguments]) == 2
+        out, err = capsys.readouterr()
+        assert words in err and err.count("\n") == 1 and not out
+    # With leave to fill it, the bin is planned on.
+    allowed = ["--camera", str(path), "--reproject", "--max-missing", "0.9"]
+    code = main(["plan", *frames, *allowed])
+    out, err = capsys.readouterr()
+    assert (code == 0 and "to the goal" in out) or (code == 2 and err.count("\n") == 1)

@@ -26,9 +26,11 @@ def build_parser() -> Parser:
     commands_ = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
 
     demo = _command(
-        commands_, "demo", commands.demo,
+        commands_,
+        "demo",
+        commands.demo,
         "simulate a bed and a goal, plan, act in closed loop, write pictures and a report",
-    )  # fmt: skip
+    )
     demo.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder for the run")
     demo.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
     demo.add_argument("--seed", type=int, default=0, help="another bed and goal")
@@ -39,27 +41,50 @@ def build_parser() -> Parser:
     demo.add_argument("--open-loop", action="store_true", help="plan once, then act blindly")
 
     plan = _command(
-        commands_, "plan", commands.plan,
+        commands_,
+        "plan",
+        commands.plan,
         "which actions mold the bed of INITIAL into DESIRED, where and in which order",
-    )  # fmt: skip
+    )
     plan.add_argument("initial", type=Path, help="depth image now: 16-bit PNG, TIFF, NPY, EXR")
     plan.add_argument("desired", type=Path, help="the same wanted, or a point cloud (PLY, PCD)")
-    plan.add_argument("--camera", help="camera.json or a preset (default: camera.json beside "
-                      "INITIAL, else the bank's camera)")  # fmt: skip
-    plan.add_argument("--reproject", action="store_true", help="see the frames of another camera, "
-                      "or from another distance, as the bank's camera would")  # fmt: skip
+    plan.add_argument(
+        "--camera",
+        help="camera.json or a preset (default: camera.json beside INITIAL, else the bank's)",
+    )
+    plan.add_argument(
+        "--reproject",
+        action="store_true",
+        help="see the frames of another camera or height as the bank's camera would",
+    )
     plan.add_argument("--depth-unit", type=_positive, help="metres per count of 16-bit images")
     plan.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
     plan.add_argument("--planner", default="greedy", help="which search (default: greedy)")
-    plan.add_argument("--positions", default=None, metavar="CxR|FILE", help="grid, "
-                      "columns x rows (default: 5x3), or JSON: {positions: [[u, v], ...]}")  # fmt: skip
-    plan.add_argument("--clip", default="refuse", choices=("refuse", "shift", "drop"),
-                      help="what to do with a place whose ROI leaves the image")  # fmt: skip
+    plan.add_argument(
+        "--positions",
+        default=None,
+        metavar="CxR|FILE",
+        help="a grid, columns x rows (default: 5x3), or a JSON file with positions",
+    )
+    plan.add_argument(
+        "--clip",
+        default="refuse",
+        choices=("refuse", "shift", "drop"),
+        help="what to do with a place whose ROI leaves the image",
+    )
     plan.add_argument("--max-steps", type=_count, default=16, help="most actions (default: 16)")
-    plan.add_argument("--min-gain-mm", type=_nonnegative, default=0.0,
-                      help="an action must help by more than this")  # fmt: skip
-    plan.add_argument("--max-missing", type=_share, default=0.1,
-                      help="largest share of pixels without depth to fill (0.1)")  # fmt: skip
+    plan.add_argument(
+        "--min-gain-mm",
+        type=_nonnegative,
+        default=0.0,
+        help="an action must help by more than this",
+    )
+    plan.add_argument(
+        "--max-missing",
+        type=_share,
+        default=0.1,
+        help="largest share of pixels without depth to fill (0.1)",
+    )
     plan.add_argument("--out", type=Path, help="folder for plan.json and pictures")
 
     dataset = commands_.add_parser("dataset", help="make and inspect data sets")
@@ -67,8 +92,9 @@ def build_parser() -> Parser:
     datasets = dataset.add_subparsers(dest="subcommand", metavar="WHAT", parser_class=Parser)
     simulate = _command(datasets, "simulate", commands.simulate, "simulated pairs of frames")
     simulate.add_argument("out", type=Path, help="folder of the new data set")
-    simulate.add_argument("--pairs", type=_positive_count, default=25,
-                          help="per action and agent (default: 25)")  # fmt: skip
+    simulate.add_argument(
+        "--pairs", type=_positive_count, default=25, help="per action and agent (default: 25)"
+    )
     simulate.add_argument("--actions", nargs="+", default=None, help="default: all five")
     simulate.add_argument("--agents", nargs="+", default=["robot"], help="robot, human")
     simulate.add_argument("--material", default="flour", help="flour, sand or dough")
@@ -85,9 +111,11 @@ def build_parser() -> Parser:
     train.add_argument("--licence", default="", help="licence of the bank, for its manifest")
 
     evaluate = _command(
-        commands_, "evaluate", commands.evaluate,
+        commands_,
+        "evaluate",
+        commands.evaluate,
         "prediction errors in mm: of a bank, or over random partitions of the data set",
-    )  # fmt: skip
+    )
     evaluate.add_argument("dataset", type=Path)
     evaluate.add_argument("--bank", default=None, help="test this bank on the whole data set")
     evaluate.add_argument("--kind", default="D", help="kind to fit to each partition")

@@ -1,0 +1,54 @@
+"""A simulated bed of soft material, hands that press it, and a depth camera that looks at it.
+
+`apply_action(key, bed, FLOUR, ("knock", "robot"), xy)` gives the bed after, and
+`render(bed, PAPER_BOX)` its depth image.  Pure JAX: jitted, batched with `jax.vmap`; no disk, no
+clock.
+"""
+
+from jshape.sim.act import apply_action, relax
+from jshape.sim.bed import (
+    CELL,
+    DEPTH,
+    SIZE,
+    Bed,
+    curved_bed,
+    flat_bed,
+    irregular_bed,
+    loose_bed,
+    mass,
+    volume,
+)
+from jshape.sim.material import DOUGH, FLOUR, KINETIC_SAND, MATERIALS, Material
+from jshape.sim.tools import ACTIONS, AGENTS, Stroke, scaled, stroke
+from jshape.sim.view import SURFACE, Z_FLOOR, position_to_xy, render, sensor, to_uint16
+
+__all__ = [
+    "ACTIONS",
+    "AGENTS",
+    "CELL",
+    "DEPTH",
+    "DOUGH",
+    "FLOUR",
+    "KINETIC_SAND",
+    "MATERIALS",
+    "SIZE",
+    "SURFACE",
+    "Z_FLOOR",
+    "Bed",
+    "Material",
+    "Stroke",
+    "apply_action",
+    "curved_bed",
+    "flat_bed",
+    "irregular_bed",
+    "loose_bed",
+    "mass",
+    "position_to_xy",
+    "relax",
+    "render",
+    "scaled",
+    "sensor",
+    "stroke",
+    "to_uint16",
+    "volume",
+]

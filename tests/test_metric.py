@@ -1,6 +1,7 @@
 """Laws of the paper's distance, and its value computed another way."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -40,14 +41,23 @@ def test_distance_is_a_metric(batch, rng):
 
 
 @settings(max_examples=30, deadline=None)
-@given(seed=st.integers(0, 2**31), h=st.integers(1, 70), w=st.integers(1, 600))
+@given(seed=st.integers(0, 2**31), h=st.integers(1, 300), w=st.integers(1, 600))
 def test_all_routes_of_distance_equal_the_loop(seed, h, w):
+    """NumPy and JAX arrays, one pair and batches, small and large images, eager and jitted."""
     a, b = np.random.default_rng(seed).random((2, h, w), np.float32)
     truth = twin.distance(a, b)
     np.testing.assert_allclose(distance(a, b), truth, rtol=2e-6)
-    np.testing.assert_allclose(distance(a[None], b)[0], truth, rtol=2e-6)
-    np.testing.assert_allclose(jax.jit(distance)(a, b), truth, rtol=2e-6)
+    np.testing.assert_allclose(distance(jnp.asarray(a), jnp.asarray(b)), truth, rtol=2e-6)
+    np.testing.assert_allclose(distance(a[None], b), [truth], rtol=2e-6)
     np.testing.assert_allclose(distance(a[::-1].T, b[::-1].T), truth, rtol=2e-6)
+
+
+def test_the_compiled_distance_equals_the_one_in_memory(rng):
+    a, b = rng.random((2, 3, 1, 395, 480), np.float32)
+    in_memory = distance(a, b[:, 0])
+    assert isinstance(in_memory, np.ndarray) and in_memory.shape == (3, 3)
+    np.testing.assert_allclose(jax.jit(distance)(a, b[:, 0]), in_memory, rtol=2e-6)
+    assert isinstance(distance(a[0, 0], b[0, 0]), np.float32)
 
 
 def test_distance_broadcasts_one_goal_and_has_a_gradient(rng):

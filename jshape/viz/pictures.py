@@ -111,8 +111,8 @@ def strip_figure(
     """Images side by side with a name over each, all on one grey scale."""
     heights = [height_mm(image, camera) for image in images]
     low, high = (float(q) for q in np.percentile(np.stack(heights), (0.5, 99.5)))
-    columns = min(columns, len(images))
     rows = -(-len(images) // columns)
+    columns = -(-len(images) // rows)  # no lone picture in the last row
     figure = Figure(figsize=(3.0 * columns, 2.8 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).reshape(-1)
     for ax, name, height in zip(axes, names, heights, strict=False):

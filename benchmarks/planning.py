@@ -6,6 +6,7 @@ import numpy as np
 
 import jshape
 from benchmarks.timing import Report, seconds
+from jshape.actions import PAPER_ROIS
 from jshape.data.simulate import ROIS
 from jshape.planners import PLANNERS
 from jshape.planners.base import Limits
@@ -14,14 +15,14 @@ from jshape.predict.difference import Difference
 from jshape.predict.sweep import candidates_at, sweep
 
 
-def smooth_bank(actions: list[str]) -> Bank:
-    """A bank of smooth craters with the simulator's ROI sizes."""
+def smooth_bank(rois: dict[str, tuple[int, int]]) -> Bank:
+    """A bank of smooth craters with these ROI sizes (w, h)."""
 
     def crater(w: int, h: int) -> Difference:
         x, y = np.linspace(-2.5, 2.5, w), np.linspace(-2.5, 2.5, h)
         return Difference(jnp.asarray(-0.2 * np.exp(-(x**2) - y[:, None] ** 2), jnp.float32))
 
-    return Bank(jshape.PAPER_BOX, tuple(crater(*ROIS[a]) for a in actions), tuple(actions))
+    return Bank(jshape.PAPER_BOX, tuple(crater(*r) for r in rois.values()), tuple(rois))
 
 
 def problem(bank: Bank, grid: tuple[int, int], applied: list[tuple[str, int]]):
@@ -37,7 +38,7 @@ def problem(bank: Bank, grid: tuple[int, int], applied: list[tuple[str, int]]):
 
 
 def run(report: Report) -> None:
-    bank = smooth_bank(list(ROIS))
+    bank = smooth_bank(ROIS)
     now, goal, positions = problem(bank, (7, 3), [("grasp", 4), ("knock", 0), ("press", 20)])
     candidates = candidates_at(bank, dict.fromkeys(bank.actions, positions))
     i, g = jnp.asarray(now), jnp.asarray(goal)
@@ -57,7 +58,7 @@ def run(report: Report) -> None:
         report.add(f"greedy, {count} candidates, {steps} steps: per step", 1e3 * time / steps, "ms",
                    goal=3)  # fmt: skip
 
-    three = smooth_bank(["grasp", "knock", "poke"])
+    three = smooth_bank(PAPER_ROIS)
     applied = [("grasp", 0), ("knock", 4), ("poke", 10), ("knock", 12)]
     now, goal, positions = problem(three, (5, 3), applied)
     found = jshape.plan(now, goal, bank=three, positions=positions, max_steps=4)

@@ -169,16 +169,20 @@ def grid(
       margin: (w, h) in pixels of the largest ROI, which fits into the image at every position.
 
     Raises:
-      BadPosition: that ROI is larger than the image.
+      BadPosition: that ROI is larger than the image, or more places than pixels are asked for.
     """
 
     def places(count: int, size: int, roi: int) -> np.ndarray:
-        first, last = roi // 2, size - (roi - roi // 2)
-        if last < first:
+        if not 1 <= roi <= size:
             raise BadPosition(f"a ROI of {roi} pixels does not fit into {size} pixels")
-        step = (last - first) // max(count - 1, 1)
-        start = (first + last - step * (count - 1)) // 2
-        return start + step * np.arange(count)
+        first, last = roi // 2, size - (roi - roi // 2)
+        if not isinstance(count, int | np.integer) or not 1 <= count <= last - first + 1:
+            raise BadPosition(
+                f"{count} places on a line of {last - first + 1} pixels where a ROI of {roi} fits"
+            )
+        if count == 1:
+            return np.array([(first + last) // 2])
+        return np.rint(np.linspace(first, last, count)).astype(int)
 
     u = places(columns, camera.width, margin[0])
     v = places(rows, camera.height, margin[1])
@@ -236,6 +240,6 @@ def place(
         shown = ", ".join(offenders[:5]) + (", ..." if len(offenders) > 5 else "")
         raise BadPosition(
             f"{len(offenders)} ROI(s) leave the {camera.width}x{camera.height} image: {shown}; "
-            'move them or pass clip="shift" or clip="drop"'
+            "move them, or ask for the clip 'shift' or 'drop'"
         )
     return placed

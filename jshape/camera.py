@@ -13,7 +13,7 @@ import numpy as np
 from jax.scipy.ndimage import map_coordinates
 
 from jshape._typing import Array, ArrayLike, Float
-from jshape.errors import BadCamera
+from jshape.errors import BadCamera, BadImage
 
 STATIC = {"static": True}
 
@@ -82,6 +82,10 @@ class Camera:
 
     def points(self, luminance: ArrayLike) -> Float[Array, "H W 3"]:
         """The visible point cloud of a luminance image, metres: the mapping m.  Eq. pinhole2."""
+        if np.shape(luminance) != self.shape:
+            raise BadImage(
+                _wrong("luminance", np.shape(luminance), f"{self.shape} (rows, columns)")
+            )
         z = self.depth(luminance)
         x, y = self.rays()
         return jnp.stack([x * z, y * z, z], axis=-1)
@@ -92,7 +96,9 @@ class Camera:
         The nearest point wins a pixel.  Pixels that no point reaches are 0 (black, as far as the
         camera sees); points behind the camera or outside the image are dropped.
         """
-        px, py, z = jnp.moveaxis(jnp.asarray(points, jnp.float32), -1, 0)
+        if len(np.shape(points)) != 2 or np.shape(points)[1] != 3:
+            raise BadImage(_wrong("a point cloud", np.shape(points), "(P, 3)"))
+        px, py, z = jnp.asarray(points, jnp.float32).T
         ahead = jnp.isfinite(px) & jnp.isfinite(py) & jnp.isfinite(z) & (z > 0)
         safe_z = jnp.where(ahead, z, 1.0)
         u = jnp.round(self.fx * jnp.where(ahead, px, 0.0) / safe_z + self.u0)
@@ -119,9 +125,13 @@ class Camera:
         return replace(self, width=width, height=height, u0=self.u0 - left, v0=self.v0 - top)
 
 
+def _wrong(what: str, came: tuple[int, ...], expected: str) -> str:
+    return f"{what} has shape {came}; expected {expected}"
+
+
 def reproject(
     depth: ArrayLike, source: Camera, target: Camera, rise: float | Array = 0.0
-) -> Float[Array, "h w"]:
+) -> tuple[Float[Array, "h w"], Float[Array, "2 h w"]]:
     """What `target` would see of a bed that `source` saw, both looking the same way from one axis.
 
     Every ray of `target` is followed to the surface by fixed-point steps: guess a depth, look up
@@ -135,15 +145,18 @@ def reproject(
       rise: metres to add to the depth: how much farther `target` stands from the bed.
 
     Returns:
-      (h, w) metres of target's size; NaN where `source` did not look.
+      (h, w) metres of target's size, NaN where `source` did not look; and the place (v, u) in
+      source's image that each pixel shows.
     """
     depth = jnp.asarray(depth, jnp.float32)
     x, y = target.rays()
 
-    def step(_, z):
+    def place(z):
         far = jnp.where(jnp.isfinite(z), z - rise, 1.0)
-        u = source.fx * x * z / far + source.u0
-        v = source.fy * y * z / far + source.v0
+        return source.fy * y * z / far + source.v0, source.fx * x * z / far + source.u0
+
+    def step(_, z):
+        v, u = place(z)
         inner_u, inner_v = jnp.clip(u, 0, source.width - 1), jnp.clip(v, 0, source.height - 1)
         seen = map_coordinates(depth, [inner_v, inner_u], order=1, mode="nearest")
         # A pixel reaches half a pixel around its centre.
@@ -151,7 +164,8 @@ def reproject(
         return jnp.where(inside & jnp.isfinite(seen), seen + rise, jnp.nan)
 
     start = jnp.full(target.shape, jnp.nanmedian(depth) + rise, jnp.float32)
-    return jax.lax.fori_loop(0, 12, step, start)
+    z = jax.lax.fori_loop(0, 12, step, start)
+    return z, jnp.stack(place(z))
 
 
 def check_camera(camera: Camera, where: str = "camera") -> Camera:
@@ -174,13 +188,29 @@ def check_camera(camera: Camera, where: str = "camera") -> Camera:
             finite = False
         if not finite or isinstance(value, bool | str):
             raise BadCamera(f"{where}: {name} is {value!r}; it must be a finite number")
-        if name in ("fx", "fy", "z_min", "z_max") and float(value) <= 0:
-            raise BadCamera(f"{where}: {name} is {value!r}; it must be positive")
+        if name in ("fx", "fy", "z_min", "z_max") and not 1e-3 <= float(value) <= 1e6:
+            raise BadCamera(f"{where}: {name} is {value!r}; it must be positive, 0.001 to 1000000")
+        if name in ("u0", "v0") and abs(float(value)) > 1e6:
+            raise BadCamera(f"{where}: {name} is {value!r}; it must be within ±1000000")
     if float(camera.z_min) >= float(camera.z_max):
         raise BadCamera(
             f"{where}: z_min {camera.z_min} must be less than z_max {camera.z_max} (metres)"
         )
     return camera
+
+
+def check_same_camera(ours: Camera, theirs: Camera, whose: str) -> None:
+    """Refuse frames of another camera than a bank's (bits may differ, see `window_of`).
+
+    Raises:
+      BadCamera: naming the first field that differs.
+    """
+    for name in ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max"):
+        mine, other = float(getattr(ours, name)), float(getattr(theirs, name))
+        if not np.isclose(mine, other, rtol=1e-4):
+            raise BadCamera(
+                f"the bank is for another camera: its {name} is {mine:g}, {whose} {other:g}"
+            )
 
 
 def window_of(inner: Camera, outer: Camera) -> tuple[int, int] | None:

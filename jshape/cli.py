@@ -1,13 +1,18 @@
 """`jshape ...`: reads arguments, calls the library, prints.  Exit code 0, or 2 with one line."""
 
 import argparse
+import io
 import json
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from jshape import commands
+from jshape.commands import bank as bank_commands
+from jshape.commands import dataset as dataset_commands
+from jshape.commands.demo import demo as run_demo
+from jshape.commands.plan import plan as run_plan
 from jshape.errors import JShapeError
 
 
@@ -28,12 +33,12 @@ def build_parser() -> Parser:
     demo = _command(
         commands_,
         "demo",
-        commands.demo,
+        run_demo,
         "simulate a bed and a goal, plan, act in closed loop, write pictures and a report",
     )
     demo.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder for the run")
     demo.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
-    demo.add_argument("--seed", type=int, default=0, help="another bed and goal")
+    demo.add_argument("--seed", type=_seed, default=0, help="another bed and goal")
     demo.add_argument("--actions", type=_count, default=4, help="actions that make the goal")
     demo.add_argument("--max-steps", type=_count, default=8, help="most actions to apply")
     demo.add_argument("--material", default="flour", help="flour, sand or dough")
@@ -43,7 +48,7 @@ def build_parser() -> Parser:
     plan = _command(
         commands_,
         "plan",
-        commands.plan,
+        run_plan,
         "which actions mold the bed of INITIAL into DESIRED, where and in which order",
     )
     plan.add_argument("initial", type=Path, help="depth image now: 16-bit PNG, TIFF, NPY, EXR")
@@ -80,6 +85,12 @@ def build_parser() -> Parser:
         help="an action must help by more than this",
     )
     plan.add_argument(
+        "--tolerance-mm",
+        type=_nonnegative,
+        default=0.0,
+        help="stop when the goal is this near",
+    )
+    plan.add_argument(
         "--max-missing",
         type=_share,
         default=0.1,
@@ -90,7 +101,9 @@ def build_parser() -> Parser:
     dataset = commands_.add_parser("dataset", help="make and inspect data sets")
     dataset.set_defaults(help_of=dataset)
     datasets = dataset.add_subparsers(dest="subcommand", metavar="WHAT", parser_class=Parser)
-    simulate = _command(datasets, "simulate", commands.simulate, "simulated pairs of frames")
+    simulate = _command(
+        datasets, "simulate", dataset_commands.simulate, "simulated pairs of frames"
+    )
     simulate.add_argument("out", type=Path, help="folder of the new data set")
     simulate.add_argument(
         "--pairs", type=_positive_count, default=25, help="per action and agent (default: 25)"
@@ -100,11 +113,11 @@ def build_parser() -> Parser:
     simulate.add_argument("--material", default="flour", help="flour, sand or dough")
     simulate.add_argument("--beds", nargs="+", default=["flat"], help="flat, irregular, curved")
     simulate.add_argument("--frames", type=_positive_count, default=5, help="averaged per look")
-    simulate.add_argument("--seed", type=int, default=0)
-    info = _command(datasets, "info", commands.info, "what a data set holds")
+    simulate.add_argument("--seed", type=_seed, default=0)
+    info = _command(datasets, "info", dataset_commands.info, "what a data set holds", writes=False)
     info.add_argument("dataset", type=Path)
 
-    train = _command(commands_, "train", commands.train, "fit a bank to a data set")
+    train = _command(commands_, "train", bank_commands.train, "fit a bank to a data set")
     train.add_argument("dataset", type=Path)
     train.add_argument("--kind", default="D", help="D: the mean difference, no training needed")
     train.add_argument("--out", type=Path, required=True, help="folder of the new bank")
@@ -113,23 +126,26 @@ def build_parser() -> Parser:
     evaluate = _command(
         commands_,
         "evaluate",
-        commands.evaluate,
+        bank_commands.evaluate,
         "prediction errors in mm: of a bank, or over random partitions of the data set",
     )
     evaluate.add_argument("dataset", type=Path)
     evaluate.add_argument("--bank", default=None, help="test this bank on the whole data set")
-    evaluate.add_argument("--kind", default="D", help="kind to fit to each partition")
-    evaluate.add_argument("--partitions", type=_positive_count, default=4)
-    evaluate.add_argument("--seed", type=int, default=0)
+    evaluate.add_argument("--kind", default=None, help="kind to fit to each partition (D)")
+    evaluate.add_argument("--partitions", type=_positive_count, default=None, help="how many (4)")
+    evaluate.add_argument("--seed", type=_seed, default=0)
     evaluate.add_argument("--out", type=Path, help="folder for the table and a picture")
     return parser
 
 
-def _command(parent: Any, name: str, run: Any, what: str) -> argparse.ArgumentParser:
+def _command(
+    parent: Any, name: str, run: Any, what: str, *, writes: bool = True
+) -> argparse.ArgumentParser:
     parser = parent.add_parser(name, help=what, description=what)
     parser.set_defaults(run=run)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
-    parser.add_argument("--overwrite", action="store_true", help="replace what is at --out")
+    if writes:
+        parser.add_argument("--overwrite", action="store_true", help="replace an earlier result")
     return parser
 
 
@@ -151,6 +167,10 @@ def _positive_count(text: str) -> int:
     return _number(text, int, lambda x: x > 0, "a whole number from 1")
 
 
+def _seed(text: str) -> int:
+    return _number(text, int, lambda x: 0 <= x < 2**32, "a seed from 0 to 4294967295")
+
+
 def _positive(text: str) -> float:
     return _number(text, float, lambda x: 0 < x < float("inf"), "a positive number")
 
@@ -165,6 +185,9 @@ def _share(text: str) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal cannot show
+            stream.reconfigure(errors="backslashreplace")
     parser = build_parser()
     options = parser.parse_args(arguments)
     if options.version:
@@ -186,9 +209,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("jshape: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        sys.stderr.close()
+    except BrokenPipeError:  # the reader of our output has left: nobody to tell
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except OSError as problem:
+        print(f"jshape: error: output cannot be printed: {problem.strerror}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 2
     return 0
 
 

@@ -17,19 +17,20 @@ from jshape import actions as places
 from jshape import metric
 from jshape._typing import ArrayLike
 from jshape.camera import Camera
-from jshape.data.depth import check_depth, to_metres
-from jshape.data.missing import fill_missing
-from jshape.data.view import View, view_of
-from jshape.errors import BadImage, BadPosition, JShapeError, UnknownName
+from jshape.data.depth import to_metres
+from jshape.data.view import View, image_of_depth, view_of
+from jshape.errors import BadBank, BadImage, BadPosition, JShapeError, UnknownName
 from jshape.planners import PLANNERS
 from jshape.planners.base import Limits, Status
 from jshape.predict.bank import Bank
 from jshape.predict.sweep import candidates_at
 
 DEFAULT_BANK = "flour-robot"
+MAX_STEPS = 1000
+"""Most actions of a plan: the predicted ROI of each has its place in memory from the start."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """Which actions to apply, where, in which order, and what is predicted to come out."""
 
@@ -51,10 +52,14 @@ class Plan:
     """(K,) share of each predicted ROI that had to be clipped to [0, 1]."""
     filled: tuple[int, int] = (0, 0)
     """Pixels without a depth reading that were filled: in the initial image, in the goal."""
+    clamped: tuple[int, int] = (0, 0)
+    """Pixels beyond the camera's depth range, taken for its end: likewise."""
     view: View | None = None
     """How the camera's frames became those of `camera`; None: they were its own."""
     initial: np.ndarray | None = None
     """(H, W) the image I0 that was planned from."""
+    goal: np.ndarray | None = None
+    """(H, W) the image wanted."""
     patches: tuple[np.ndarray, ...] = ()
     """K predicted ROIs (h, w) of I, one per action."""
 
@@ -65,6 +70,13 @@ class Plan:
     def distances_mm(self) -> np.ndarray:
         """`distances` as the mean 3-D distance of matched points, mm."""
         return np.asarray(metric.to_mm(self.distances, self.camera))
+
+    @property
+    def camera_positions(self) -> np.ndarray:
+        """(K, 2) of (u, v): `positions` in the own pixels of the camera that took the frames."""
+        if self.view is None:
+            return self.positions
+        return self.view.pixels(self.positions)
 
     @cached_property
     def images(self) -> np.ndarray:
@@ -130,12 +142,12 @@ def plan(
     bank = _as_bank(bank)
     first = check_image(I0, bank.camera, "I0")
     goal = check_image(Istar, bank.camera, "Istar")
-    if planner not in PLANNERS:
+    if planner not in tuple(PLANNERS):
         raise UnknownName("planner", planner, PLANNERS)
-    if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer) or max_steps < 0:
-        raise JShapeError(f"max_steps is {max_steps!r}; it must be a whole number from 0")
+    if not isinstance(max_steps, int | np.integer) or not 0 <= max_steps <= MAX_STEPS:
+        raise JShapeError(f"max_steps is {max_steps!r}; it must be a whole number to {MAX_STEPS}")
     for name, value in (("min_gain", min_gain), ("tolerance", tolerance)):
-        if not (np.ndim(value) == 0 and np.isfinite(value) and value >= 0):
+        if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
             raise JShapeError(f"{name} is {value!r}; it must be a number of d from 0")
     where = placed_positions(bank, positions, clip)
     candidates = candidates_at(bank, where)
@@ -164,6 +176,7 @@ def plan(
         evaluations=int(found.evaluations),
         clipped=found.clipped[:steps],
         initial=first,
+        goal=goal,
         patches=patches,
     )
 
@@ -205,7 +218,7 @@ def plan_depth(
       camera: that took the frames; None is the bank's own.  If the bank's image is a window of
         this camera's, it is cut out.
       reproject: see the frames of another camera, or from another distance, as the bank's camera
-        would.  `plan.view.pixels(plan.positions, z)` leads back to the camera's own pixels.
+        would.  `plan.camera_positions` are the places in the camera's own pixels.
       depth_unit: metres per count of integer images.
       max_missing: largest share of pixels without a reading that may be filled.
       names: what to call the two images in errors.
@@ -214,7 +227,7 @@ def plan_depth(
     Raises:
       MissingDepth: too many pixels without a reading.
       BadCamera: the bank is for another camera.
-      BadImage: wrong shape or type, or less than half of it within the camera's depth range.
+      BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
     """
     bank = _as_bank(bank)
     z0, zstar = (
@@ -224,38 +237,16 @@ def plan_depth(
     view = None
     if camera is not None:
         view = view_of(camera, bank.camera, z0, reproject=reproject)
-    images, filled = [], []
-    for name, depth in zip(names, (z0, zstar), strict=True):
-        image, count = image_of_depth(
-            depth, bank.camera, view=view, max_missing=max_missing, where=name
-        )
-        images.append(image)
-        filled.append(count)
-    return replace(plan(*images, bank=bank, **options), filled=tuple(filled), view=view)
-
-
-def image_of_depth(
-    depth: ArrayLike,
-    camera: Camera,
-    *,
-    view: View | None = None,
-    depth_unit: float = 0.001,
-    max_missing: float = 0.1,
-    where: str = "depth",
-) -> tuple[np.ndarray, int]:
-    """(I, pixels filled) of a raw depth image: checked, filled, not rounded to levels, weighed.
-
-    Raises:
-      MissingDepth: too many pixels without a reading.
-      BadImage: wrong shape or type, or less than half of it within the camera's depth range.
-    """
-    metres, before = to_metres(np.asarray(depth), depth_unit, where), 0
-    if view is not None:
-        metres, before = view.depth(metres, limit=max_missing, where=where)
-    check_depth(metres, camera, where, least_inside=0.5)
-    metres, after = fill_missing(metres, limit=max_missing, where=where)
-    level = camera.luminance(metres, quantize=False)
-    return np.asarray(metric.weigh(level, camera)), before + after
+    now, wanted = (
+        image_of_depth(depth, bank.camera, view=view, max_missing=max_missing, where=name)
+        for name, depth in zip(names, (z0, zstar), strict=True)
+    )
+    return replace(
+        plan(now.image, wanted.image, bank=bank, **options),
+        filled=(now.filled, wanted.filled),
+        clamped=(now.clamped, wanted.clamped),
+        view=view,
+    )
 
 
 def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:
@@ -308,10 +299,13 @@ def placed_positions(
 
 
 def _as_positions(positions: ArrayLike) -> np.ndarray:
-    array = np.asarray(positions)
+    try:
+        array = np.asarray(positions)
+    except ValueError:
+        raise BadPosition("positions are not (N, 2): they have rows of different length") from None
     if array.size == 0:
         return np.zeros((0, 2), np.int32)
-    whole = array.dtype.kind in "iuf" and np.all(np.isfinite(array))
+    whole = array.dtype.kind in "iuf" and np.all(np.abs(array) < 2**31)
     if array.ndim != 2 or array.shape[1] != 2 or not whole or np.any(array != np.rint(array)):
         raise BadPosition(
             f"positions have shape {array.shape} and type {array.dtype}; "
@@ -322,6 +316,11 @@ def _as_positions(positions: ArrayLike) -> np.ndarray:
 
 def _as_bank(bank: Bank | str | Path | None) -> Bank:
     if isinstance(bank, Bank):
+        if not bank.actions or len(bank.actions) != len(bank.predictors):
+            raise BadBank(
+                f"the bank has {len(bank.actions)} actions and {len(bank.predictors)} predictors; "
+                "it must have one per action"
+            )
         return bank
     from jshape.store.banks import load_bank
 

@@ -12,6 +12,7 @@ from jshape.actions import (
     box_of,
     first_pixels,
     fits,
+    grid,
     is_visible,
     place,
     roi_from_box,
@@ -97,6 +98,18 @@ def test_the_visible_range_is_where_the_box_is_visible(name, rng):
 
 def test_the_first_pixel_of_a_roi():
     np.testing.assert_array_equal(first_pixels(np.array([[96, 91]]), (183, 40)), [[5, 71]])
+
+
+def test_grids_span_the_image_and_refuse_what_cannot_be():
+    places = grid(PAPER_BOX, 297, 1)[:, 0]
+    np.testing.assert_array_equal(places, np.linspace(91, 388, 297).round())
+    assert grid(PAPER_BOX, 5, 3)[[0, -1]].tolist() == [[91, 91], [388, 303]]
+    for columns, rows in [(300, 1), (0, 3), (5, -2)]:
+        with pytest.raises(BadPosition, match="places on a line of"):
+            grid(PAPER_BOX, columns, rows, margin=(183, 183))
+    for margin in [(0, 0), (481, 10)]:
+        with pytest.raises(BadPosition, match="does not fit"):
+            grid(PAPER_BOX, margin=margin)
 
 
 def test_positions_outside_are_refused_shifted_or_dropped():

@@ -51,7 +51,9 @@ def test_json_output_is_json_and_nothing_else(folder, capsys):
     result = json.loads(capsys.readouterr().out)
     assert [s["action"] for s in result["steps"]].count("knock") == 2
     assert result["distances_mm"][-1] < result["distances_mm"][0]
-    assert result["camera_pixels"] == [s["position"] for s in result["steps"]]
+    assert [s["camera_position"] for s in result["steps"]] == [
+        s["position"] for s in result["steps"]
+    ]
 
 
 def test_limits_reach_the_planner(folder, capsys):
@@ -238,7 +240,7 @@ def test_another_camera_with_reproject(folder, capsys):
     other = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, 0.3, 1.0)
     for name in ("now", "goal"):
         depth = cv2.imread(f"{name}.png", cv2.IMREAD_UNCHANGED).astype(np.float32) * 1e-5
-        seen = np.asarray(reproject(depth, PAPER_BOX, other, 0.1))
+        seen = np.asarray(reproject(depth, PAPER_BOX, other, 0.1)[0])
         seen = np.where(np.isfinite(seen), seen, 0.56)  # beyond the box: a table
         cv2.imwrite(f"{name}.png", np.rint(seen / 1e-5).astype(np.uint16))
     write_camera(folder / "camera.json", other, 1e-5)
@@ -248,7 +250,7 @@ def test_another_camera_with_reproject(folder, capsys):
     assert sorted(s["action"] for s in result["steps"])[-3:] == ["knock", "knock", "poke"]
     poke = [s["action"] for s in result["steps"]].index("poke")
     # The poke at (239, 197) of the box is a pixel left of the axis: (320 - 1, 240) of this camera.
-    assert np.abs(np.subtract(result["camera_pixels"][poke], [319, 240])).max() <= 1
+    assert np.abs(np.subtract(result["steps"][poke]["camera_position"], [319, 240])).max() <= 1
 
 
 def test_from_simulated_pairs_to_a_plan(tmp_path, capsys, monkeypatch):
@@ -299,3 +301,51 @@ def test_commands_as_processes(folder):
     assert (done.returncode, done.stdout) == (2, "") and done.stderr.count("\n") == 1
     done = run(*PLAN, "--json")
     assert done.returncode == 0 and done.stderr == "" and json.loads(done.stdout)
+
+
+def test_overwrite_spares_what_no_command_wrote(folder, capsys):
+    """Every command that replaces a folder, on one that looks like its own but holds notes."""
+    commands = {
+        "out": ("plan.json", [*PLAN, "--out"]),
+        "bank": (MANIFEST, ["train", "pairs", "--out"]),
+        "scores": ("scores.csv", ["evaluate", "pairs", "--out"]),
+        "run": ("run.json", ["demo", "--out"]),
+        "pairs": ("pairs.csv", ["dataset", "simulate"]),
+    }
+    for name, (first, arguments) in commands.items():
+        (folder / name).mkdir(exist_ok=True)
+        (folder / name / first).touch()
+        notes = folder / name / "my_notes.txt"
+        notes.write_text("years of work")
+        before = sorted(folder.rglob("*"))
+        refused([*arguments, name, "--overwrite"], capsys, "also holds my_notes.txt")
+        assert sorted(folder.rglob("*")) == before and notes.read_text() == "years of work"
+        notes.unlink()
+    assert main([*PLAN, "--out", "out", "--overwrite"]) == 0
+    assert Plan.from_json(folder / "out" / "plan.json").actions
+
+
+def test_a_black_picture_is_no_goal(folder, capsys):
+    arguments = ["plan", "now.png", _png("x.png", np.zeros(BOX, np.uint8)), *PLAN[3:]]
+    refused(arguments, capsys, "every pixel is black: nothing within the camera's range")
+
+
+def test_a_mesh_mostly_out_of_range_is_no_goal(folder, capsys):
+    import trimesh
+
+    slab = np.array([[-1, -1, 0.9], [1, -1, 0.9], [1, 1, 0.9], [-1, 1, 0.9]])
+    chip = np.array([[-0.02, -0.02, 0.45], [0.02, -0.02, 0.45], [0, 0.02, 0.45]])
+    faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6]]
+    mesh = trimesh.Trimesh(np.concatenate([slab, chip]), faces, process=False)
+    (folder / "goal.ply").write_bytes(bytes(mesh.export(file_type="ply")))
+    refused(["plan", "now.png", "goal.ply", *PLAN[3:]], capsys, "goal.ply: depths are 0.45 to 0.9")
+
+
+def test_a_bundled_bank_and_a_folder_of_one_name(folder, capsys):
+    shutil.copytree("bank", "flour-robot")
+    options = [*PLAN[:3], *PLAN[5:], "--json"]
+    words = "write ./flour-robot for the folder"
+    refused([*options, "--bank", "flour-robot"], capsys, words)
+    refused(options, capsys, words)  # the default is that name
+    assert main([*options, "--bank", "./flour-robot"]) == 0
+    assert json.loads(capsys.readouterr().out)["bank"] == "./flour-robot"

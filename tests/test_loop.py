@@ -1,11 +1,13 @@
 """The closed loop: what it does, when it stops, what it reports."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, JShapeError, metric, sim
-from jshape.errors import MissingDepth
+from jshape.errors import BadCamera, MissingDepth, UnknownName
 from jshape.robot.loop import Stop, World, mold
 from jshape.robot.simulated import SimulatedWorld
 
@@ -78,6 +80,23 @@ def test_the_loop_stops_at_its_limits(bank, molded):
     none = mold(Obedient(bank, now), goal, bank, positions=PLACES, min_gain=1.0)
     assert none.stop is Stop.NO_IMPROVEMENT and not none.steps
     assert len(mold(Obedient(bank, now), goal, bank, max_steps=0).steps) == 0
+
+
+def test_the_last_allowed_action_may_converge(bank, molded):
+    now, goal, applied = molded
+    result = mold(
+        Obedient(bank, now), goal, bank, positions=PLACES, tolerance=1e-5, max_steps=len(applied)
+    )
+    assert result.stop is Stop.CONVERGED and len(result.steps) == len(applied)
+
+
+def test_a_world_with_another_camera_is_refused(bank, molded):
+    world = Obedient(bank, molded[0])
+    world.camera = replace(bank.camera, fx=600.0)
+    with pytest.raises(BadCamera, match="its fx is 433, the world's 600"):
+        mold(world, molded[1], bank)
+    with pytest.raises(UnknownName, match="'mud'; allowed: flour"):
+        SimulatedWorld(jax.random.key(0), sim.flat_bed(), material="mud")
 
 
 def test_a_blind_camera_is_refused_before_anything_moves(bank, molded):

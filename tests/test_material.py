@@ -79,7 +79,7 @@ def test_a_raw_frame_with_holes_is_refused_in_words(shared_data, tmp_path, capsy
         ([str(kinect), str(kinect)], "(424, 512)"),
         (frames, "(480, 640)"),
         ([*frames, "--camera", str(path)], "--reproject"),
-        ([*frames, "--camera", str(path), "--reproject"], "no depth reading"),
+        ([*frames, "--camera", str(path), "--reproject"], "seen by the bank's camera"),
     ]:
         assert main(["plan", *arguments]) == 2
         out, err = capsys.readouterr()

@@ -129,10 +129,27 @@ def test_the_weighted_distance_does_not_depend_on_the_viewpoint():
     assert abs(plain_after - plain_before) > 0.04 * plain_before
 
 
+def test_lists_are_taken_too():
+    luminance = np.arange(108).reshape(9, 12)
+    np.testing.assert_array_equal(weigh(luminance.tolist(), SMALL), weigh(luminance, SMALL))
+    assert distance([[0.0, 1.0]], [[1.0, 1.0]]) == 0.5
+
+
 def test_wrong_shapes_are_named():
     with pytest.raises(BadImage, match=r"\(9, 12\) and \(9, 13\)"):
         distance(np.zeros((9, 12)), np.zeros((9, 13)))
-    with pytest.raises(BadImage, match="last two axes"):
-        distance(np.zeros(3), np.zeros(3))
+    for a, b in [((3,), (3,)), ((0, 4), (0, 4)), ((2, 4), (2, 4, 4))]:
+        with pytest.raises(BadImage, match="last two axes"):
+            distance(np.zeros(a), np.zeros(b))
+    with pytest.raises(BadImage, match="do not broadcast"):
+        distance(np.zeros((2, 3, 4)), np.zeros((3, 3, 4)))
+    with pytest.raises(BadImage, match="complex"):
+        distance(np.zeros((3, 4), complex), np.zeros((3, 4)))
+    with pytest.raises(BadImage, match=r"\(480,\); this camera makes"):
+        metric.unweigh(np.zeros(480), PAPER_BOX)
+    with pytest.raises(BadImage, match=r"\(12, 9\); expected \(9, 12\)"):
+        SMALL.points(np.zeros((12, 9)))
+    with pytest.raises(BadImage, match=r"\(5, 2\); expected \(P, 3\)"):
+        SMALL.project(np.zeros((5, 2)))
     with pytest.raises(BadImage, match=r"\(12, 9\); this camera makes \(9, 12\)"):
         weigh(np.zeros((12, 9)), SMALL)

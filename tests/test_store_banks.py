@@ -106,6 +106,11 @@ def test_an_existing_bank_is_replaced_only_on_demand(tmp_path, bank, folder):
         save_bank(bank, tmp_path / "file" / "below")
     with pytest.raises(BadFile, match="not replaced"):
         save_bank(bank, tmp_path, overwrite=True)
+    (folder / "notes.md").write_text("mine")
+    with pytest.raises(BadFile, match="also holds notes.md"):
+        save_bank(bank, folder, overwrite=True)
+    same(load_bank(folder), other)
+    assert (folder / "notes.md").read_text() == "mine"
 
 
 def test_a_failed_save_leaves_the_old_bank(bank, folder, monkeypatch):
@@ -128,6 +133,9 @@ def test_what_could_not_be_loaded_again_is_not_saved(tmp_path, bank):
         (replace(bank, actions=("a", "a")), "each once"),
         (replace(bank, actions=("a",)), "one per predictor"),
         (replace(bank, predictors=(broken, broken)), "delta of grasp holds NaN"),
+        (replace(bank, predictors=(), actions=()), "actions must be names, at least one"),
+        (replace(bank, actions=("a", "")), "actions must be names"),
+        (replace(bank, camera=replace(CAMERA, width=11)), r"ROI of grasp is \[12, 9\].*11x30"),
     ):
         with pytest.raises(BadBank, match=match):
             save_bank(bad, tmp_path / "bank")
@@ -158,6 +166,23 @@ def test_bundled_banks_go_by_name(bundled, bank, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_bank(replace(bank, actions=("a", "b")), tmp_path / "mine")
     assert load_bank("mine").actions == ("a", "b")  # a folder here, where no bundled bank is meant
+
+
+def test_a_name_of_two_banks_is_refused(bundled, bank, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "flour-D").mkdir()
+    same(load_bank("flour-D"), bank)  # a folder, but no bank
+    (tmp_path / "flour-D").rmdir()
+    mine = replace(bank, actions=("a", "b"))
+    save_bank(mine, "flour-D")
+    refused("flour-D", "flour-D: is a bundled bank and a folder here; write ./flour-D")
+    with pytest.raises(BadBank, match="./flour-D"):
+        bank_manifest("flour-D")
+    same(load_bank("./flour-D"), mine)
+    same(load_bank(tmp_path / "flour-D"), mine)
+    same(load_bank("sand-D"), bank)
+    monkeypatch.chdir(bundled)
+    same(load_bank("flour-D"), bank)  # one and the same
 
 
 def test_a_name_does_not_reach_outside(bundled, tmp_path, bank):
@@ -262,7 +287,13 @@ def test_bad_arrays_are_refused(folder):
     ):
         replace_arrays(folder, **arrays)
         refused(folder, match)
-    for content in (b"x", b"PK\x03\x04", np.zeros(3).tobytes()):
+    raw, packed = io.BytesIO(), io.BytesIO()
+    with zipfile.ZipFile(raw, "w") as archive:
+        archive.writestr("0.delta", b"not an array")
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("0.delta.npy", bytes(1000))
+    contents = b"x", b"PK\x03\x04", np.zeros(3).tobytes(), raw.getvalue(), packed.getvalue()
+    for content in contents:
         replace_arrays(folder, content)
         refused(folder, "not a readable NPZ")
     replace_arrays(folder, b"")

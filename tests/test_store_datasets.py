@@ -87,6 +87,10 @@ def test_an_existing_data_set_is_replaced_only_on_demand(folder, rng):
     assert len(load_pairs(folder)) == 4
     save_pairs(other, folder, overwrite=True)
     same(load_pairs(folder), other)
+    (folder / "notes.md").write_text("mine")
+    with pytest.raises(BadFile, match="also holds notes.md"):
+        save_pairs(make_pairs(rng), folder, overwrite=True)
+    assert (folder / "notes.md").read_text() == "mine" and len(load_pairs(folder)) == len(other)
 
 
 def test_a_folder_that_is_no_data_set_is_not_replaced(tmp_path, rng):

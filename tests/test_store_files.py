@@ -131,18 +131,55 @@ def test_an_existing_folder_is_replaced_only_on_demand(tmp_path):
     target = tmp_path / "folder"
     target.mkdir()
     with files.atomic_folder(target) as temp:  # an empty one is as good as none
-        (temp / "marker").write_text("1")
+        (temp / "result").write_text("1")
     with pytest.raises(BadFile, match="exists") as info:
         with files.atomic_folder(target):
             raise AssertionError("not reached")
     one_line(info)
-    with files.atomic_folder(target, overwrite=True, marker="marker") as temp:
-        (temp / "other").write_text("2")
-    assert os.listdir(target) == ["other"]
-    with pytest.raises(BadFile, match="holds no marker"):
-        with files.atomic_folder(target, overwrite=True, marker="marker"):
+    names = ("result", "picture")
+    with files.atomic_folder(target, overwrite=True, contents=names) as temp:
+        (temp / "picture").write_text("2")
+    assert os.listdir(target) == ["picture"]
+    with pytest.raises(BadFile, match="holds no result"):
+        with files.atomic_folder(target, overwrite=True, contents=names):
             raise AssertionError("not reached")
-    assert os.listdir(target) == ["other"] and os.listdir(tmp_path) == ["folder"]
+    assert os.listdir(target) == ["picture"] and os.listdir(tmp_path) == ["folder"]
+
+
+@pytest.mark.parametrize("foreign", ["my_notes.txt", "thesis", ".hidden", "two\nlines"])
+def test_a_folder_with_foreign_files_is_not_replaced(tmp_path, foreign):
+    target, names = tmp_path / "folder", ("result", "picture")
+    target.mkdir()
+    (target / "result").write_text("1")
+    (target / "picture").write_text("2")
+    if foreign == "thesis":
+        (target / foreign).mkdir()
+    else:
+        (target / foreign).write_text("mine")
+    for replacing in (files.atomic_folder, files.check_target):
+        with pytest.raises(BadFile, match="also holds .*not written by this command") as info:
+            with replacing(target, overwrite=True, contents=names):
+                raise AssertionError("not reached")
+        assert foreign.split()[0] in str(info.value)
+        one_line(info)
+    assert sorted(os.listdir(target)) == sorted(["result", "picture", foreign])
+    assert os.listdir(tmp_path) == ["folder"]
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_what_appears_while_the_new_folder_is_made_is_kept(tmp_path, before):
+    target = tmp_path / "folder"
+    if before:
+        target.mkdir()
+        (target / "result").write_text("1")
+    with pytest.raises(BadFile, match="folder"):
+        with files.atomic_folder(target, overwrite=True, contents=("result",)) as temp:
+            (temp / "result").write_text("2")
+            target.mkdir(exist_ok=True)
+            (target / "my_notes.txt").write_text("mine")
+    assert (target / "my_notes.txt").read_text() == "mine"
+    assert not before or (target / "result").read_text() == "1"
+    assert os.listdir(tmp_path) == ["folder"]
 
 
 def test_a_folder_does_not_replace_a_file(tmp_path):

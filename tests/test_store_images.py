@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 from jshape import D435_BAZAR, PAPER_BOX, Camera
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
 from jshape.store import images
-from jshape.store.images import check_depth, read_counts, read_depth, write_depth_png
+from jshape.store.images import check_depth, depth_of_array, read_counts, read_depth
 
 SMALL = Camera(12, 9, 15.0, 15.0, 5.5, 4.0, 0.4, 0.5)
 
@@ -37,6 +37,13 @@ def npy(array, **options):
     stream = io.BytesIO()
     np.save(stream, array, **options)
     return stream.getvalue()
+
+
+def npy_of_shape(shape):
+    stream = io.BytesIO()
+    header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(stream, header)
+    return stream.getvalue() + bytes(64)
 
 
 def put(folder, name, content):
@@ -116,14 +123,49 @@ def test_8_bits_are_luminance_and_clipped_is_not_missing(tmp_path):
             read_depth(path)
         with pytest.raises(BadImage, match="12x9 pixels; the camera makes 480x395"):
             read_depth(path, camera=PAPER_BOX)
-    black = put(tmp_path, "black.png", encoded(".png", np.zeros((9, 12), np.uint8)))
-    np.testing.assert_allclose(read_depth(black, camera=SMALL), 0.5)
 
 
 def test_white_of_8_bits_is_nearest_whatever_the_cameras_bits(tmp_path):
-    white = put(tmp_path, "a.png", encoded(".png", np.full((9, 12), 255, np.uint8)))
+    level = np.full((9, 12), 255, np.uint8)
+    level[0, 0] = 0
+    white = put(tmp_path, "a.png", encoded(".png", level))
     sixteen = Camera(12, 9, 15.0, 15.0, 5.5, 4.0, 0.4, 0.5, bits=16)
-    np.testing.assert_allclose(read_depth(white, camera=sixteen), 0.4)
+    depth = read_depth(white, camera=sixteen)
+    np.testing.assert_allclose(depth.ravel(), [0.5] + [0.4] * 107)
+
+
+@pytest.mark.parametrize("check_range", [True, False])
+@pytest.mark.parametrize("level, colour", [(0, "black"), (255, "white")])
+def test_8_bits_of_one_clipped_level_show_nothing(tmp_path, level, colour, check_range):
+    path = put(tmp_path, "a.png", encoded(".png", np.full((9, 12), level, np.uint8)))
+    words = f"a.png: every pixel is {colour}: nothing within the camera's range"
+    with pytest.raises(BadImage, match=words) as info:
+        read_depth(path, camera=SMALL, check_range=check_range)
+    assert "\n" not in str(info.value)
+
+
+def test_an_array_that_was_read_before(tmp_path, counts):
+    path = put(tmp_path, "a.png", encoded(".png", counts))
+    raw = images.read_array(path)
+    assert raw.dtype == np.uint16 and raw.shape == SMALL.shape
+    depth = depth_of_array(raw, str(path), depth_unit=1e-4, camera=SMALL)
+    np.testing.assert_array_equal(depth, read_depth(path, depth_unit=1e-4, camera=SMALL))
+    with pytest.raises(BadImage, match="^now: depths are"):
+        depth_of_array(raw, "now", depth_unit=1.0, camera=SMALL)
+    with pytest.raises(BadCamera, match="now: depth_unit"):
+        depth_of_array(raw, "now", depth_unit=-1.0)
+
+
+def test_the_range_may_be_left_unchecked_but_not_the_size(tmp_path):
+    far = put(tmp_path, "a.npy", npy(np.full(SMALL.shape, 0.8)))
+    with pytest.raises(BadImage, match="0.4 to 0.5 m"):
+        read_depth(far, camera=SMALL)
+    np.testing.assert_allclose(read_depth(far, camera=SMALL, check_range=False), 0.8)
+    with pytest.raises(BadImage, match="12x9 pixels; the camera makes 480x395"):
+        read_depth(far, camera=PAPER_BOX, check_range=False)
+    nothing = put(tmp_path, "b.npy", npy(np.zeros(SMALL.shape)))
+    with pytest.raises(BadImage, match="no pixel has a reading"):
+        read_depth(nothing, camera=SMALL, check_range=False)
 
 
 def png(width, height, depth, colour, body=b"", interlaced=0, extra=b""):
@@ -185,6 +227,9 @@ BAD = {
     "version.npy": (b"\x93NUMPY\x09\x00\x10\x00", "not a readable NPY"),
     "claims.npy": (npy(np.ones((2, 2))).replace(b"(2, 2)", b"(9**9)"), "not a readable NPY"),
     "large.npy": (npy(np.ones((2, 2))).replace(b"(2, 2), }  ", b"(99999, 9)}"), "cut off"),
+    "minus.npy": (npy_of_shape((-2, 2)), "its shape is (-2, 2)"),
+    "minuses.npy": (npy_of_shape((-2, -2)), "its shape is (-2, -2)"),
+    "deep.npy": (npy_of_shape((1,) * 99), "its shape is (1, 1"),
     "archive.npz": (b"PK\x03\x04" + bytes(50), "NPZ archive"),
     "cloud.png": (b"ply\nformat ascii 1.0\n", "point cloud"),
 }
@@ -302,7 +347,7 @@ def test_counts_survive_the_disk(tmp_path_factory, counts):
 def test_write_depth_png(tmp_path, rng):
     depth = rng.uniform(0.3, 3.0, (9, 12))
     depth[0, :4] = 0, np.nan, np.inf, -1
-    path = write_depth_png(tmp_path / "new" / "a.png", depth, 1e-4)
+    path = images.write_depth_png(tmp_path / "new" / "a.png", depth, 1e-4)
     found = read_depth(path, depth_unit=1e-4)
     assert np.isnan(found[0, :4]).all()
     np.testing.assert_allclose(found.ravel()[4:], depth.ravel()[4:], atol=0.5001e-4)
@@ -320,7 +365,7 @@ def test_write_depth_png(tmp_path, rng):
 )
 def test_what_16_bits_cannot_hold_is_not_written(tmp_path, depth, match):
     with pytest.raises(BadImage, match=match):
-        write_depth_png(tmp_path / "a.png", depth, 1e-4)
+        images.write_depth_png(tmp_path / "a.png", depth, 1e-4)
     assert os.listdir(tmp_path) == []
 
 

@@ -197,11 +197,11 @@ def test_pixels_without_a_point_are_missing_and_not_black():
     np.testing.assert_allclose(depth[0, :5], 0.5, rtol=1e-6)
 
 
-def test_the_nearest_point_wins_and_the_far_ones_end_with_the_range():
+def test_the_nearest_point_wins_and_the_far_ones_stay_far():
     points = np.array([[0, 0, 0.48], [0, 0, 0.45], [0.09, 0, 0.9], [0, 0, -1]], np.float32)
     depth = depth_of_points(points, SMALL)
     found = depth[np.isfinite(depth)]
-    np.testing.assert_allclose(np.sort(found), [0.45, 0.5], rtol=1e-5)
+    np.testing.assert_allclose(np.sort(found), [0.45, 0.9], rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -211,6 +211,32 @@ def test_a_cloud_out_of_view_or_range_is_refused(point):
     with pytest.raises(BadImage, match="no point is in view") as info:
         depth_of_points(np.array([point], np.float32), SMALL, "cloud.ply")
     assert "0.4 to 0.5 m" in str(info.value) and "\n" not in str(info.value)
+
+
+def test_without_the_range_something_must_still_be_in_view(tmp_path):
+    far, aside = np.array([[[0, 0, 0.9]], [[9, 0, 0.45]]], np.float32)
+    depth = depth_of_points(far, SMALL, check_range=False)
+    np.testing.assert_allclose(depth[np.isfinite(depth)], [0.9])
+    path = put(tmp_path, "far.ply", ply(far))
+    np.testing.assert_array_equal(read_goal(path, SMALL, check_range=False), depth)
+    with pytest.raises(BadImage, match="no point is in view of the camera; the points") as info:
+        depth_of_points(aside, SMALL, "cloud.ply", check_range=False)
+    assert "\n" not in str(info.value)
+
+
+def test_a_mesh_mostly_out_of_range_keeps_its_depths(tmp_path):
+    """So that whoever asks how much of it is out of range gets a true answer."""
+    slab = np.array([[-1, -1, 0.9], [1, -1, 0.9], [1, 1, 0.9], [-1, 1, 0.9]])
+    chip = np.array([[-0.01, -0.01, 0.45], [0.01, -0.01, 0.45], [0, 0.01, 0.45]])
+    faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6]]
+    path = put(tmp_path, "a.ply", ply(np.concatenate([slab, chip]), faces))
+    depth = read_goal(path, SMALL)
+    assert set(np.round(depth.ravel(), 5).tolist()) == {np.float32(0.9), np.float32(0.45)}
+    assert np.mean(depth > 0.5) > 0.98
+    path = put(tmp_path, "b.ply", ply(slab, faces[:2]))
+    with pytest.raises(BadImage, match="no point is in view"):
+        read_goal(path, SMALL)
+    np.testing.assert_allclose(read_goal(path, SMALL, check_range=False), 0.9, rtol=1e-5)
 
 
 @pytest.mark.parametrize("z", [1e6, 3e38])
@@ -278,6 +304,7 @@ def test_a_goal_may_be_an_image(tmp_path):
     np.testing.assert_allclose(read_goal(path, SMALL, 1e-4), 0.45, rtol=1e-6)
     with pytest.raises(BadImage, match="depth_unit"):
         read_goal(path, SMALL)
+    np.testing.assert_allclose(read_goal(path, SMALL, check_range=False), 4.5, rtol=1e-6)
 
 
 def test_nothing_that_a_ply_names_is_opened(tmp_path, cloud, monkeypatch):

@@ -159,6 +159,11 @@ def test_an_existing_run_is_replaced_only_on_demand(run, tmp_path):
     assert len(Run.create(run.folder, overwrite=True)) == 0
     with pytest.raises(BadFile, match="not replaced"):
         Run.create(tmp_path, overwrite=True)
+    (run.folder / "report.md").write_text("by the demo")
+    with pytest.raises(BadFile, match="also holds report.md"):
+        Run.create(run.folder, overwrite=True)
+    Run.create(run.folder, overwrite=True, contents=("plan.json", "report.md"))
+    assert sorted(os.listdir(run.folder)) == ["run.json", "steps.jsonl"]
     (tmp_path / "file").write_text("x")
     with pytest.raises(BadFile):
         Run.create(tmp_path / "file" / "below")

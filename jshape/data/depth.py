@@ -4,7 +4,9 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
-from jshape.errors import BadImage
+from jshape.errors import BadCamera, BadImage
+
+_HEIGHT_HINT = "; a bed at another distance is seen from the right one with reproject (--reproject)"
 
 
 def to_metres(raw: np.ndarray, depth_unit: float, where: str) -> Float[np.ndarray, "H W"]:
@@ -12,7 +14,11 @@ def to_metres(raw: np.ndarray, depth_unit: float, where: str) -> Float[np.ndarra
 
     Raises:
       BadImage: another type of number.
+      BadCamera: the unit is not a positive number.
     """
+    number = isinstance(depth_unit, int | float | np.number) and not isinstance(depth_unit, bool)
+    if not number or not 0 < float(depth_unit) < np.inf:
+        raise BadCamera(f"{where}: depth_unit is {depth_unit!r}; it must be a positive number")
     if raw.dtype == np.uint16:
         depth = raw.astype(np.float32) * np.float32(depth_unit)
     elif raw.dtype in (np.float16, np.float32, np.float64):
@@ -20,10 +26,16 @@ def to_metres(raw: np.ndarray, depth_unit: float, where: str) -> Float[np.ndarra
             depth = raw.astype(np.float32)
     else:
         raise BadImage(
-            f"{where}: holds {raw.dtype}; a depth image is uint16 (counts), floating point "
-            "(metres) or uint8 (luminance)"
+            f"{where}: holds {raw.dtype}; raw depth is uint16 (counts) or floating point (metres)"
         )
     return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(np.nan))
+
+
+def outside_range(depth: np.ndarray, camera: Camera) -> np.ndarray:
+    """Where depths in metres lie beyond the camera's range, by more than rounding."""
+    low, high = float(camera.z_min), float(camera.z_max)
+    slack = 1e-4 * (high - low)
+    return (depth < low - slack) | (depth > high + slack)
 
 
 def check_depth(
@@ -33,6 +45,7 @@ def check_depth(
     depth_unit: float | None = None,
     *,
     least_inside: float = 1e-3,
+    hint: str | None = None,
 ) -> np.ndarray:
     """The depth image itself, if it can be one of this camera's.
 
@@ -43,6 +56,7 @@ def check_depth(
       depth_unit: the metres per count that it was read with, for the hint in the error.
       least_inside: share of the readings that must lie in the camera's range.  The default asks
         for little, since a whole frame shows the surroundings too; a wrong unit still fails it.
+      hint: how to mend it, for the end of the error; None guesses.
 
     Raises:
       BadImage: another shape, no reading, or too few readings inside the camera's range.
@@ -53,10 +67,10 @@ def check_depth(
     if found.size == 0:
         raise BadImage(f"{where}: no pixel has a reading")
     low, high = float(camera.z_min), float(camera.z_max)
-    slack = 1e-4 * (high - low)
-    inside = float(np.mean((found >= low - slack) & (found <= high + slack)))
+    inside = 1.0 - float(np.mean(outside_range(found, camera)))
     if inside < least_inside:
-        hint = _unit_hint(float(np.median(found)), low, high, depth_unit)
+        if hint is None:
+            hint = _unit_hint(float(np.median(found)), low, high, depth_unit) or _HEIGHT_HINT
         raise BadImage(
             f"{where}: depths are {found.min():.4g} to {found.max():.4g} m; the camera sees "
             f"{low:g} to {high:g} m, and {inside:.1%} of the readings are in it{hint}"

@@ -10,7 +10,7 @@ from jshape.camera import Camera
 from jshape.errors import BadDataset, UnknownName
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pairs:
     """N pairs of depth frames, kept as the raw counts of the files (2 bytes a pixel)."""
 

@@ -1,14 +1,20 @@
-"""Seeing a bed as a bank's camera would, whatever camera took the frames."""
+"""From a raw depth frame of any camera to the weighed image of a bank's camera."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from jshape import camera as cameras
-from jshape._typing import Float
+from jshape import metric
+from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera, check_camera, window_of
-from jshape.data.missing import fill_missing
-from jshape.errors import BadCamera, BadImage
+from jshape.data.depth import check_depth, outside_range, to_metres
+from jshape.data.missing import fill_missing, missing
+from jshape.errors import BadCamera, BadImage, JShapeError
+
+MAX_CLAMPED = 0.1
+"""Largest share of a frame's readings that may lie beyond the camera's depth range."""
 
 
 @dataclass(frozen=True)
@@ -24,16 +30,11 @@ class View:
     rise: float = 0.0
     """How much farther the target stands from the bed, metres."""
 
-    def depth(
-        self, depth: np.ndarray, *, limit: float, where: str
-    ) -> tuple[Float[np.ndarray, "h w"], int]:
-        """A frame (H, W) in metres as the target would see it, and how many pixels were filled.
-
-        A window is only cut out: its gaps are left for the caller to fill.
+    def depth(self, depth: np.ndarray, where: str) -> Float[np.ndarray, "h w"]:
+        """A frame (H, W) in metres as the target would see it; NaN where it has no reading.
 
         Raises:
-          BadImage: another size than the source's.
-          MissingDepth: more than `limit` of it is missing, where it has to be looked at again.
+          BadImage: another size than the source's, or no reading at all.
         """
         if depth.shape != self.source.shape:
             raise BadImage(
@@ -41,18 +42,30 @@ class View:
             )
         if self.window is not None:
             left, top = self.window
-            return depth[top : top + self.target.height, left : left + self.target.width], 0
-        whole, filled = fill_missing(depth, limit=limit, where=where)
-        return np.asarray(cameras.reproject(whole, self.source, self.target, self.rise)), filled
+            return depth[top : top + self.target.height, left : left + self.target.width]
+        # Gaps are bridged before looking again, since a NaN would spread, and cut out again after.
+        gaps = missing(depth)
+        whole, _ = fill_missing(depth, limit=1.0, where=where)
+        seen, place = (
+            np.array(x) for x in cameras.reproject(whole, self.source, self.target, self.rise)
+        )
+        inside = np.isfinite(seen)
+        v, u = np.rint(place[:, inside]).astype(int)
+        height, width = depth.shape
+        seen[inside] = np.where(
+            gaps[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)], np.nan, seen[inside]
+        )
+        return seen
 
-    def pixels(self, positions: np.ndarray, z: float) -> np.ndarray:
+    def pixels(self, positions: np.ndarray) -> np.ndarray:
         """Where positions (N, 2) of (u, v) in the target's image are in the source's: (N, 2).
 
-        `z` is the depth of the bed from the target, metres.
+        The bed is taken to be in the middle of the target's range.
         """
         if self.window is not None:
             return positions + np.array(self.window)
         source, target = self.source, self.target
+        z = _middle(target)
         shrink = z / (z - self.rise)
         u = (positions[:, 0] - float(target.u0)) / float(target.fx) * shrink
         v = (positions[:, 1] - float(target.v0)) / float(target.fy) * shrink
@@ -74,7 +87,7 @@ def view_of(source: Camera, target: Camera, first: np.ndarray, *, reproject: boo
     """
     check_camera(source)
     window = window_of(target, source)
-    if window is not None:
+    if window is not None and not reproject:
         return View(source, target, window)
     if not reproject:
         names = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max")
@@ -84,10 +97,62 @@ def view_of(source: Camera, target: Camera, first: np.ndarray, *, reproject: boo
             f"the bank is for another camera: {differ}; with reproject (--reproject) the frames "
             "are seen as its camera would see them"
         )
+    if first.shape != source.shape:
+        raise BadImage(f"a frame has shape {first.shape}; the camera makes {source.shape}")
     height, width = source.shape
     middle = first[height // 4 : height - height // 4, width // 4 : width - width // 4]
     seen = middle[np.isfinite(middle) & (middle > 0)]
     if seen.size == 0:
         raise BadImage("no depth reading in the middle of the frame: where is the bed?")
-    rise = (float(target.z_min) + float(target.z_max)) / 2 - float(np.median(seen))
-    return View(source, target, None, rise)
+    bed = float(np.median(seen))
+    if window is not None and float(target.z_min) <= bed <= float(target.z_max):
+        return View(source, target, window)
+    return View(source, target, None, _middle(target) - bed)
+
+
+class Seen(NamedTuple):
+    """A weighed image made from a raw depth frame."""
+
+    image: np.ndarray
+    """(H, W) I of the bank's camera."""
+    filled: int
+    """Pixels without a reading."""
+    clamped: int
+    """Pixels beyond the camera's depth range, taken for its end."""
+
+
+def image_of_depth(
+    depth: ArrayLike,
+    camera: Camera,
+    *,
+    view: View | None = None,
+    depth_unit: float = 0.001,
+    max_missing: float = 0.1,
+    where: str = "depth",
+) -> Seen:
+    """The weighed image I of a raw depth frame: viewed, checked, filled, not rounded to levels.
+
+    Raises:
+      MissingDepth: too many pixels without a reading.
+      BadImage: wrong shape or type, or more than `MAX_CLAMPED` beyond the camera's depth range.
+      JShapeError: a share that is none.
+    """
+    if not (np.ndim(max_missing) == 0 and 0 <= max_missing <= 1):
+        raise JShapeError(f"max_missing is {max_missing!r}; it must be a share from 0 to 1")
+    metres, hint = to_metres(np.asarray(depth), depth_unit, where), None
+    if view is not None:
+        metres = view.depth(metres, where)
+        if view.window is None:
+            nearer = "nearer" if view.rise < 0 else "farther"
+            where = f"{where}, seen by the bank's camera from {abs(view.rise):.3f} m {nearer}"
+            hint = "; is all of the picture the bed, and is its relief within that range?"
+    check_depth(metres, camera, where, least_inside=1 - MAX_CLAMPED, hint=hint)
+    metres, filled = fill_missing(metres, limit=max_missing, where=where)
+    clamped = int(outside_range(metres, camera).sum())
+    level = camera.luminance(metres, quantize=False)
+    return Seen(np.asarray(metric.weigh(level, camera)), filled, clamped)
+
+
+def _middle(camera: Camera) -> float:
+    """Depth in the middle of a camera's range, metres."""
+    return (float(camera.z_min) + float(camera.z_max)) / 2

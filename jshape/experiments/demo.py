@@ -9,14 +9,17 @@ import numpy as np
 
 from jshape import metric, sim
 from jshape.data.simulate import random_bed
-from jshape.planning import DEFAULT_BANK, image_of_depth, placed_positions
+from jshape.data.view import image_of_depth
+from jshape.planning import DEFAULT_BANK, placed_positions
 from jshape.robot.loop import Molding, Step, mold
 from jshape.robot.simulated import SimulatedWorld
-from jshape.store import banks, files, plans
-from jshape.store.runs import Run
+from jshape.store import banks, files, plans, runs
 from jshape.viz import pictures
 
-MIN_GAIN_MM = 0.02
+FILES = ("plan.json", "result.png", "actions.png", "steps.png", "report.md", "summary.json")
+"""What the demo writes beside the run's own files."""
+
+MIN_GAIN_MM = 0.01
 """Least gain worth an action: below it the camera's noise decides which action is best."""
 
 Say = Callable[[str], Any]
@@ -58,20 +61,22 @@ def run_demo(
     """
     bank_name = bank_name or DEFAULT_BANK
     bank = banks.load_bank(bank_name)
-    files.check_target(out, overwrite, marker="run.json")
+    files.check_target(out, overwrite, contents=(*runs.CONTENTS, *FILES))
     for_bed, for_goal, for_world, for_other = jax.random.split(jax.random.key(seed), 4)
     bed = random_bed(for_bed, "irregular", std=0.003)
-    world = SimulatedWorld(for_world, bed, material=material, agent=agent)
-    other = SimulatedWorld(for_other, bed, material=material, agent=agent)
+    who = {"material": material, "agent": agent, "camera": bank.camera}
+    world = SimulatedWorld(for_world, bed, **who)
+    other = SimulatedWorld(for_other, bed, **who)
     made = _make_goal(for_goal, other, placed_positions(bank, None), actions)
-    goal, _ = image_of_depth(other.look(), bank.camera, where="goal")
+    goal = image_of_depth(other.look(), bank.camera, where="goal").image
     say(f"a bed of {material}, and a goal made from it by: {', '.join(made)}")
 
-    run = Run.create(
+    run = runs.Run.create(
         out,
         {"what": "demo", "bank": str(bank_name), "seed": seed, "goal": made, "agent": agent,
          "material": material, "replan": replan},
         overwrite=overwrite,
+        contents=FILES,
     )  # fmt: skip
     say("step  action            before     predicted  obtained (mm to the goal)")
 
@@ -136,7 +141,7 @@ def _write(out: Path, result: Molding, summary: dict[str, Any]) -> None:
     first = result.first_plan
     plans.write_plan(out / "plan.json", first)
     story = pictures.plan_figure(
-        first, result.goal, obtained=result.images[-1], obtained_mm=result.distances_mm,
+        first, obtained=result.images[-1], obtained_mm=result.distances_mm,
         title="demo: the first plan, and what the closed loop obtained",
     )  # fmt: skip
     files.write_atomic(out / "result.png", pictures.png(story))

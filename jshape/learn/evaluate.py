@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape import metric
+from jshape.camera import check_same_camera
 from jshape.data.pairs import Pairs
-from jshape.errors import BadDataset, JShapeError
+from jshape.errors import BadDataset
 from jshape.learn.fit import fit
 from jshape.predict.bank import Bank
 
@@ -34,10 +35,10 @@ def roi_errors_mm(bank: Bank, pairs: Pairs, action: str) -> tuple[np.ndarray, np
     matched points.  Pixels without a reading are left out.
 
     Raises:
-      JShapeError: bank and pairs have different cameras.
+      BadCamera: bank and pairs have different cameras.
       BadDataset: a pair without a single pixel seen before and after.
     """
-    _check_same_camera(bank, pairs)
+    check_same_camera(bank.camera, pairs.camera, "the data set's")
     prior, posterior = pairs.rois(action, bank.roi(action))
     blind = ~(np.isfinite(prior) & np.isfinite(posterior)).any((1, 2))
     if blind.any():
@@ -97,14 +98,3 @@ def _score(action: str, agent: str, parts: list[tuple[np.ndarray, np.ndarray]]) 
     return Score(
         action, agent, len(errors), float(errors.mean()), float(spread.std()), float(changes.mean())
     )
-
-
-def _check_same_camera(bank: Bank, pairs: Pairs) -> None:
-    ours, theirs = bank.camera, pairs.camera
-    names = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max")
-    for name in names:
-        mine, other = float(getattr(ours, name)), float(getattr(theirs, name))
-        if not np.isclose(mine, other, rtol=1e-4):
-            raise JShapeError(
-                f"the bank is for another camera: its {name} is {mine:g}, the data set's {other:g}"
-            )

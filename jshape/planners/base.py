@@ -13,7 +13,7 @@ class Status(IntEnum):
     """Why a plan ends."""
 
     CONVERGED = 0
-    """The distance left is at most the tolerance."""
+    """The distance left is at most the tolerance, up to rounding."""
     MAX_STEPS = 1
     """As many actions as allowed."""
     NO_IMPROVEMENT = 2
@@ -25,7 +25,7 @@ class Status(IntEnum):
         return {
             Status.CONVERGED: "the distance left is within the tolerance",
             Status.MAX_STEPS: "as many actions as allowed",
-            Status.NO_IMPROVEMENT: "no further action is predicted to lower the distance",
+            Status.NO_IMPROVEMENT: "no further action is predicted to gain enough",
         }[self]
 
 

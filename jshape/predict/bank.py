@@ -27,7 +27,7 @@ class Predictor(Protocol):
 
 
 @jax.tree_util.register_dataclass
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bank:
     """The predictors of all actions, for one camera.  `kind` names the idea: "D" is f_D."""
 

@@ -11,7 +11,7 @@ from jshape.errors import BadDataset
 
 
 @jax.tree_util.register_dataclass
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Difference:
     """f_D of one action: adds the mean change ΔI to a ROI."""
 

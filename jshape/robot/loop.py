@@ -12,8 +12,9 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from jshape import metric
-from jshape.camera import Camera
-from jshape.planning import Plan, check_image, image_of_depth, plan
+from jshape.camera import Camera, check_same_camera
+from jshape.data.view import image_of_depth
+from jshape.planning import Plan, check_image, plan
 from jshape.predict.bank import Bank
 
 
@@ -105,15 +106,17 @@ def mold(
       **options: passed on to `jshape.plan`.
 
     Raises:
+      BadCamera: the bank is for another camera than the world's.
       BadImage, MissingDepth: a look that is not a usable depth image.
     """
+    check_same_camera(bank.camera, world.camera, "the world's")
     goal = check_image(goal, bank.camera, "goal")
     options |= {"bank": bank, "min_gain": min_gain, "tolerance": tolerance}
 
     def look() -> tuple[np.ndarray, np.ndarray]:
         depth = world.look()
-        image, _ = image_of_depth(depth, bank.camera, max_missing=max_missing, where="look")
-        return depth, image
+        seen = image_of_depth(depth, bank.camera, max_missing=max_missing, where="look")
+        return depth, seen.image
 
     depth, image = look()
     ahead = plan(image, goal, max_steps=max_steps, **options)
@@ -128,7 +131,8 @@ def mold(
         depth, image = look()
         run.depths.append(depth)
         run.images.append(image)
-        obtained = float(metric.to_mm(metric.distance(image, goal), bank.camera))
+        d = metric.distance(image, goal)
+        obtained = float(metric.to_mm(d, bank.camera))
         before, predicted = (float(x) for x in ahead.distances_mm[next_ : next_ + 2])
         before = run.steps[-1].obtained_mm if run.steps else before
         step = Step(action, (u, v), before, predicted, obtained)
@@ -142,7 +146,7 @@ def mold(
             run.stop = Stop.WORSE
             return run
         if len(run.steps) == max_steps:
-            run.stop = Stop.MAX_STEPS
+            run.stop = Stop.CONVERGED if d <= tolerance else Stop.MAX_STEPS
             return run
         # Only the next action is needed, but a plan of the rest takes a few ms, and its length
         # is a static shape: always the same one, so that nothing is compiled again.

@@ -7,6 +7,7 @@ from jshape import sim
 from jshape._typing import Array, Key
 from jshape.camera import PAPER_BOX, Camera
 from jshape.data.simulate import look
+from jshape.errors import UnknownName
 
 
 class SimulatedWorld:
@@ -23,7 +24,17 @@ class SimulatedWorld:
         frames: int = 5,
         noise: float = 0.00045,
     ):
-        """A world that starts with `bed`; `frames` frames are averaged into each look."""
+        """A world that starts with `bed`; `frames` frames are averaged into each look.
+
+        Raises:
+          UnknownName: no such material or agent.
+        """
+        for what, name, allowed in (
+            ("material", material, sim.MATERIALS),
+            ("agent", agent, sim.AGENTS),
+        ):
+            if name not in allowed:
+                raise UnknownName(what, name, allowed)
         self.bed = bed
         self.camera = camera
         self._key = key
@@ -38,9 +49,7 @@ class SimulatedWorld:
 
     def look(self) -> np.ndarray:
         """Depth (H, W) in metres; 0 = no reading."""
-        return look(
-            self._next_key(), self.bed, self.camera, frames=self._frames, noise=self._noise
-        )
+        return look(self._next_key(), self.bed, self.camera, frames=self._frames, noise=self._noise)
 
     def act(self, action: str, position: tuple[int, int]) -> None:
         """Apply an action at pixel (u, v)."""

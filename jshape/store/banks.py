@@ -4,10 +4,10 @@ The manifest says what the bank is and holds the checksum of every other file; a
 after their file has matched it, and nothing is unpickled.
 """
 
+import hashlib
 import io
 import os
 import re
-import zipfile
 from collections.abc import Callable, Mapping
 from importlib import metadata
 from pathlib import Path
@@ -19,11 +19,11 @@ import numpy as np
 from jshape.errors import BadBank, BadCamera, BadFile, UnknownName
 from jshape.predict.bank import Bank
 from jshape.predict.difference import Difference
+from jshape.store.arrays import read_arrays
 from jshape.store.cameras import camera_fields, camera_from
 from jshape.store.files import (
     atomic_folder,
     inside,
-    one_line,
     read_bytes,
     read_json,
     sha256,
@@ -35,6 +35,8 @@ FORMAT = "jshape-bank"
 VERSION = 1
 MANIFEST = "manifest.json"
 EFFECTS = "effects.npz"
+CONTENTS = (MANIFEST, EFFECTS)
+"""What a bank's folder holds."""
 FILE_LIMIT = 1024 * 2**20
 """Largest array file that is read, and largest that it may unpack to, bytes."""
 
@@ -82,7 +84,9 @@ def save_bank(
       The folder.
 
     Raises:
-      BadBank: its kind cannot be saved, an effect is not finite, or `info` takes a reserved name.
+      BadBank: what `load_bank` would refuse: a kind that cannot be saved, no actions, a ROI larger
+        than the image, an effect that is not finite; or `info` takes a reserved name.
+      BadCamera: its camera makes no sense.
       BadFile: the folder exists or cannot be written.
     """
     where = str(folder)
@@ -100,7 +104,7 @@ def save_bank(
         "version": VERSION,
         "kind": bank.kind,
         "actions": list(bank.actions),
-        "rois": {name: list(size) for name, size in bank.rois.items()},
+        "rois": {name: [int(x) for x in size] for name, size in bank.rois.items()},
         "camera": camera_fields(bank.camera),
         "data": "",
         "code_version": _code_version(),
@@ -112,10 +116,12 @@ def save_bank(
         raise BadBank(f"{where}: info must not set {', '.join(clash)}")
     stream = io.BytesIO()
     np.savez_compressed(stream, allow_pickle=False, **arrays)
-    with atomic_folder(folder, overwrite, marker=MANIFEST) as temp:
+    checksums = {EFFECTS: hashlib.sha256(stream.getvalue()).hexdigest()}
+    manifest |= dict(info or {}) | {"checksums": checksums}
+    _check_manifest(manifest, where)
+    with atomic_folder(folder, overwrite, contents=CONTENTS) as temp:
         write_atomic(temp / EFFECTS, stream.getvalue())
-        checksums = {EFFECTS: sha256(temp / EFFECTS)}
-        write_json(temp / MANIFEST, manifest | dict(info or {}) | {"checksums": checksums})
+        write_json(temp / MANIFEST, manifest)
     return Path(folder)
 
 
@@ -129,7 +135,11 @@ def load_bank(name_or_folder: str | os.PathLike) -> Bank:
     folder, manifest = _open(name_or_folder)
     where = str(folder)
     kind = _kind(manifest["kind"], where)
-    arrays = _read_arrays(folder / EFFECTS)
+    path = folder / EFFECTS
+    try:
+        arrays = read_arrays(read_bytes(path, limit=FILE_LIMIT), str(path), FILE_LIMIT)
+    except BadFile as problem:
+        raise BadBank(str(problem)) from None
     predictors = []
     for number, name in enumerate(manifest["actions"]):
         start = f"{number}."
@@ -179,11 +189,12 @@ def _open(name_or_folder: str | os.PathLike) -> tuple[Path, dict[str, Any]]:
 
 
 def _find(name_or_folder: str | os.PathLike) -> Path:
-    """The folder of a bank.  A bundled name goes before a folder of that name."""
+    """The folder of a bank.  A name of both a bundled one and a bank's folder here is refused."""
     if isinstance(name_or_folder, str):
         if _NAME.fullmatch(name_or_folder):
             for root in _bundled_roots():
                 if (root / name_or_folder / MANIFEST).is_file():
+                    _check_alone(name_or_folder, root / name_or_folder)
                     return root / name_or_folder
             if not os.path.lexists(name_or_folder):
                 raise UnknownName("bank", name_or_folder, list_banks())
@@ -198,6 +209,16 @@ def _find(name_or_folder: str | os.PathLike) -> Path:
     if not (folder / MANIFEST).is_file():
         raise BadBank(f"{folder}: has no {MANIFEST}, so it is not a bank")
     return folder
+
+
+def _check_alone(name: str, bundled: Path) -> None:
+    """Refuse a bundled bank's name that a bank in the working directory has too."""
+    here = Path(name)
+    if (here / MANIFEST).is_file() and here.resolve() != bundled.resolve():
+        raise BadBank(
+            f"{name}: is a bundled bank and a folder here; write ./{name} for the folder, or "
+            "rename it for the bundled one"
+        )
 
 
 def _bundled_roots() -> tuple[Path, ...]:
@@ -248,23 +269,6 @@ def _kind(name: str, where: str) -> Kind:
     if name not in KINDS:
         raise BadBank(f"{where}: kind {name!r} is not known; allowed: {', '.join(KINDS)}")
     return KINDS[name]
-
-
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        data = read_bytes(path, limit=FILE_LIMIT)
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            unpacked = sum(member.file_size for member in archive.infolist())
-        if unpacked > FILE_LIMIT:
-            raise BadBank(f"{path}: unpacks to {unpacked:,} bytes; at most {FILE_LIMIT:,} are read")
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
-    except BadFile as problem:
-        raise BadBank(str(problem)) from None
-    except BadBank:
-        raise
-    except Exception as problem:  # zipfile and NumPy promise no type for a damaged archive
-        raise BadBank(f"{path}: not a readable NPZ: {one_line(problem)}") from None
 
 
 def _checked(array: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:

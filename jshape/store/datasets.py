@@ -30,6 +30,9 @@ COLUMNS = (
 """The header of pairs.csv."""
 CAMERA = "camera.json"
 TABLE = "pairs.csv"
+FRAMES = "frames"
+CONTENTS = (TABLE, CAMERA, FRAMES)
+"""What a data set's folder holds, at the top."""
 TABLE_LIMIT = 64 * 2**20
 """Largest pairs.csv that is read, bytes."""
 
@@ -137,7 +140,7 @@ def dataset_writer(
       BadFile: the folder exists or cannot be written.
       BadCamera: the camera or the unit makes no sense.
     """
-    with atomic_folder(folder, overwrite, marker=TABLE) as temp:
+    with atomic_folder(folder, overwrite, contents=CONTENTS) as temp:
         write_camera(temp / CAMERA, camera, depth_unit)
         adder = Adder(str(folder), temp, camera)
         yield adder
@@ -197,7 +200,7 @@ class Adder:
             if not counts.any():
                 raise BadDataset(f"{where}: no pixel of {column} has a reading")
         # Numbered, because an id need not be a file name.
-        paths = {c: f"frames/{len(self.ids):05d}_{c}.png" for c in ("prior", "posterior")}
+        paths = {c: f"{FRAMES}/{len(self.ids):05d}_{c}.png" for c in ("prior", "posterior")}
         for column, counts in (("prior", prior), ("posterior", posterior)):
             write_counts_png(self.folder / paths[column], counts)
         writer = csv.writer(self.table, lineterminator="\n")

@@ -6,7 +6,7 @@ import math
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, NoReturn
@@ -52,15 +52,16 @@ def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
 
 @contextmanager
 def atomic_folder(
-    target: str | os.PathLike, overwrite: bool = False, *, marker: str | None = None
+    target: str | os.PathLike, overwrite: bool = False, *, contents: Sequence[str] | None = None
 ) -> Iterator[Path]:
     """A temporary folder that becomes `target` when the block ends without an error.
 
     Args:
       target: the folder to make.  An empty folder may be there already.
       overwrite: replace what is there; it is removed only after the new folder is complete.
-      marker: a file that an existing folder must hold to be replaced, so that a mistyped path
-        does not cost somebody's other work.
+      contents: the top-level names that the caller writes.  A folder is replaced only if it holds
+        the first of them and nothing else than them, so that neither a mistyped path nor notes
+        kept beside a result cost somebody's other work.  None: whatever is there is replaced.
 
     Yields:
       The temporary folder, beside the target.
@@ -69,7 +70,7 @@ def atomic_folder(
       BadFile: the target exists (and must not be replaced), or cannot be written.
     """
     target = _resolved(Path(target))
-    occupied = check_target(target, overwrite, marker=marker)
+    check_target(target, overwrite, contents=contents)
     temp, old = _temp_beside(target), _temp_beside(target)
     try:
         with _parents(target):
@@ -79,6 +80,8 @@ def atomic_folder(
                 refuse(target, "cannot be made", problem)
             try:
                 yield temp
+                # Again: the block may have taken hours, in which somebody put something there.
+                occupied = check_target(target, overwrite, contents=contents)
                 _put_in_place(temp, target, old if occupied else None)
             finally:
                 shutil.rmtree(temp, ignore_errors=True)
@@ -88,7 +91,7 @@ def atomic_folder(
 
 
 def check_target(
-    target: str | os.PathLike, overwrite: bool = False, *, marker: str | None = None
+    target: str | os.PathLike, overwrite: bool = False, *, contents: Sequence[str] | None = None
 ) -> bool:
     """Whether `atomic_folder` may write there: call it before long work.
 
@@ -104,14 +107,21 @@ def check_target(
             return False
         if not target.is_dir():
             raise BadFile(f"{target}: is a file; a folder is to be made there")
-        if not any(target.iterdir()):
+        names = sorted(os.listdir(target))
+        if not names:
             return True
         if not overwrite:
             raise BadFile(f"{target}: the folder exists and is not empty; choose another name")
-        if marker is not None and not (target / marker).is_file():
+        if contents is not None and not (target / contents[0]).is_file():
             raise BadFile(
-                f"{target}: the folder holds no {marker}, so it is not replaced; "
+                f"{target}: the folder holds no {contents[0]}, so it is not replaced; "
                 "choose another name"
+            )
+        foreign = [name for name in names if contents is not None and name not in contents]
+        if foreign:
+            raise BadFile(
+                f"{target}: also holds {one_line(foreign[0], 80)}, which was not written by this "
+                "command; choose another name"
             )
     except OSError as problem:
         refuse(target, "cannot be read", problem)

@@ -49,7 +49,7 @@ def read_array(path: str | os.PathLike) -> np.ndarray:
     if data.startswith(_PNG):
         image = _read_png(path, data)
     elif data.startswith(_NPY):
-        image = _read_npy(path, data)
+        image = parse_npy(data, str(path))
     elif data.startswith(_EXR):
         image = _decode(path, _exr_of_one_channel(path, data), "EXR")
     elif data.startswith(_TIFF):
@@ -141,8 +141,12 @@ def _png_chunk(kind: bytes, content: bytes) -> bytes:
     return struct.pack(">I", len(content)) + checked + struct.pack(">I", zlib.crc32(checked))
 
 
-def _read_npy(path: Path, data: bytes) -> np.ndarray:
-    """An array from its header and bytes: nothing is unpickled, nothing allocated on its word."""
+def parse_npy(data: bytes, where: str) -> np.ndarray:
+    """An array from its header and bytes: nothing is unpickled, nothing allocated on its word.
+
+    Raises:
+      BadImage: not a whole NPY, or one that does not hold numbers.
+    """
     import io
     import warnings
 
@@ -156,17 +160,21 @@ def _read_npy(path: Path, data: bytes) -> np.ndarray:
             else:
                 shape, fortran, dtype = np.lib.format.read_array_header_2_0(stream)
     except Exception as problem:  # NumPy promises no type here: a header is parsed as Python
-        raise BadImage(f"{path}: not a readable NPY: {one_line(problem)}") from None
+        raise BadImage(f"{where}: not a readable NPY: {one_line(problem)}") from None
     if dtype.hasobject:
-        raise BadImage(f"{path}: the NPY holds Python objects, which are never loaded")
+        raise BadImage(f"{where}: the NPY holds Python objects, which are never loaded")
     if dtype.fields is not None or dtype.kind not in "fiub":
-        raise BadImage(f"{path}: the NPY holds {dtype}; expected float (metres) or uint16 (counts)")
+        raise BadImage(
+            f"{where}: the NPY holds {dtype}; expected float (metres) or uint16 (counts)"
+        )
+    if len(shape) > 32 or any(side < 0 for side in shape):
+        raise BadImage(f"{where}: not a readable NPY: its shape is {one_line(shape, 60)}")
     count = int(np.prod(shape, dtype=object)) if shape else 1
     if count == 0:
-        raise BadImage(f"{path}: the image is empty (shape {shape})")
+        raise BadImage(f"{where}: the image is empty (shape {shape})")
     start = stream.tell()
     if len(data) - start < count * dtype.itemsize:
-        raise BadImage(f"{path}: the NPY is cut off: {count:,} numbers expected")
+        raise BadImage(f"{where}: the NPY is cut off: {count:,} numbers expected")
     flat = np.frombuffer(data, dtype, count, start)
     return flat.reshape(shape, order="F" if fortran else "C").astype(dtype.newbyteorder("="))
 

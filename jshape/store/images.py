@@ -20,40 +20,73 @@ from jshape.store.formats import encode_png, read_array
 
 
 def read_depth(
-    path: str | os.PathLike, *, depth_unit: float = DEPTH_UNIT, camera: Camera | None = None
+    path: str | os.PathLike,
+    *,
+    depth_unit: float = DEPTH_UNIT,
+    camera: Camera | None = None,
+    check_range: bool = True,
 ) -> Float[np.ndarray, "H W"]:
-    """A depth image: PNG, TIFF, EXR or NPY, one channel.
+    """A depth image: PNG, TIFF, EXR or NPY, one channel; `read_array`, then `depth_of_array`.
+
+    Raises:
+      BadFile: the file cannot be read.
+      BadImage, BadCamera: as for `depth_of_array`.
+    """
+    return depth_of_array(
+        read_array(path),
+        str(path),
+        depth_unit=depth_unit,
+        camera=camera,
+        check_range=check_range,
+    )
+
+
+def depth_of_array(
+    raw: np.ndarray,
+    where: str = "image",
+    *,
+    depth_unit: float = DEPTH_UNIT,
+    camera: Camera | None = None,
+    check_range: bool = True,
+) -> Float[np.ndarray, "H W"]:
+    """The depth image that an array of a file means.
 
     uint16 is counts of `depth_unit`; floating point is metres; 8 bits are the luminance of
     `camera`, white = z_min and black = z_max, where 0 and 255 are clipped depths and not missing
     ones.  In the others 0, negative numbers, NaN and infinity mean "no reading".
 
     Args:
-      path: the file.
+      raw: (H, W), as `read_array` gives it.
+      where: what to call it in errors.
       depth_unit: metres per count.
       camera: whose image it is: its size and range are checked.  8-bit images need it.
+      check_range: False takes depths outside the camera's range as well (8 bits hold none).
 
     Returns:
       (H, W) float32, metres, NaN = no reading.
 
     Raises:
-      BadFile: the file cannot be read.
       BadImage: it is not a depth image, has no reading at all, or does not fit the camera.
       BadCamera: depth_unit is not a positive number.
     """
-    depth_unit = check_depth_unit(depth_unit, "read_depth")
-    raw = read_array(path)
-    where = str(path)
+    depth_unit = check_depth_unit(depth_unit, where)
     if raw.dtype == np.uint8:
         if camera is None:
             raise BadImage(f"{where}: 8-bit images are luminance and need a camera to be depth")
         if raw.shape != camera.shape:
             raise BadImage(wrong_shape(where, raw.shape, camera))
+        for level, colour in ((0, "black"), (255, "white")):
+            if (raw == level).all():
+                raise BadImage(
+                    f"{where}: every pixel is {colour}: nothing within the camera's range"
+                )
         return np.asarray(replace(camera, bits=8).depth(raw), np.float32)
     depth = to_metres(raw, depth_unit, where)
     if np.isnan(depth).all():
         raise BadImage(f"{where}: no pixel has a reading")
-    if camera is not None:
+    if camera is not None and depth.shape != camera.shape:
+        raise BadImage(wrong_shape(where, depth.shape, camera))
+    if camera is not None and check_range:
         check_depth(depth, camera, where, depth_unit if raw.dtype == np.uint16 else None)
     return depth
 

@@ -7,14 +7,15 @@ same predicted images to the last bit.
 import base64
 import io
 import os
-import zipfile
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jshape.errors import BadFile, JShapeError
+from jshape.camera import Camera
+from jshape.data.view import View
+from jshape.errors import BadCamera, BadFile
 from jshape.planners.base import Status
+from jshape.store.arrays import read_arrays
 from jshape.store.cameras import camera_fields, camera_from
 from jshape.store.files import one_line, read_json, write_json
 
@@ -23,10 +24,16 @@ if TYPE_CHECKING:
 
 FORMAT = "jshape-plan"
 VERSION = 1
+IMAGES_LIMIT = 1024 * 2**20
+"""Most bytes that the images of a plan may unpack to, whatever sizes it says."""
+
+_WORDS = {dict: "an object", list: "a list", str: "text", int: "a whole number"}
+_LARGEST = float(np.finfo(np.float32).max)
 
 
 def plan_fields(plan: "Plan") -> dict[str, Any]:
     """What a plan says, as plain values that JSON can hold (without its images)."""
+    own, distances_mm = plan.camera_positions, plan.distances_mm
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -35,17 +42,20 @@ def plan_fields(plan: "Plan") -> dict[str, Any]:
             {
                 "action": name,
                 "position": [int(x) for x in plan.positions[k]],
+                "camera_position": [int(x) for x in own[k]],
                 "roi": [int(x) for x in plan.rois[k]],
                 "clipped": float(plan.clipped[k]),
-                "distance_mm": float(plan.distances_mm[k + 1]),
+                "distance_mm": float(distances_mm[k + 1]),
             }
             for k, name in enumerate(plan.actions)
         ],
         "distances": [float(x) for x in plan.distances],
-        "distances_mm": [float(x) for x in plan.distances_mm],
-        "evaluations": plan.evaluations,
-        "filled": list(plan.filled),
+        "distances_mm": [float(x) for x in distances_mm],
+        "evaluations": int(plan.evaluations),
+        "filled": [int(x) for x in plan.filled],
+        "clamped": [int(x) for x in plan.clamped],
         "camera": camera_fields(plan.camera),
+        "view": None if plan.view is None else _view_fields(plan.view),
     }
 
 
@@ -57,9 +67,11 @@ def write_plan(path: str | os.PathLike, plan: "Plan", *, images: bool = True) ->
     """
     fields = plan_fields(plan)
     if images and plan.initial is not None:
+        arrays = {"initial": plan.initial} | ({} if plan.goal is None else {"goal": plan.goal})
+        arrays |= {f"patch_{k}": patch for k, patch in enumerate(plan.patches)}
         stream = io.BytesIO()
-        patches = {f"patch_{k}": patch for k, patch in enumerate(plan.patches)}
-        np.savez_compressed(stream, allow_pickle=False, initial=plan.initial, **patches)
+        packed = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
+        np.savez_compressed(stream, allow_pickle=False, **packed)
         fields["images"] = base64.b64encode(stream.getvalue()).decode()
     write_json(path, fields)
 
@@ -67,62 +79,171 @@ def write_plan(path: str | os.PathLike, plan: "Plan", *, images: bool = True) ->
 def read_plan(path: str | os.PathLike) -> "Plan":
     """Read a plan that `write_plan` wrote.
 
+    What follows from the rest (`distances_mm`, `camera_position`) is not read but made again.
+
     Raises:
       BadFile: not a plan, from a newer version, or damaged.
     """
     from jshape.planning import Plan
 
-    path = Path(path)
+    where = str(path)
     fields = read_json(path)
     if fields.get("format") != FORMAT:
-        raise BadFile(f"{path}: format is {fields.get('format')!r}; expected {FORMAT!r}")
-    if type(fields.get("version")) is not int or not 1 <= fields["version"] <= VERSION:
+        raise BadFile(f"{where}: format is {_short(fields.get('format'))}; expected {FORMAT!r}")
+    version = fields.get("version")
+    if type(version) is not int or not 1 <= version <= VERSION:
+        raise BadFile(f"{where}: version is {_short(version)}; this program reads up to {VERSION}")
+    camera = _camera(fields, "camera", where)
+    steps = [
+        _step(step, camera, f"{where}: step {k + 1}")
+        for k, step in enumerate(_take(fields, "steps", list, where))
+    ]
+    distances = _take(fields, "distances", list, where)
+    if len(distances) != len(steps) + 1:
         raise BadFile(
-            f"{path}: version is {fields.get('version')!r}; this program reads up to {VERSION}"
+            f"{where}: has {len(distances)} distances; {len(steps)} steps need {len(steps) + 1}"
         )
-    try:
-        steps = fields["steps"]
-        plan = Plan(
-            camera=camera_from(fields["camera"], str(path)),
-            actions=tuple(str(step["action"]) for step in steps),
-            positions=np.array([step["position"] for step in steps], np.int32).reshape(-1, 2),
-            rois=np.array([step["roi"] for step in steps], np.int32).reshape(-1, 2),
-            distances=np.array(fields["distances"], np.float32),
-            status=Status[fields["status"]],
-            evaluations=int(fields["evaluations"]),
-            clipped=np.array([step["clipped"] for step in steps], np.float32),
-            filled=(int(fields["filled"][0]), int(fields["filled"][1])),
-            **_images(fields.get("images"), len(steps)),
-        )
-    except JShapeError:
-        raise
-    except (
-        KeyError, TypeError, ValueError, IndexError, OSError, zipfile.BadZipFile
-    ) as problem:  # fmt: skip
-        raise BadFile(f"{path}: not a complete plan ({one_line(repr(problem))})") from None
-    _check(plan, path)
-    return plan
+    status = _take(fields, "status", str, where)
+    if status not in Status.__members__:
+        allowed = ", ".join(Status.__members__)
+        raise BadFile(f"{where}: status is {_short(status)}; allowed: {allowed}")
+    evaluations = _take(fields, "evaluations", int, where)
+    if evaluations < 0:
+        raise BadFile(f"{where}: evaluations is {_short(evaluations)}; expected a count from 0")
+    rois = [step["roi"] for step in steps]
+    return Plan(
+        camera=camera,
+        actions=tuple(step["action"] for step in steps),
+        positions=np.array([step["position"] for step in steps], np.int32).reshape(-1, 2),
+        rois=np.array(rois, np.int32).reshape(-1, 2),
+        distances=np.array(
+            [_number(x, _LARGEST, f"{where}: distance {k}") for k, x in enumerate(distances)],
+            np.float32,
+        ),
+        status=Status[status],
+        evaluations=evaluations,
+        clipped=np.array([step["clipped"] for step in steps], np.float32),
+        filled=_pair(fields.get("filled"), f"{where}: filled"),
+        # Older plans have neither this nor a view.
+        clamped=_pair(fields.get("clamped", [0, 0]), f"{where}: clamped"),
+        view=_view(fields, camera, where),
+        **_images(fields, camera, rois, where),
+    )
 
 
-def _images(text: str | None, count: int) -> dict[str, Any]:
-    if text is None:
+def _step(step: Any, camera: Camera, where: str) -> dict[str, Any]:
+    """A step's fields, in types that fit their arrays; its ROI lies inside the image."""
+    if type(step) is not dict:
+        raise BadFile(f"{where}: is {_short(step)}; expected an object")
+    action = _take(step, "action", str, where)
+    if not action:
+        raise BadFile(f"{where}: action is empty")
+    u, v = _pair(step.get("position"), f"{where}: position")
+    w, h = _pair(step.get("roi"), f"{where}: roi", least=1)
+    left, top = u - w // 2, v - h // 2
+    if min(left, top) < 0 or left + w > camera.width or top + h > camera.height:
+        raise BadFile(f"{where}: its ROI leaves the {camera.width}x{camera.height} image")
+    if "camera_position" in step:
+        _pair(step["camera_position"], f"{where}: camera_position", least=None)
+    clipped = _number(step.get("clipped"), 1.0, f"{where}: clipped")
+    return {"action": action, "position": (u, v), "roi": (w, h), "clipped": clipped}
+
+
+def _view_fields(view: View) -> dict[str, Any]:
+    return {
+        "source": camera_fields(view.source),
+        "window": None if view.window is None else [int(x) for x in view.window],
+        "rise": float(view.rise),
+    }
+
+
+def _view(fields: dict[str, Any], target: Camera, where: str) -> View | None:
+    """How the frames became the plan's images.  The target is the plan's camera."""
+    if fields.get("view") is None:
+        return None
+    view, where = _take(fields, "view", dict, where), f"{where}: view"
+    source = _camera(view, "source", where)
+    window = view.get("window")
+    if window is not None:
+        left, top = window = _pair(window, f"{where}: window")
+        if left + target.width > source.width or top + target.height > source.height:
+            raise BadFile(
+                f"{where}: its window leaves the {source.width}x{source.height} image of its source"
+            )
+    rise = view.get("rise")
+    # The bed, in the middle of the target's range, must be before the source as well.
+    most = (float(target.z_min) + float(target.z_max)) / 2
+    if type(rise) not in (int, float) or not -_LARGEST <= rise < most:
+        raise BadFile(f"{where}: rise is {_short(rise)}; expected metres, less than {most:g}")
+    return View(source, target, window, float(rise))
+
+
+def _images(
+    fields: dict[str, Any], camera: Camera, rois: list[tuple[int, int]], where: str
+) -> dict[str, Any]:
+    """The plan's images, all of the sizes that the plan says; nothing if it has none."""
+    if fields.get("images") is None:
         return {}
-    with np.load(io.BytesIO(base64.b64decode(text, validate=True)), allow_pickle=False) as file:
-        return {
-            "initial": file["initial"],
-            "patches": tuple(file[f"patch_{k}"] for k in range(count)),
-        }
+    text, where = _take(fields, "images", str, where), f"{where}: images"
+    try:
+        data = base64.b64decode(text, validate=True)
+    except ValueError as problem:
+        raise BadFile(f"{where}: not base64: {one_line(problem)}") from None
+    shapes = {"initial": camera.shape} | {f"patch_{k}": (h, w) for k, (w, h) in enumerate(rois)}
+    # Four bytes a pixel and a header each, the goal included: a bomb is not unpacked.
+    pixels = 2 * camera.width * camera.height + sum(w * h for w, h in rois)
+    most = min(4 * pixels + 4096 * (len(shapes) + 1), IMAGES_LIMIT)
+    arrays = read_arrays(data, where, most)
+    if "goal" in arrays:
+        shapes["goal"] = camera.shape
+    for name, shape in shapes.items():
+        if name not in arrays:
+            raise BadFile(f"{where}: has no {name}")
+        array = arrays[name]
+        if array.dtype != np.float32 or array.shape != shape:
+            raise BadFile(
+                f"{where}: {name} is {array.dtype} of shape {array.shape}; "
+                f"expected float32 of {shape} (rows, columns)"
+            )
+        if not np.isfinite(array).all():
+            raise BadFile(f"{where}: {name} holds NaN or infinity")
+    return {
+        "initial": arrays["initial"],
+        "goal": arrays.get("goal"),
+        "patches": tuple(arrays[f"patch_{k}"] for k in range(len(rois))),
+    }
 
 
-def _check(plan: "Plan", path: Path) -> None:
-    """Sizes that must agree before anything indexes with them."""
-    if plan.distances.shape != (len(plan) + 1,) or not np.isfinite(plan.distances).all():
-        raise BadFile(f"{path}: {len(plan)} steps need {len(plan) + 1} finite distances")
-    first = plan.positions - plan.rois // 2
-    size = (plan.camera.width, plan.camera.height)
-    if (plan.rois < 1).any() or (first < 0).any() or (first + plan.rois > size).any():
-        raise BadFile(f"{path}: a step's ROI leaves the {size[0]}x{size[1]} image")
-    if plan.initial is not None:
-        shapes = [patch.shape[::-1] for patch in plan.patches]
-        if plan.initial.shape != plan.camera.shape or shapes != [tuple(r) for r in plan.rois]:
-            raise BadFile(f"{path}: its images do not have the sizes that its steps say")
+def _camera(fields: dict[str, Any], name: str, where: str) -> Camera:
+    try:
+        return camera_from(_take(fields, name, dict, where), f"{where}: {name}")
+    except BadCamera as problem:
+        raise BadFile(str(problem)) from None
+
+
+def _take(fields: dict[str, Any], name: str, kind: type, where: str) -> Any:
+    """A field of that very type: a bool is no int."""
+    if name not in fields:
+        raise BadFile(f"{where}: missing {name}")
+    if type(fields[name]) is not kind:
+        raise BadFile(f"{where}: {name} is {_short(fields[name])}; expected {_WORDS[kind]}")
+    return fields[name]
+
+
+def _pair(value: Any, where: str, least: int | None = 0) -> tuple[int, int]:
+    """Two whole numbers; the limits above are checked where they are known."""
+    whole = type(value) is list and [type(x) for x in value] == [int, int]
+    if not whole or (least is not None and min(value) < least):
+        limit = "" if least is None else f" from {least}"
+        raise BadFile(f"{where} is {_short(value)}; expected two whole numbers{limit}")
+    return value[0], value[1]
+
+
+def _number(value: Any, most: float, where: str) -> float:
+    if type(value) not in (int, float) or not 0 <= value <= most:
+        raise BadFile(f"{where} is {_short(value)}; expected a number from 0 to {most:g}")
+    return float(value)
+
+
+def _short(value: Any) -> str:
+    return one_line(repr(value), 60)

@@ -44,17 +44,22 @@ def read_points(path: str | os.PathLike) -> Float[np.ndarray, "P 3"]:
 
 
 def read_goal(
-    path: str | os.PathLike, camera: Camera, depth_unit: float = DEPTH_UNIT
+    path: str | os.PathLike,
+    camera: Camera,
+    depth_unit: float = DEPTH_UNIT,
+    *,
+    check_range: bool = True,
 ) -> Float[np.ndarray, "H W"]:
     """The depth image that is wanted, from an image or from a point cloud or mesh.
 
     Points are in the camera's frame; the nearest wins a pixel.  The faces of a mesh count, not
-    only its vertices.  What lies beyond the camera's range has the depth where the range ends.
+    only its vertices.  What lies beyond the camera's range has the depth that it has.
 
     Args:
       path: .ply or .pcd, else an image as for `read_depth`.
       camera: the camera that is to see it.
       depth_unit: metres per count, for images.
+      check_range: False asks only that something is in view, not that any of it is in range.
 
     Returns:
       (H, W) float32, metres; NaN where no point falls, or where an image has no reading.
@@ -62,37 +67,42 @@ def read_goal(
     Raises:
       BadFile: the file cannot be read.
       BadImage: it is not a depth image of this camera, or no point is in view and within range.
+      BadCamera: depth_unit is not a positive number.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        return read_depth(path, depth_unit=depth_unit, camera=camera)
+        return read_depth(path, depth_unit=depth_unit, camera=camera, check_range=check_range)
     points, faces = _read(path)
     if faces is None or not len(faces):
-        return depth_of_points(points, camera, str(path))
+        return depth_of_points(points, camera, str(path), check_range=check_range)
     depth = depth_of_faces(points, faces, camera, path)
-    low, high = _range(camera)
+    low, high = _range(camera, check_range)
     if not ((depth >= low) & (depth <= high)).any():
-        raise BadImage(_out_of_view(points, camera, str(path)))
-    return np.clip(depth, np.float32(camera.z_min), np.float32(camera.z_max))
+        raise BadImage(_out_of_view(points, camera, str(path), check_range))
+    return depth
 
 
 def depth_of_points(
-    points: Float[np.ndarray, "P 3"], camera: Camera, where: str = "points"
+    points: Float[np.ndarray, "P 3"],
+    camera: Camera,
+    where: str = "points",
+    *,
+    check_range: bool = True,
 ) -> Float[np.ndarray, "H W"]:
     """The depth image of points in the camera's frame: (H, W) metres, NaN where none falls.
 
-    As `Camera.project` without rounding, except that a pixel which no point reaches is missing and
-    not black.
+    As `Camera.project` in metres, except that a pixel which no point reaches is missing and not
+    black, and that a depth beyond the camera's range stays what it is.
 
     Raises:
-      BadImage: no point is in view and within the camera's range.
+      BadImage: no point is in view and, if `check_range`, within the camera's range.
     """
     depth = _nearest(points, camera)
-    low, high = _range(camera)
+    low, high = _range(camera, check_range)
     ahead = points[(points[:, 2] >= low) & (points[:, 2] <= high)]
     if np.isnan(_nearest(ahead, camera)).all():
-        raise BadImage(_out_of_view(points, camera, where))
-    return np.clip(depth, np.float32(camera.z_min), np.float32(camera.z_max))
+        raise BadImage(_out_of_view(points, camera, where, check_range))
+    return depth
 
 
 def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
@@ -108,22 +118,25 @@ def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
     return np.where(np.isfinite(depth), depth, np.float32(np.nan))
 
 
-def _range(camera: Camera) -> tuple[float, float]:
-    """The camera's depth range, and a little more for rounding, metres."""
+def _range(camera: Camera, check_range: bool) -> tuple[float, float]:
+    """The camera's depth range, and a little more for rounding, metres; else all before it."""
+    if not check_range:
+        return 0.0, np.inf
     low, high = float(camera.z_min), float(camera.z_max)
     slack = 1e-4 * (high - low)
     return low - slack, high + slack
 
 
-def _out_of_view(points: np.ndarray, camera: Camera, where: str) -> str:
+def _out_of_view(points: np.ndarray, camera: Camera, where: str, check_range: bool) -> str:
+    low, high = float(camera.z_min), float(camera.z_max)
+    within = f" within {low:g} to {high:g} m" if check_range else ""
     span = ", ".join(
         f"{axis} {points[:, k].min():.3g} to {points[:, k].max():.3g}"
         for k, axis in enumerate("XYZ")
     )
     return (
-        f"{where}: no point is in view of the camera within {float(camera.z_min):g} to "
-        f"{float(camera.z_max):g} m; the points span {span} m (camera frame: Z along the "
-        "optical axis)"
+        f"{where}: no point is in view of the camera{within}; the points span {span} m "
+        "(camera frame: Z along the optical axis)"
     )
 
 

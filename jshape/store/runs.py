@@ -6,7 +6,7 @@ with all steps that were complete and goes on from there.
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,9 @@ FORMAT = "jshape-run"
 VERSION = 1
 DESCRIPTION = "run.json"
 STEPS = "steps.jsonl"
+FRAMES = "frames"
+CONTENTS = (DESCRIPTION, STEPS, FRAMES)
+"""What a run's folder holds, at the top."""
 DEPTH_UNIT = 0.0001
 """Default metres per count of a run's frames: 0.1 mm, up to 6.5 m."""
 STEPS_LIMIT = 256 * 2**20
@@ -69,6 +72,7 @@ class Run:
         *,
         depth_unit: float = DEPTH_UNIT,
         overwrite: bool = False,
+        contents: Sequence[str] = (),
     ) -> "Run":
         """Start a run in a new folder.
 
@@ -77,6 +81,8 @@ class Run:
           meta: what to say of the run; anything that JSON can hold.
           depth_unit: metres per count of its frames.
           overwrite: replace the run that is there.
+          contents: names of what the caller puts beside the run, and that goes with an old one;
+            a folder that holds anything else is not replaced.
 
         Raises:
           BadFile: the folder exists or cannot be written, or JSON cannot hold `meta`.
@@ -87,7 +93,8 @@ class Run:
         content = {
             "format": FORMAT, "version": VERSION, "depth_unit": unit, "meta": dict(meta or {})
         }  # fmt: skip
-        with atomic_folder(folder, overwrite, marker=DESCRIPTION) as temp:
+        own = (*CONTENTS, *contents)
+        with atomic_folder(folder, overwrite, contents=own) as temp:
             write_json(temp / DESCRIPTION, content)
             write_atomic(temp / STEPS, "")
         return cls.open(folder)
@@ -143,7 +150,7 @@ class Run:
         index = len(self._steps)
         record: dict[str, Any] = {"index": index, **step}
         if depth is not None:
-            record["frame"] = f"frames/{index:03d}.png"
+            record["frame"] = f"{FRAMES}/{index:03d}.png"
         line = json_text(record, str(path), indent=None)
         if depth is not None:
             write_depth_png(self.folder / record["frame"], depth, self.depth_unit)

@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from jshape import metric
 from jshape._typing import ArrayLike
 from jshape.camera import Camera
+from jshape.errors import JShapeError
 from jshape.learn.evaluate import Score
 from jshape.planning import Plan
 
@@ -41,7 +42,6 @@ def height_mm(image: np.ndarray, camera: Camera) -> np.ndarray:
 
 def plan_figure(
     plan: Plan,
-    goal: np.ndarray,
     *,
     obtained: np.ndarray | None = None,
     obtained_mm: ArrayLike | None = None,
@@ -53,13 +53,17 @@ def plan_figure(
     to the goal, and the distance over the actions.
 
     Args:
-      plan: with its images.
-      goal: (H, W) the image wanted.
+      plan: with its images and its goal.
       obtained: (H, W) the image that really came out.
       obtained_mm: measured distances at the start and after each action.
       title: above all.
+
+    Raises:
+      JShapeError: the plan was stored without its images.
     """
-    camera = plan.camera
+    camera, goal = plan.camera, plan.goal
+    if goal is None:
+        raise JShapeError("this plan was stored without its images")
     shown = [("now, with the plan", plan.images[0]), ("goal", goal)]
     shown.append((f"predicted: {plan.distances_mm[-1]:.2f} mm", plan.images[-1]))
     if obtained is not None:
@@ -94,15 +98,34 @@ def plan_figure(
 def overlay_figure(plan: Plan) -> Figure:
     """I0 alone, with the actions as numbered boxes: what to do where, in which order."""
     camera = plan.camera
-    figure = Figure(figsize=(camera.width / 60, camera.height / 60 + 0.6), layout="constrained")
+    tall = camera.height / 60 + 0.6 + 0.17 * len(plan)
+    figure = Figure(figsize=(camera.width / 60, tall), layout="constrained")
     ax = figure.subplots()
     height = height_mm(plan.images[0], camera)
     low, high = (float(q) for q in np.percentile(height, (0.5, 99.5)))
     drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=max(high, low + 1))
     figure.colorbar(drawn, ax=ax, label="height (mm)", shrink=0.85)
     draw_actions(ax, plan)
-    ax.set(xlabel="u (pixels)", ylabel="v (pixels)", title=f"{len(plan)} actions, in this order")
+    own = plan.view is None
+    whose = "" if own else ", bank's image"
+    ax.set(xlabel=f"u (pixels{whose})", ylabel=f"v (pixels{whose})")
+    steps = [
+        f"{k + 1}  {name} at ({u}, {v})"
+        for k, (name, (u, v)) in enumerate(zip(plan.actions, plan.camera_positions, strict=True))
+    ]
+    where = "" if own else " in the camera's own pixels"
+    many = "1 action" if len(plan) == 1 else f"{len(plan)} actions"
+    ax.set_title(f"{many}{where}:\n" + ("\n".join(steps) or "nothing helps"), fontsize=10)
     return figure
+
+
+def steps_figure(plan: Plan) -> Figure:
+    """The predicted images of a plan side by side, and the goal."""
+    names = ["now", *(f"{k + 1} {name}" for k, name in enumerate(plan.actions))]
+    images = list(plan.images)
+    if plan.goal is not None:
+        images, names = [*images, plan.goal], [*names, "goal"]
+    return strip_figure(images, names, plan.camera)
 
 
 def strip_figure(
@@ -141,18 +164,22 @@ def scores_figure(scores: Sequence[Score]) -> Figure:
 
 
 def draw_actions(ax: Axes, plan: Plan) -> None:
-    """The plan's ROIs as numbered boxes; numbers at one place stand beside each other."""
+    """The plan's ROIs as boxes with their number above and a cross at the place to act on."""
     taken: dict[tuple[int, int], int] = {}
     for k, name in enumerate(plan.actions):
         (u, v), (w, h) = plan.positions[k], plan.rois[k]
         colour = COLOURS.get(name, "0.5")
-        corner = (u - w // 2 - 0.5, v - h // 2 - 0.5)
-        ax.add_patch(Rectangle(corner, w, h, fill=False, edgecolor=colour, linewidth=1.8))
-        beside = taken.get((u, v), 0)
-        taken[u, v] = beside + 1
+        left, top = int(u - w // 2), int(v - h // 2)
+        ax.add_patch(
+            Rectangle((left - 0.5, top - 0.5), w, h, fill=False, edgecolor=colour, linewidth=1.8)
+        )
+        ax.plot(u, v, "+", color=colour, markersize=9, markeredgewidth=1.8)
+        beside = taken.get((left, top), 0)  # the same action twice in one place
+        taken[left, top] = beside + 1
         ax.text(
-            u, v + 24 * beside, f"{k + 1} {name}", color="white", ha="center", va="center",
-            fontsize=9, bbox={"facecolor": colour, "edgecolor": "none", "pad": 1.5},
+            left + 2 + 26 * beside, max(top - 4, 12), str(k + 1), color="white", ha="left",
+            va="bottom", fontsize=9, fontweight="bold",
+            bbox={"facecolor": colour, "edgecolor": "none", "pad": 1.5},
         )  # fmt: skip
 
 
@@ -163,7 +190,8 @@ def draw_curve(ax: Axes, predicted_mm: ArrayLike, obtained_mm: ArrayLike | None 
         ax.plot(range(np.size(obtained_mm)), obtained_mm, "s-", color="tab:red", label="obtained")
     largest = max(float(np.max(y)) for y in (predicted_mm, obtained_mm) if y is not None)
     top = max(1.1 * largest, 1e-3)  # not 0, where goal and start are equal
-    ax.set(xlabel="actions applied", ylabel="distance to the goal (mm)", ylim=(0, top))
+    ax.set(xlabel="actions applied", ylim=(0, top))
+    ax.set_title("distance to the goal (mm)", fontsize=10)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(alpha=0.3)
     ax.legend()

@@ -1,0 +1,86 @@
+"""`jshape dataset simulate` and `jshape dataset info`."""
+
+import argparse
+from typing import Any
+
+from jshape.camera import Camera
+from jshape.commands.tables import print_table, progress
+from jshape.store import cameras, datasets
+
+
+def simulate(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape dataset simulate OUT`."""
+    import jax
+
+    from jshape.camera import PAPER_BOX
+    from jshape.data.simulate import DEPTH_UNIT, ROIS, simulate_pairs
+
+    actions = tuple(options.actions or ROIS)
+    total = options.pairs * len(actions) * len(options.agents)
+    pairs = simulate_pairs(
+        jax.random.key(options.seed),
+        options.pairs,
+        actions=actions,
+        agents=options.agents,
+        material=options.material,
+        beds=options.beds,
+        frames=options.frames,
+    )
+    with datasets.dataset_writer(
+        options.out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite
+    ) as add:
+        for index, pair in enumerate(progress(pairs, total, "simulating")):
+            add(
+                id=f"{pair.action}_{pair.agent}_{index:05d}",
+                action=pair.action,
+                agent=pair.agent,
+                material=pair.material,
+                prior=pair.prior,
+                posterior=pair.posterior,
+                u=pair.position[0],
+                v=pair.position[1],
+                width=pair.roi[0],
+                height=pair.roi[1],
+            )
+    if not options.json:
+        print(f"{total} pairs: {options.out}")
+    return {"out": str(options.out), "pairs": total}
+
+
+def info(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape dataset info DATASET`."""
+    pairs = datasets.load_pairs(options.dataset)
+    missing = [float((frames == 0).mean()) for frames in (pairs.prior, pairs.posterior)]
+    rows = []
+    for action, mine in pairs.by_action():
+        for agent in dict.fromkeys(mine.agent.tolist()):
+            theirs = mine.of(agent=agent)
+            rows.append({
+                "action": action,
+                "agent": agent,
+                "material": "/".join(dict.fromkeys(theirs.material.tolist())),
+                "pairs": len(theirs),
+                "roi": list(pairs.roi_size(action)),
+            })  # fmt: skip
+    result = {
+        "pairs": len(pairs),
+        "camera": cameras.camera_fields(pairs.camera),
+        "depth_unit": pairs.depth_unit,
+        "missing_share": {"prior": missing[0], "posterior": missing[1]},
+        "groups": rows,
+    }
+    if not options.json:
+        _print_camera(pairs.camera, pairs.depth_unit)
+        print(f"without depth: {missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels")
+        print_table(
+            ("action", "agent", "material", "pairs", "ROI (w x h)"),
+            [(r["action"], r["agent"], r["material"], r["pairs"], "{}x{}".format(*r["roi"]))
+             for r in rows],
+        )  # fmt: skip
+    return result
+
+
+def _print_camera(camera: Camera, unit: float) -> None:
+    fields = cameras.camera_fields(camera)
+    print(", ".join(f"{name} {value}" for name, value in fields.items()), f"depth_unit {unit}",
+          sep=", ")  # fmt: skip

@@ -1,0 +1,141 @@
+"""`jshape plan INITIAL DESIRED`."""
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jshape import metric
+from jshape.actions import grid
+from jshape.camera import PRESETS, Camera, check_camera, window_of
+from jshape.commands.tables import print_table
+from jshape.errors import BadCamera, BadImage, BadPosition
+from jshape.planning import DEFAULT_BANK, Plan, plan_depth
+from jshape.predict.bank import Bank
+from jshape.store import banks, cameras, files, formats, images, plans, points
+
+CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
+"""Files of a plan's folder."""
+
+
+def plan(options: argparse.Namespace) -> dict[str, Any]:
+    """Read two images, plan, print and write."""
+    bank_name = options.bank or DEFAULT_BANK
+    bank = banks.load_bank(bank_name)
+    if options.out is not None:
+        files.check_target(options.out, options.overwrite, contents=CONTENTS)
+    raw = formats.read_array(options.initial)
+    source = _source(options.initial, raw.shape, options.camera, bank)
+    reading = {
+        "camera": check_camera(source.camera),
+        "depth_unit": options.depth_unit or source.depth_unit,
+        # From another height the bed is where the camera's stated range need not reach.
+        "check_range": not options.reproject,
+    }
+    found = plan_depth(
+        images.depth_of_array(raw, str(options.initial), **reading),
+        points.read_goal(options.desired, **reading),
+        bank=bank,
+        camera=source.camera,
+        reproject=options.reproject,
+        planner=options.planner,
+        positions=_positions(options.positions, bank),
+        clip=options.clip,
+        max_steps=options.max_steps,
+        min_gain=options.min_gain_mm / float(metric.to_mm(1.0, bank.camera)),
+        tolerance=options.tolerance_mm / float(metric.to_mm(1.0, bank.camera)),
+        max_missing=options.max_missing,
+        names=(str(options.initial), str(options.desired)),
+    )
+    result = {"bank": str(bank_name), "source": source.said} | plans.plan_fields(found)
+    if options.out is not None:
+        with files.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
+            plans.write_plan(folder / "plan.json", found)
+            _draw(folder, found)
+        result["out"] = str(options.out)
+    if not options.json:
+        _print(found, str(bank_name), source)
+        if options.out is not None:
+            print(f"plan and pictures: {options.out}")
+    return result
+
+
+class Source(NamedTuple):
+    """Where frames come from, as far as it was said or could be guessed."""
+
+    camera: Camera
+    depth_unit: float
+    """Metres per count."""
+    said: str
+    """How we know, for people."""
+
+
+def _source(initial: Path, shape: tuple[int, ...], given: str | None, bank: Bank) -> Source:
+    """The camera of the images: named, found beside them, or guessed from their size."""
+    if given in PRESETS:
+        return Source(PRESETS[given], cameras.DEPTH_UNIT, f"preset {given}")
+    if given is not None:
+        if not Path(given).exists():
+            raise BadCamera(f"{given}: neither a file nor a preset ({', '.join(PRESETS)})")
+        return Source(*cameras.read_camera(given), given)
+    beside = initial.parent / "camera.json"
+    if beside.is_file():
+        return Source(*cameras.read_camera(beside), str(beside))
+    for name, camera in {"the bank's own": bank.camera, **PRESETS}.items():
+        if shape == camera.shape and window_of(bank.camera, camera) is not None:
+            said = f"{name}, guessed from the size {shape[1]}x{shape[0]}; --camera says otherwise"
+            return Source(camera, cameras.DEPTH_UNIT, said)
+    raise BadImage(
+        f"{initial}: has {shape} (rows, columns); the bank's camera makes {bank.camera.shape}; "
+        "describe your camera in a camera.json beside the image, or name one with --camera"
+    )
+
+
+def _positions(text: str | None, bank: Bank) -> np.ndarray | None:
+    """Positions named on the command line: a grid "7x3", or a JSON file."""
+    if text is None:
+        return None
+    size = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", text)
+    if size:
+        return grid(bank.camera, int(size[1]), int(size[2]), margin=bank.largest_roi)
+    if Path(text).suffix != ".json":
+        raise BadPosition(f"positions {text!r}: expected COLUMNSxROWS or a .json file")
+    places = files.read_json(text).get("positions")
+    pairs = places if isinstance(places, list) else [None]
+    whole = all(
+        isinstance(pair, list)
+        and len(pair) == 2
+        and all(type(x) is int and abs(x) < 2**31 for x in pair)
+        for pair in pairs
+    )
+    if not whole or not pairs:
+        raise BadPosition(f'{text}: expected {{"positions": [[u, v], ...]}}, whole pixels')
+    return np.array(pairs)
+
+
+def _draw(folder: Path, found: Plan) -> None:
+    from jshape.viz import pictures
+
+    figures = {
+        "plan.png": pictures.plan_figure(found),
+        "actions.png": pictures.overlay_figure(found),
+        "steps.png": pictures.steps_figure(found),
+    }
+    for name, figure in figures.items():
+        files.write_atomic(folder / name, pictures.png(figure))
+
+
+def _print(found: Plan, bank: str, source: Source) -> None:
+    print(f"bank: {bank}; camera: {source.said}")
+    filled, clamped = found.filled, found.clamped
+    print(f"pixels without depth, filled: {filled[0]} now, {filled[1]} in the goal; "
+          f"beyond the depth range: {clamped[0]} now, {clamped[1]} in the goal")  # fmt: skip
+    d = found.distances_mm
+    rows: list[tuple[Any, ...]] = [("", "start", "", "", f"{d[0]:.3f}", "")]
+    for k, name in enumerate(found.actions):
+        u, v = found.camera_positions[k]
+        rows.append((k + 1, name, u, v, f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"))
+    print_table(("step", "action", "u", "v", "to the goal (mm)", "gain (mm)"), rows)
+    print(f"{found.status.name}: {found.status.meaning} ({found.evaluations} predictions)")

@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from jshape import PAPER_BOX, fit, load_pairs, plan_depth
+from jshape import PAPER_BOX, fit, load_bank, load_pairs, plan_depth
 from jshape.cli import main
 from jshape.data.relief import depth_of_relief
 from jshape.learn.evaluate import cross_validate
@@ -22,13 +22,19 @@ SEQUENCES = {
 }
 
 
+@pytest.mark.parametrize("bundled", [False, True], ids=["fitted", "bundled"])
 @pytest.mark.parametrize("noise", ["", "_noisy"])
 @pytest.mark.parametrize("name", SEQUENCES)
-def test_the_applied_actions_are_found(shared_data, name, noise):
-    """Type and place of every applied action, from the first and the last frame alone."""
+def test_the_applied_actions_are_found(shared_data, name, noise, bundled):
+    """Type and place of every applied action, from the first and the last frame alone.
+
+    With a bank fitted to the same engine's pairs, and with the bundled one, which was fitted to
+    the project's own simulator.
+    """
     folder = shared_data / "mpm" / f"seqs{noise}" / name
     sequence = json.loads((folder / "sequence.json").read_text())
-    bank = fit(load_pairs(shared_data / "mpm" / f"pairs{noise}" / SEQUENCES[name]))
+    pairs = shared_data / "mpm" / f"pairs{noise}" / SEQUENCES[name]
+    bank = load_bank("flour-robot") if bundled else fit(load_pairs(pairs))
     first, last = (
         read_depth(folder / f"{k}.png", depth_unit=1e-4) for k in (0, len(sequence["applied"]))
     )

@@ -106,7 +106,7 @@ def overlay_figure(plan: Plan) -> Figure:
     drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=max(high, low + 1))
     figure.colorbar(drawn, ax=ax, label="height (mm)", shrink=0.85)
     draw_actions(ax, plan)
-    own = plan.view is None
+    own = np.array_equal(plan.camera_positions, plan.positions)
     whose = "" if own else ", bank's image"
     ax.set(xlabel=f"u (pixels{whose})", ylabel=f"v (pixels{whose})")
     steps = [

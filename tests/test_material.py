@@ -46,7 +46,7 @@ def test_the_applied_actions_are_found(shared_data, name, noise, bundled):
     # What is planned besides is small change: a poke more where one went deeper than usual.
     extra = [k for k, step in enumerate(planned) if step not in applied]
     gains = -np.diff(found.distances_mm)
-    assert len(extra) <= 2 and all(gains[k] < 0.05 for k in extra)
+    assert len(extra) <= 1 and all(gains[k] < 0.05 for k in extra)
 
 
 def test_errors_of_the_mean_difference_are_those_known(shared_data):

@@ -14,7 +14,7 @@ import numpy as np
 def seconds(call: Callable[[], Any], *, least: float = 0.5, repeats: int = 7) -> float:
     """Median over `repeats` rounds of the time per call, after two calls that compile and warm up.
 
-    A round lasts about `least / repeats` seconds.  The median, since the machine is shared: the
+    A round lasts about `least / repeats` seconds.  The median, since other work may run: the
     least of many would hide what waking threads costs every time.
     """
     jax.block_until_ready(call())

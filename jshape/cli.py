@@ -67,9 +67,9 @@ def build_parser() -> Parser:
     plan.add_argument("--planner", default="greedy", help="which search (default: greedy)")
     plan.add_argument(
         "--positions",
-        default=None,
+        default="21x15",
         metavar="CxR|FILE",
-        help="a grid, columns x rows (default: 5x3), or a JSON file with positions",
+        help="a grid of places for each action (default: 21x15), or a JSON file with positions",
     )
     plan.add_argument(
         "--clip",
@@ -81,8 +81,8 @@ def build_parser() -> Parser:
     plan.add_argument(
         "--min-gain-mm",
         type=_nonnegative,
-        default=0.0,
-        help="an action must help by more than this",
+        default=0.005,
+        help="an action must help by more than this (default: 0.005)",
     )
     plan.add_argument(
         "--tolerance-mm",

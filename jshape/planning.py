@@ -1,9 +1,11 @@
 """The main job: an image and a goal in, a plan out.
 
 Thin host wrappers: they check what came, turn names into arrays, call one compiled search and
-read its answer.  Nothing is compiled anew for another image, goal, position or limit.
+read its answer.  Nothing is compiled anew for another image, goal, place, least gain or tolerance;
+another `max_steps`, or another number of places, is another shape.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -114,7 +116,7 @@ def plan(
     *,
     bank: Bank | str | Path | None = None,
     planner: str = "greedy",
-    positions: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    positions: ArrayLike | Mapping[str, ArrayLike] | str | None = None,
     max_steps: int = 16,
     min_gain: float = 0.0,
     tolerance: float = 0.0,
@@ -127,8 +129,9 @@ def plan(
       Istar: (H, W) the image wanted.
       bank: a `Bank`, the name of a bundled one or a folder; None is the bundled default.
       planner: which search.
-      positions: (N, 2) of (u, v) ROI centres for all actions, or a mapping of action to such;
-        None is the paper's grid of 15.
+      positions: (N, 2) of (u, v) ROI centres for all actions, a mapping of action to such, or a
+        grid "21x15" (columns x rows) that spans the image for each action; None is the paper's
+        grid of 15, the same for all actions.
       max_steps: most actions in the plan.
       min_gain: an action must lower d by more than this.
       tolerance: stop when d is at most this.
@@ -279,15 +282,24 @@ def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:
 
 
 def placed_positions(
-    bank: Bank, positions: ArrayLike | Mapping[str, ArrayLike] | None, clip: str = "refuse"
+    bank: Bank, positions: ArrayLike | Mapping[str, ArrayLike] | str | None, clip: str = "refuse"
 ) -> dict[str, np.ndarray]:
     """Positions (N_a, 2) per action of a bank, all ROIs inside the image (host).
 
-    None is the paper's 5 x 3 grid, laid so that the bank's largest ROI fits everywhere.
+    None is the paper's 5 x 3 grid, laid so that the bank's largest ROI fits everywhere; "21x15"
+    is a grid as wide as each action's own ROI allows.
     """
     rois = bank.rois
     if positions is None:
         per_action = dict.fromkeys(bank.actions, places.grid(bank.camera, margin=bank.largest_roi))
+    elif isinstance(positions, str):
+        size = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", positions)
+        if not size:
+            raise BadPosition(f"positions {positions!r}: a grid is written COLUMNSxROWS")
+        columns, rows = int(size[1]), int(size[2])
+        per_action = {
+            name: places.grid(bank.camera, columns, rows, margin=roi) for name, roi in rois.items()
+        }
     elif isinstance(positions, Mapping):
         unknown = [name for name in positions if name not in bank.actions]
         if unknown:

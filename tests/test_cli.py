@@ -349,3 +349,31 @@ def test_a_bundled_bank_and_a_folder_of_one_name(folder, capsys):
     refused(options, capsys, words)  # the default is that name
     assert main([*options, "--bank", "./flour-robot"]) == 0
     assert json.loads(capsys.readouterr().out)["bank"] == "./flour-robot"
+
+
+def test_a_wrong_unit_is_not_hidden_by_reproject(folder, capsys):
+    """A camera that says 0.3 to 1 m does not see a bed at 4.5 m, however it is looked at again."""
+    from jshape import Camera
+
+    other = Camera(480, 395, 433.0, 433.0, 240.0, 197.0, 0.3, 1.0)
+    write_camera(folder / "camera.json", other, 1e-4)
+    refused([*PLAN, "--reproject"], capsys, "depth_unit 1e-05 instead of 0.0001 would fit it")
+    assert main([*PLAN, "--reproject", "--depth-unit", "1e-5"]) == 0
+
+
+def test_an_empty_plan_says_what_to_try(folder, capsys):
+    (folder / "places.json").write_text('{"positions": [[240, 60]]}')
+    assert main(PLAN) == 0
+    assert "try more of them with --positions" in capsys.readouterr().out
+
+
+def test_the_default_grid_finds_actions_off_the_papers_places(folder, capsys, bank):
+    now = np.full(PAPER_BOX.shape, 0.5, np.float32)
+    goal, (w, h) = now.copy(), bank.roi("knock")
+    window = np.s_[200 - h // 2 : 200 - h // 2 + h, 160 - w // 2 : 160 - w // 2 + w]
+    goal[window] = bank.predict("knock", goal[window])
+    depth = np.asarray(PAPER_BOX.depth(metric.unweigh(goal, PAPER_BOX)))
+    cv2.imwrite("goal.png", np.rint(depth / 1e-5).astype(np.uint16))
+    assert main([*PLAN[:-2], "--json"]) == 0
+    step = json.loads(capsys.readouterr().out)["steps"][0]
+    assert step["action"] == "knock" and np.hypot(*np.subtract(step["position"], [160, 200])) < 15

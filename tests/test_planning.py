@@ -63,6 +63,18 @@ def test_limits_and_positions_per_action(bank, molded):
     assert near.status is Status.CONVERGED and len(near) == 0
 
 
+def test_a_grid_by_name_spans_the_image_for_each_action(bank, molded):
+    from jshape.planning import placed_positions
+
+    placed = placed_positions(bank, "21x15")
+    for name, (w, h) in bank.rois.items():
+        assert len(placed[name]) == 21 * 15
+        assert placed[name].min(0).tolist() == [w // 2, h // 2]
+        assert placed[name].max(0).tolist() == [480 - (w - w // 2), 395 - (h - h // 2)]
+    with pytest.raises(BadPosition, match="'many': a grid is written COLUMNSxROWS"):
+        plan(*molded[:2], bank=bank, positions="many")
+
+
 def test_plan_depth_equals_plan_for_metres_and_counts(bank, molded):
     now, goal, _ = molded
     z0, zstar = depth_of(now), depth_of(goal)

@@ -1,17 +1,16 @@
 """`jshape plan INITIAL DESIRED`."""
 
 import argparse
-import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jshape import metric
-from jshape.actions import grid
 from jshape.camera import PRESETS, Camera, check_camera, window_of
 from jshape.commands.tables import print_table
 from jshape.errors import BadCamera, BadImage, BadPosition
+from jshape.planners.base import Status
 from jshape.planning import DEFAULT_BANK, Plan, plan_depth
 from jshape.predict.bank import Bank
 from jshape.store import banks, cameras, files, formats, images, plans, points
@@ -31,8 +30,9 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
     reading = {
         "camera": check_camera(source.camera),
         "depth_unit": options.depth_unit or source.depth_unit,
-        # From another height the bed is where the camera's stated range need not reach.
-        "check_range": not options.reproject,
+        # A guessed camera's range says nothing of a bed at another height; a stated one does, and
+        # it is what tells a wrong unit.
+        "check_range": source.stated or not options.reproject,
     }
     found = plan_depth(
         images.depth_of_array(raw, str(options.initial), **reading),
@@ -41,7 +41,7 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
         camera=source.camera,
         reproject=options.reproject,
         planner=options.planner,
-        positions=_positions(options.positions, bank),
+        positions=_positions(options.positions),
         clip=options.clip,
         max_steps=options.max_steps,
         min_gain=options.min_gain_mm / float(metric.to_mm(1.0, bank.camera)),
@@ -70,38 +70,35 @@ class Source(NamedTuple):
     """Metres per count."""
     said: str
     """How we know, for people."""
+    stated: bool
+    """Somebody described the camera; False: it was guessed."""
 
 
 def _source(initial: Path, shape: tuple[int, ...], given: str | None, bank: Bank) -> Source:
     """The camera of the images: named, found beside them, or guessed from their size."""
     if given in PRESETS:
-        return Source(PRESETS[given], cameras.DEPTH_UNIT, f"preset {given}")
+        return Source(PRESETS[given], cameras.DEPTH_UNIT, f"preset {given}", False)
     if given is not None:
         if not Path(given).exists():
             raise BadCamera(f"{given}: neither a file nor a preset ({', '.join(PRESETS)})")
-        return Source(*cameras.read_camera(given), given)
+        return Source(*cameras.read_camera(given), given, True)
     beside = initial.parent / "camera.json"
     if beside.is_file():
-        return Source(*cameras.read_camera(beside), str(beside))
+        return Source(*cameras.read_camera(beside), str(beside), True)
     for name, camera in {"the bank's own": bank.camera, **PRESETS}.items():
         if shape == camera.shape and window_of(bank.camera, camera) is not None:
             said = f"{name}, guessed from the size {shape[1]}x{shape[0]}; --camera says otherwise"
-            return Source(camera, cameras.DEPTH_UNIT, said)
+            return Source(camera, cameras.DEPTH_UNIT, said, False)
     raise BadImage(
         f"{initial}: has {shape} (rows, columns); the bank's camera makes {bank.camera.shape}; "
         "describe your camera in a camera.json beside the image, or name one with --camera"
     )
 
 
-def _positions(text: str | None, bank: Bank) -> np.ndarray | None:
-    """Positions named on the command line: a grid "7x3", or a JSON file."""
-    if text is None:
-        return None
-    size = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", text)
-    if size:
-        return grid(bank.camera, int(size[1]), int(size[2]), margin=bank.largest_roi)
+def _positions(text: str) -> np.ndarray | str:
+    """Positions named on the command line: a grid as for `jshape.plan`, or a JSON file."""
     if Path(text).suffix != ".json":
-        raise BadPosition(f"positions {text!r}: expected COLUMNSxROWS or a .json file")
+        return text
     places = files.read_json(text).get("positions")
     pairs = places if isinstance(places, list) else [None]
     whole = all(
@@ -139,3 +136,5 @@ def _print(found: Plan, bank: str, source: Source) -> None:
         rows.append((k + 1, name, u, v, f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"))
     print_table(("step", "action", "u", "v", "to the goal (mm)", "gain (mm)"), rows)
     print(f"{found.status.name}: {found.status.meaning} ({found.evaluations} predictions)")
+    if not found.actions and found.status is Status.NO_IMPROVEMENT:
+        print("nothing of the bank helps at these places: try more of them with --positions")

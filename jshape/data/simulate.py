@@ -94,7 +94,7 @@ def simulate_pairs(
       key: consumed.
       count: pairs per action and agent.
       actions: names of simulated actions.
-      agents: "robot" repeats itself, "human" is larger and varies.
+      agents: "robot" repeats itself, "human" is smaller, goes less deep and varies.
       material: name of a simulated material.
       beds: kinds of bed, taken in turn.
       camera: that looks straight down.

@@ -8,9 +8,12 @@ import jax
 import numpy as np
 
 from jshape import metric, sim
+from jshape._typing import Array, Key
+from jshape.actions import place
 from jshape.data.simulate import random_bed
 from jshape.data.view import image_of_depth
-from jshape.planning import DEFAULT_BANK, placed_positions
+from jshape.planning import DEFAULT_BANK
+from jshape.predict.bank import Bank
 from jshape.robot.loop import Molding, Step, mold
 from jshape.robot.simulated import SimulatedWorld
 from jshape.store import banks, files, plans, runs
@@ -21,6 +24,9 @@ FILES = ("plan.json", "result.png", "actions.png", "steps.png", "report.md", "su
 
 MIN_GAIN_MM = 0.01
 """Least gain worth an action: below it the camera's noise decides which action is best."""
+
+POSITIONS = "21x15"
+"""Where the loop tries each action."""
 
 Say = Callable[[str], Any]
 
@@ -67,7 +73,7 @@ def run_demo(
     who = {"material": material, "agent": agent, "camera": bank.camera}
     world = SimulatedWorld(for_world, bed, **who)
     other = SimulatedWorld(for_other, bed, **who)
-    made = _make_goal(for_goal, other, placed_positions(bank, None), actions)
+    made = _make_goal(for_goal, other, bank, actions)
     goal = image_of_depth(other.look(), bank.camera, where="goal").image
     say(f"a bed of {material}, and a goal made from it by: {', '.join(made)}")
 
@@ -96,8 +102,14 @@ def run_demo(
         min_gain=MIN_GAIN_MM / float(metric.to_mm(1.0, bank.camera)),
         replan=replan,
         on_step=report,
+        positions=POSITIONS,
     )
-    summary = _summary(result) | {"goal": made, "bank": str(bank_name), "out": str(out)}
+    summary = _summary(result) | {
+        "goal": made,
+        "bank": str(bank_name),
+        "loop": "closed" if replan else "open",
+        "out": str(out),
+    }
     _write(out, result, summary)
     say(f"stopped: {result.stop}")
     say(
@@ -110,18 +122,26 @@ def run_demo(
     return summary
 
 
-def _make_goal(key, world: SimulatedWorld, where: dict[str, np.ndarray], count: int) -> list[str]:
-    """Apply `count` random actions at different places; returns what was done, for people."""
-    names = [name for name in where if name in sim.ACTIONS]
+def _make_goal(key: Key[Array, ""], world: SimulatedWorld, bank: Bank, count: int) -> list[str]:
+    """Apply `count` actions at random places, one in each cell of a grid; says what was done.
+
+    The places are not the planner's: a goal need not lie on its grid.
+    """
+    names = [name for name in bank.actions if name in sim.ACTIONS]
     rng = np.random.default_rng(jax.random.bits(key, (4,)).tolist())
-    made, used = [], set()
+    width, height = bank.camera.width, bank.camera.height
+    columns, rows = 3, 2
+    cells = rng.permutation(columns * rows)
+    made = []
     for k in range(count):
         action = names[k % len(names)]
-        free = [tuple(p) for p in where[action].tolist() if tuple(p) not in used]
-        place = free[rng.integers(len(free))] if free else tuple(where[action][0].tolist())
-        used.add(place)
-        world.act(action, place)
-        made.append(f"{action} at ({place[0]}, {place[1]})")
+        row, column = divmod(int(cells[k % len(cells)]), columns)
+        centre = np.array([(column + 0.5) * width / columns, (row + 0.5) * height / rows])
+        anywhere = np.rint(centre + rng.uniform(-25, 25, 2)).astype(int)
+        inside = place(bank.camera, {action: anywhere[None]}, bank.rois, "shift")[action][0]
+        u, v = (int(x) for x in inside)
+        world.act(action, (u, v))
+        made.append(f"{action} at ({u}, {v})")
     return made
 
 
@@ -142,7 +162,7 @@ def _write(out: Path, result: Molding, summary: dict[str, Any]) -> None:
     plans.write_plan(out / "plan.json", first)
     story = pictures.plan_figure(
         first, obtained=result.images[-1], obtained_mm=result.distances_mm,
-        title="demo: the first plan, and what the closed loop obtained",
+        title=f"demo: the first plan, and what the {summary['loop']} loop obtained",
     )  # fmt: skip
     files.write_atomic(out / "result.png", pictures.png(story))
     files.write_atomic(out / "actions.png", pictures.png(pictures.overlay_figure(first)))

@@ -40,6 +40,7 @@ class Stop(StrEnum):
     NO_IMPROVEMENT = "no action is predicted to help by more than the least gain"
     MAX_STEPS = "as many actions as allowed"
     WORSE = "the last action did not lower the distance"
+    PLAN_ENDED = "the plan is at its end, and it was not to be made anew"
 
 
 class Step(NamedTuple):
@@ -124,7 +125,7 @@ def mold(
     next_ = 0
     while True:
         if next_ == len(ahead):
-            run.stop = Stop[ahead.status.name]
+            run.stop = Stop[ahead.status.name] if replan or not run.steps else Stop.PLAN_ENDED
             return run
         action, (u, v) = ahead.actions[next_], ahead.positions[next_].tolist()
         world.act(action, (u, v))

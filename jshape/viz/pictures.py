@@ -81,7 +81,9 @@ def plan_figure(
     for ax, (name, _), height in zip(axes[0], shown, heights, strict=True):
         drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=max(high, low + 1))
         _bare(ax, name)
-    figure.colorbar(drawn, ax=list(axes[0]), label="height (mm)", shrink=0.85)
+    figure.colorbar(
+        drawn, ax=list(axes[0]), label="above the far end of the range (mm)", shrink=0.85
+    )
     draw_actions(axes[0][0], plan)
     names = ["now - goal", "predicted - goal", "obtained - goal"]
     bottom = [axes[1][0], *axes[1][2:]]
@@ -104,9 +106,9 @@ def overlay_figure(plan: Plan) -> Figure:
     height = height_mm(plan.images[0], camera)
     low, high = (float(q) for q in np.percentile(height, (0.5, 99.5)))
     drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=max(high, low + 1))
-    figure.colorbar(drawn, ax=ax, label="height (mm)", shrink=0.85)
+    figure.colorbar(drawn, ax=ax, label="above the far end of the range (mm)", shrink=0.85)
     draw_actions(ax, plan)
-    own = np.array_equal(plan.camera_positions, plan.positions)
+    own = plan.view is None or plan.view.window == (0, 0)
     whose = "" if own else ", bank's image"
     ax.set(xlabel=f"u (pixels{whose})", ylabel=f"v (pixels{whose})")
     steps = [
@@ -143,7 +145,7 @@ def strip_figure(
         _bare(ax, name)
     for ax in axes[len(images) :]:
         ax.set_axis_off()
-    figure.colorbar(drawn, ax=list(axes), label="height (mm)", shrink=0.7)
+    figure.colorbar(drawn, ax=list(axes), label="above the far end of the range (mm)", shrink=0.7)
     return figure
 
 

@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jshape._typing import Array, ArrayLike, Float, Key
-from jshape.errors import BadPosition, JShapeError, UnknownName
+from jshape.sim import check
 from jshape.sim.bed import Bed
-from jshape.sim.material import MATERIALS, Material
-from jshape.sim.tools import Stroke, heading, repetition, stroke, underside
+from jshape.sim.inputs import check_place, half_sides, read_bed, read_material, read_stroke
+from jshape.sim.material import Material
+from jshape.sim.tools import Stroke, heading, repetition, underside
 
 WINDOW = 0.28
 """Side of the window that an action may change, metres."""
@@ -51,7 +51,8 @@ def apply_action(
       bed: before.
       material: a material or its name.
       action: a `Stroke`, or (action name, agent name), or an action's name (the robot's).
-      xy: place of the action in the bed's frame, metres.
+      xy: place of the action in the bed's frame, metres.  A traced place outside the box changes
+        nothing.
       depth_scale: how much deeper than the agent's nominal depth.
       yaw: turn of the hand from x towards y, radians.
       spread: factor on the agent's variability; 0 repeats the nominal stroke exactly.
@@ -61,42 +62,27 @@ def apply_action(
 
     Raises:
       UnknownName: no such material, action or agent.
-      BadPosition: `xy` is a known number outside the box.
+      BadPosition: `xy` is known (not traced) and no place in the box.
+      JShapeError: something of the wrong kind or shape, cells too coarse for a finger, or a known
+        number that makes no sense.
     """
-    if isinstance(material, str):
-        if material not in MATERIALS:
-            raise UnknownName("material", material, MATERIALS)
-        material = MATERIALS[material]
-    if isinstance(action, str):
-        action = (action, "robot")
-    if not isinstance(action, Stroke):
-        action = stroke(*action)
-    if bed.height.ndim != 2:
-        raise JShapeError(f"bed.height has shape {bed.height.shape}; use jax.vmap for batches")
-    _check_place(bed, xy)
+    material, action = read_material(material), read_stroke(action)
+    bed = read_bed(bed)
+    check_place(bed, xy)
+    check.number("depth_scale", depth_scale, above=0.0)
+    check.number("yaw", yaw)
+    check.number("spread", spread, at_least=0.0)
     # The name is static: without this each material would compile its own kernel.
     material = replace(material, name="")
     return _act(key, bed, material, action, jnp.asarray(xy, jnp.float32), depth_scale, yaw, spread)
 
 
-def _check_place(bed: Bed, xy: ArrayLike | Sequence[float]) -> None:
-    """Refuse a place outside the box when its numbers are known (not traced)."""
-    try:
-        place = np.asarray(xy, float)
-    except jax.errors.TracerArrayConversionError:
-        return
-    rows, columns = bed.height.shape
-    half = np.array([columns, rows]) * bed.cell / 2
-    if place.shape != (2,) or not (np.abs(place) <= half).all():
-        raise BadPosition(
-            f"xy is {place.tolist()}; it must be two numbers within ±{half[0]:.3f} and "
-            f"±{half[1]:.3f} m of the middle of the box"
-        )
-
-
 @jax.jit
 def _act(key, bed, material, stroke, xy, depth_scale, yaw, spread):
     """The kernel behind `apply_action`: cut a window out, act in it, put it back."""
+    # A place at the wall may be off by float32's rounding; NaN is outside too.
+    in_box = (jnp.abs(xy) <= half_sides(bed) + 0.01 * bed.cell).all()
+    xy = jnp.where(in_box, xy, 0.0)
     side = 2 * round(WINDOW / bed.cell / 2)
     half = side // 2
     rows, columns = bed.height.shape
@@ -121,7 +107,8 @@ def _act(key, bed, material, stroke, xy, depth_scale, yaw, spread):
     height = jax.lax.dynamic_update_slice(height, new_height, (corner_y, corner_x))
     mass = jax.lax.dynamic_update_slice(mass, new_mass, (corner_y, corner_x))
     crop = (slice(half, half + rows), slice(half, half + columns))
-    return replace(bed, height=height[crop], mass=mass[crop])
+    height = jnp.where(in_box, height[crop], bed.height)
+    return replace(bed, height=height, mass=jnp.where(in_box, mass[crop], bed.mass))
 
 
 def _press(height, mass, inside, material, stroke, x, y, cell):
@@ -129,6 +116,8 @@ def _press(height, mass, inside, material, stroke, x, y, cell):
     cos, sin = jnp.cos(stroke.yaw), jnp.sin(stroke.yaw)
     below = jnp.abs(cos * x + sin * y) <= stroke.reach[0]
     below = inside * below * (jnp.abs(cos * y - sin * x) <= stroke.reach[1])
+    # A narrow hand may have no cell below it: then the bed around it has to serve.
+    below = jnp.where(below.any(), below, inside)
     reference = (height * below).sum() / jnp.maximum(below.sum(), 1.0)
     moments = jnp.arange(STEPS + 1, dtype=jnp.float32) / STEPS
     flat_path = stroke.path.reshape(stroke.path.shape[0], -1)

@@ -10,8 +10,11 @@ from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jshape._typing import Array, ArrayLike, Float, Key
+from jshape.errors import JShapeError
+from jshape.sim import check
 
 CELL = 0.0025
 """Default side of a cell, metres."""
@@ -47,7 +50,21 @@ class Bed:
 
 
 def loose_bed(height: Float[ArrayLike, "*B Y X"], cell: float = CELL) -> Bed:
-    """A bed of loose material with the given surface (metres above the floor)."""
+    """A bed of loose material with the given surface (metres above the floor, negative is 0).
+
+    Raises:
+      JShapeError: `height` is no image of finite numbers, or `cell` not positive.
+    """
+    check.number("cell", cell, above=0.0)
+    try:
+        numbers = check.known(height)
+    except (TypeError, ValueError):
+        raise JShapeError(f"height is {check.brief(height)}; it must be numbers, [y, x]") from None
+    if numbers is not None and not (numbers.ndim >= 2 and np.isfinite(numbers).all()):
+        raise JShapeError(
+            f"height has shape {numbers.shape} and {np.isfinite(numbers).sum()} finite numbers; "
+            "it must be [y, x] and all finite"
+        )
     height = jnp.maximum(jnp.asarray(height, jnp.float32), 0.0)
     return Bed(height=height, mass=height, cell=cell)
 
@@ -55,7 +72,12 @@ def loose_bed(height: Float[ArrayLike, "*B Y X"], cell: float = CELL) -> Bed:
 def flat_bed(
     depth: float | Array = DEPTH, *, size: tuple[float, float] = SIZE, cell: float = CELL
 ) -> Bed:
-    """A level bed of the given depth; size is (x, y), metres."""
+    """A level bed of the given depth; size is (x, y), metres.
+
+    Raises:
+      JShapeError: a size or the depth is not positive and finite, as for all beds below.
+    """
+    check.number("depth", depth, above=0.0)
     return loose_bed(jnp.full(_grid(size, cell), depth, jnp.float32), cell)
 
 
@@ -73,6 +95,9 @@ def irregular_bed(
     The mean height is `depth` and the standard deviation `std`, except that no place is lower
     than 2 mm: hills of more than about a third of `depth` lose their deepest valleys.
     """
+    for name, value in (("depth", depth), ("sigma", sigma)):
+        check.number(name, value, above=0.0)
+    check.number("std", std, at_least=0.0)
     rows, columns = _grid(size, cell)
     margin = math.ceil(3 * sigma / cell)
     noise = jax.random.normal(key, (rows + 2 * margin, columns + 2 * margin))
@@ -96,6 +121,11 @@ def curved_bed(
     The middle is `crown` above (below) `depth`; further out the sphere goes down (up) until it
     is `drop` away from the middle, where the bed stays level.
     """
+    check.number("radius", radius)
+    if check.known(radius) == 0:
+        raise JShapeError("radius is 0; it must be positive (a dome) or negative (a bowl)")
+    check.number("crown", crown)
+    check.number("drop", drop, at_least=0.0)
     flat = flat_bed(depth, size=size, cell=cell)
     x, y = flat.axes()
     sphere = jnp.abs(radius)
@@ -125,4 +155,14 @@ def blur_matrix(count: int, margin: int, sigma: float) -> Float[Array, "M N"]:
 
 def _grid(size: tuple[float, float], cell: float) -> tuple[int, int]:
     """(rows, columns) of a box of size (x, y) metres."""
-    return round(size[1] / cell), round(size[0] / cell)
+    check.number("cell", cell, above=0.0)
+    try:
+        x, y = size
+    except (TypeError, ValueError):
+        raise JShapeError(f"size is {check.brief(size)}; it must be (x, y) in metres") from None
+    for name, side in (("size along x", x), ("size along y", y)):
+        check.number(name, side, above=0.0)
+    rows, columns = round(y / cell), round(x / cell)
+    if min(rows, columns) < 2:
+        raise JShapeError(f"size is {check.brief(size)}; it must be 2 cells of {cell} m or more")
+    return rows, columns

@@ -18,43 +18,63 @@ SURFACE = 0.45
 """Depth of the surface of a default flat bed, metres."""
 Z_FLOOR = SURFACE + DEPTH
 """Default depth of the floor of the box, metres."""
-STEEPEST = 3.0
-"""Slopes up to this are rendered exactly; the inside of steeper walls is approximate."""
-WALK, AIM = 12, 4
-"""Careful steps along a ray, then secant steps to the surface."""
+STRIDE = 0.5
+"""Shortest step of a ray across the bed, cells: only a crest thinner than this can be missed."""
+MOST = 500
+"""Most steps of a ray: only beds that are far higher than their cells are wide come near it."""
+AIM = 6
+"""Rounds of false position inside the last step, to well below a micrometre where it is smooth."""
+MARGIN = 1e-5
+"""Rays start this far above the highest place and end this far below the lowest one, metres."""
 
 
 @jax.jit
 def render(bed: Bed, camera: Camera, z_floor: float | Array = Z_FLOOR) -> Float[Array, "H W"]:
     """Depth image of a bed, metres, without noise.
 
-    Every ray walks down from the highest point of the bed by its gap to the surface, shortened
-    so that it cannot step over a wall no steeper than `STEEPEST`: the first surface it meets wins,
-    as for a real camera.  A few secant steps finish.  Outside the box the bed goes on as at its
-    wall.
+    Every ray walks down from above the highest place until it is below the surface: the first
+    surface it meets wins, as for a real camera.  A step is the gap to the surface, shortened by
+    the steepest slope of this bed so that it cannot pass through anything, but at least `STRIDE`
+    cells across the bed: a ray that grazes a crest may miss it by less than that.  False position
+    inside the last step finishes, so that the result is always a point of the surface.  The number
+    of steps follows the bed (rough and steep ones take more).  Outside the box the bed goes on as
+    at its wall.
     """
     x, y = camera.rays()
-    fastest = 1.0 + STEEPEST * jnp.sqrt(x**2 + y**2)  # of the gap's change along the ray
+    across = jnp.sqrt(x**2 + y**2)
+    rise_x, rise_y = (jnp.abs(jnp.diff(bed.height, axis=a)).max() / bed.cell for a in (1, 0))
+    fastest = 1.0 + jnp.hypot(rise_x, rise_y) * across  # of the gap's change along the ray
+    top, bottom = z_floor - bed.height.max() - MARGIN, z_floor - bed.height.min() + MARGIN
+    stride = STRIDE * bed.cell / jnp.maximum(across, 1e-6)
+    stride = jnp.maximum(stride, (bottom - top) / MOST)
 
     def gap(z):
-        return z_floor - _sample(bed, x * z, y * z) - z
+        # Rounding must not leave a ray above the bottom for ever.
+        return jnp.where(z < bottom, z_floor - _sample(bed, x * z, y * z) - z, -MARGIN)
 
-    def walk(_, state):
-        z, left, _ = state
-        step = left / fastest
-        return z + step, gap(z + step), (left, step)
+    def walk(state):
+        low, left, high, left_high = state
+        above = left_high > 0  # not through yet; the others wait
+        low, left = jnp.where(above, high, low), jnp.where(above, left_high, left)
+        further = jnp.minimum(low + jnp.maximum(left / fastest, stride), bottom)
+        high = jnp.where(above, further, high)
+        return low, left, high, gap(high)
 
     def aim(_, state):
-        z, left, (left_before, step) = state
-        slope = (left_before - left) / jnp.where(jnp.abs(step) > 1e-7, step, 1e-7)
-        step = left / jnp.clip(slope, 0.2, fastest)
-        return z + step, gap(z + step), (left, step)
+        low, left, high, left_high, z, now, before = state
+        above = now > 0
+        # The Illinois rule: an end that stays twice counts half, or it would stay for ever.
+        stays = jnp.where(above == before, 0.5, 1.0)
+        low, left = jnp.where(above, z, low), jnp.where(above, now, stays * left)
+        high, left_high = jnp.where(above, high, z), jnp.where(above, stays * left_high, now)
+        z = low + (high - low) * left / (left - left_high)
+        return low, left, high, left_high, z, gap(z), above
 
-    z = jnp.full(camera.shape, z_floor - bed.height.max(), jnp.float32)
-    left = gap(z)
-    state = (z, left, (left, jnp.zeros_like(z)))
-    state = jax.lax.fori_loop(0, WALK, walk, state)
-    return jax.lax.fori_loop(0, AIM, aim, state)[0]
+    start = jnp.full(camera.shape, top, jnp.float32)
+    left = jnp.full(camera.shape, MARGIN, jnp.float32)
+    state = jax.lax.while_loop(lambda s: (s[3] > 0).any(), walk, (start, left, start, left))
+    state = (*state, state[2], state[3], state[3] <= 0)
+    return jax.lax.fori_loop(0, AIM, aim, state)[4]
 
 
 def _sample(bed, x, y):
@@ -85,17 +105,18 @@ def sensor(
 
     Args:
       key: consumed.
-      depth: metres, 0 for no reading.
+      depth: metres; 0 and whatever is not a finite positive number is no reading.
       noise: standard deviation at 0.45 m, metres; grows with the square of the depth (stereo).
-      hole_share: share of the pixels that go missing, in clumps; on level ground exactly this,
-        and three times more likely where the depth jumps.
+      hole_share: share of the pixels that go missing, in clumps; on average this on level
+        ground, and three times as much where the depth jumps.
       sigma_px: the noise is white noise blurred by this many pixels, so that its correlation
         over a distance r is exp(-r² / 4 sigma_px²): 0.83 at 2 px, 0.47 at 4 px.
 
     Returns:
-      Depth with noise, metres; missing pixels are 0.
+      Depth with noise, metres, positive; missing pixels are 0, and so is what noise would push
+      to 0 or below.
     """
-    depth = jnp.asarray(depth, jnp.float32)
+    depth = _readings(depth)
     for_noise, for_holes = jax.random.split(key)
     height, width = depth.shape
     error = smooth_noise(for_noise, (height, width), sigma_px)
@@ -107,7 +128,13 @@ def sensor(
     )
     share = jnp.where(steps > 0.003, jnp.minimum(3.0 * hole_share, 1.0), hole_share)
     holes = jax.scipy.stats.norm.cdf(clumps) < share
-    return jnp.where(holes | (depth <= 0), 0.0, noisy)
+    return jnp.where(holes | (depth <= 0) | (noisy <= 0), 0.0, noisy)
+
+
+def _readings(depth):
+    """Depth as float32 with 0 for all that no camera can have read: NaN, infinite, negative."""
+    depth = jnp.asarray(depth, jnp.float32)
+    return jnp.where(jnp.isfinite(depth) & (depth > 0), depth, 0.0)
 
 
 def smooth_noise(
@@ -127,9 +154,13 @@ def smooth_noise(
 def to_uint16(
     depth: Float[ArrayLike, "*B H W"], depth_unit: float = 0.0001
 ) -> Num[Array, "*B H W"]:
-    """Raw 16-bit counts of `depth_unit` metres; no reading stays 0.  8 bits: `camera.luminance`."""
-    counts = jnp.round(jnp.asarray(depth, jnp.float32) / depth_unit)
-    return jnp.clip(jnp.nan_to_num(counts), 0, 65535).astype(jnp.uint16)
+    """Raw 16-bit counts of `depth_unit` metres.  8 bits: `camera.luminance`.
+
+    No reading (0, NaN, infinite, negative) is 0.  Depths beyond 65535 counts (6.55 m in tenths of
+    a millimetre) become 65535.
+    """
+    counts = jnp.round(_readings(depth) / depth_unit)
+    return jnp.clip(counts, 0, 65535).astype(jnp.uint16)
 
 
 def position_to_xy(

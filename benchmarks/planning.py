@@ -68,6 +68,12 @@ def run(report: Report) -> None:
     )
     report.add("jshape.plan, 45 candidates, 4 steps", 1e3 * time, "ms", goal=5)
 
+    dense = smooth_bank(ROIS)
+    time = seconds(
+        lambda: jshape.plan(now, goal, bank=dense, positions="21x15", max_steps=4).status
+    )
+    report.add("jshape.plan, 5 actions at 21x15 places, at most 4 steps", 1e3 * time, "ms")
+
     goals = jnp.stack([jnp.roll(jnp.asarray(goal), k, 0) for k in range(16)])
     where = candidates_at(three, dict.fromkeys(three.actions, positions))
 

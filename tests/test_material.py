@@ -64,8 +64,12 @@ def test_real_sand_gets_a_plan_that_helps(shared_data):
         for k in (1, 2)
     )
     depths = [depth_of_relief(r, PAPER_BOX, scale=0.2e-3, middle=0.447) for r in (before, after)]
-    found = plan_depth(*depths)
-    assert len(found) > 0 and found.distances[-1] < found.distances[0]
+    found = plan_depth(*depths, positions="21x15")
+    assert found.actions[0] == "knock" and found.distances[-1] < 0.85 * found.distances[0]
+    # Somebody dug to the right of the middle; the first knock falls there.
+    dug = np.argwhere(depths[1] - depths[0] > 0.01)
+    v, u = np.median(dug, axis=0)
+    assert np.hypot(*(found.positions[0] - (u, v))) < 30
 
 
 def test_a_raw_frame_with_holes_is_refused_in_words(shared_data, tmp_path, capsys):

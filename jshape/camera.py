@@ -17,6 +17,9 @@ from jshape.errors import BadCamera, BadImage
 
 STATIC = {"static": True}
 
+GEOMETRY = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max")
+"""The fields of a camera that decide what its frames mean to a bank: all but the bits."""
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -205,7 +208,7 @@ def check_same_camera(ours: Camera, theirs: Camera, whose: str) -> None:
     Raises:
       BadCamera: naming the first field that differs.
     """
-    for name in ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max"):
+    for name in GEOMETRY:
         mine, other = float(getattr(ours, name)), float(getattr(theirs, name))
         if not np.isclose(mine, other, rtol=1e-4):
             raise BadCamera(

@@ -233,15 +233,19 @@ def plan_depth(
       BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
     """
     bank = _as_bank(bank)
-    z0, zstar = (
-        to_metres(np.asarray(z), depth_unit, name)
-        for z, name in zip((z0, zstar), names, strict=True)
-    )
     view = None
     if camera is not None:
-        view = view_of(camera, bank.camera, z0, reproject=reproject)
+        first = to_metres(np.asarray(z0), depth_unit, names[0])
+        view = view_of(camera, bank.camera, first, reproject=reproject)
     now, wanted = (
-        image_of_depth(depth, bank.camera, view=view, max_missing=max_missing, where=name)
+        image_of_depth(
+            depth,
+            bank.camera,
+            view=view,
+            depth_unit=depth_unit,
+            max_missing=max_missing,
+            where=name,
+        )
         for name, depth in zip(names, (z0, zstar), strict=True)
     )
     return replace(

@@ -4,6 +4,7 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
+from jshape.data.missing import missing
 from jshape.errors import BadCamera, BadImage
 
 _HEIGHT_HINT = "; a bed at another distance is seen from the right one with reproject (--reproject)"
@@ -28,7 +29,7 @@ def to_metres(raw: np.ndarray, depth_unit: float, where: str) -> Float[np.ndarra
         raise BadImage(
             f"{where}: holds {raw.dtype}; raw depth is uint16 (counts) or floating point (metres)"
         )
-    return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(np.nan))
+    return np.where(missing(depth), np.float32(np.nan), depth)
 
 
 def outside_range(depth: np.ndarray, camera: Camera) -> np.ndarray:
@@ -63,7 +64,7 @@ def check_depth(
     """
     if depth.shape != camera.shape:
         raise BadImage(wrong_shape(where, depth.shape, camera))
-    found = depth[np.isfinite(depth) & (depth > 0)]
+    found = depth[~missing(depth)]
     if found.size == 0:
         raise BadImage(f"{where}: no pixel has a reading")
     low, high = float(camera.z_min), float(camera.z_max)

@@ -8,8 +8,8 @@ import numpy as np
 from jshape import camera as cameras
 from jshape import metric
 from jshape._typing import ArrayLike, Float
-from jshape.camera import Camera, check_camera, window_of
-from jshape.data.depth import check_depth, outside_range, to_metres
+from jshape.camera import GEOMETRY, Camera, check_camera, window_of
+from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
 from jshape.data.missing import fill_missing, missing
 from jshape.errors import BadCamera, BadImage, JShapeError
 
@@ -37,9 +37,7 @@ class View:
           BadImage: another size than the source's, or no reading at all.
         """
         if depth.shape != self.source.shape:
-            raise BadImage(
-                f"{where}: has {depth.shape} (rows, columns); the camera makes {self.source.shape}"
-            )
+            raise BadImage(wrong_shape(where, depth.shape, self.source))
         if self.window is not None:
             left, top = self.window
             return depth[top : top + self.target.height, left : left + self.target.width]
@@ -90,8 +88,7 @@ def view_of(source: Camera, target: Camera, first: np.ndarray, *, reproject: boo
     if window is not None and not reproject:
         return View(source, target, window)
     if not reproject:
-        names = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max")
-        numbers = [(n, float(getattr(source, n)), float(getattr(target, n))) for n in names]
+        numbers = [(n, float(getattr(source, n)), float(getattr(target, n))) for n in GEOMETRY]
         differ = ", ".join(f"{n} {a:g} (bank: {b:g})" for n, a, b in numbers if a != b)
         raise BadCamera(
             f"the bank is for another camera: {differ}; with reproject (--reproject) the frames "
@@ -101,7 +98,7 @@ def view_of(source: Camera, target: Camera, first: np.ndarray, *, reproject: boo
         raise BadImage(f"a frame has shape {first.shape}; the camera makes {source.shape}")
     height, width = source.shape
     middle = first[height // 4 : height - height // 4, width // 4 : width - width // 4]
-    seen = middle[np.isfinite(middle) & (middle > 0)]
+    seen = middle[~missing(middle)]
     if seen.size == 0:
         raise BadImage("no depth reading in the middle of the frame: where is the bed?")
     bed = float(np.median(seen))

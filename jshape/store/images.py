@@ -13,6 +13,7 @@ import numpy as np
 from jshape._typing import Float
 from jshape.camera import Camera
 from jshape.data.depth import check_depth, to_metres, wrong_shape
+from jshape.data.missing import missing
 from jshape.errors import BadImage
 from jshape.store.cameras import DEPTH_UNIT, check_depth_unit
 from jshape.store.files import write_atomic
@@ -91,15 +92,6 @@ def depth_of_array(
     return depth
 
 
-def image_shape(path: str | os.PathLike) -> tuple[int, ...]:
-    """(H, W) of an image on disk.
-
-    Raises:
-      BadFile, BadImage: it cannot be read as an image.
-    """
-    return read_array(path).shape
-
-
 def read_counts(path: str | os.PathLike) -> np.ndarray:
     """The counts of a 16-bit single-channel frame, (H, W) uint16, 0 = no reading.
 
@@ -129,7 +121,7 @@ def to_counts(depth: np.ndarray, depth_unit: float, where: str = "image") -> np.
             f"{where}: depth has shape {depth.shape} and type {depth.dtype}; "
             "an image (H, W) of numbers in metres is expected"
         )
-    seen = np.isfinite(depth) & (depth > 0)
+    seen = ~missing(depth)
     counts = np.rint(np.where(seen, depth, 0.0).astype(np.float64) / depth_unit)
     if counts.max() > 65535:
         raise BadImage(

@@ -1,9 +1,11 @@
 """`jshape dataset simulate` and `jshape dataset info`."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from jshape.camera import Camera
+from jshape.commands import arguments
 from jshape.commands.tables import print_table, progress
 from jshape.store import cameras, datasets
 
@@ -84,3 +86,30 @@ def _print_camera(camera: Camera, unit: float) -> None:
     fields = cameras.camera_fields(camera)
     print(", ".join(f"{name} {value}" for name, value in fields.items()), f"depth_unit {unit}",
           sep=", ")  # fmt: skip
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape dataset`."""
+    dataset = commands.add_parser("dataset", help="make and inspect data sets")
+    dataset.set_defaults(help_of=dataset)
+    datasets = dataset.add_subparsers(
+        dest="subcommand", metavar="WHAT", parser_class=arguments.Parser
+    )
+    parser = arguments.command(datasets, "simulate", simulate, "simulated pairs of frames")
+    parser.add_argument("out", type=Path, help="folder of the new data set")
+    parser.add_argument(
+        "--pairs",
+        type=arguments.positive_count,
+        default=25,
+        help="per action and agent (default: 25)",
+    )
+    parser.add_argument("--actions", nargs="+", default=None, help="default: all five")
+    parser.add_argument("--agents", nargs="+", default=["robot"], help="robot, human")
+    parser.add_argument("--material", default="flour", help="flour, sand or dough")
+    parser.add_argument("--beds", nargs="+", default=["flat"], help="flat, irregular, curved")
+    parser.add_argument(
+        "--frames", type=arguments.positive_count, default=5, help="averaged per look"
+    )
+    parser.add_argument("--seed", type=arguments.seed, default=0)
+    parser = arguments.command(datasets, "info", info, "what a data set holds", writes=False)
+    parser.add_argument("dataset", type=Path)

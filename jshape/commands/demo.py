@@ -1,7 +1,10 @@
 """`jshape demo`."""
 
 import argparse
+from pathlib import Path
 from typing import Any
+
+from jshape.commands import arguments
 
 
 def demo(options: argparse.Namespace) -> dict[str, Any]:
@@ -20,3 +23,25 @@ def demo(options: argparse.Namespace) -> dict[str, Any]:
         overwrite=options.overwrite,
         say=(lambda line: None) if options.json else lambda line: print(line, flush=True),
     )
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape demo`."""
+    parser = arguments.command(
+        commands,
+        "demo",
+        demo,
+        "simulate a bed and a goal, plan, act in closed loop, write pictures and a report",
+    )
+    parser.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder for the run")
+    parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
+    parser.add_argument("--seed", type=arguments.seed, default=0, help="another bed and goal")
+    parser.add_argument(
+        "--actions", type=arguments.count, default=4, help="actions that make the goal"
+    )
+    parser.add_argument(
+        "--max-steps", type=arguments.count, default=8, help="most actions to apply"
+    )
+    parser.add_argument("--material", default="flour", help="flour, sand or dough")
+    parser.add_argument("--agent", default="robot", help="who acts: robot or human")
+    parser.add_argument("--open-loop", action="store_true", help="plan once, then act blindly")

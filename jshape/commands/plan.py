@@ -8,6 +8,7 @@ import numpy as np
 
 from jshape import metric
 from jshape.camera import PRESETS, Camera, check_camera, window_of
+from jshape.commands import arguments
 from jshape.commands.tables import print_table
 from jshape.errors import BadCamera, BadImage, BadPosition
 from jshape.planners.base import Status
@@ -138,3 +139,63 @@ def _print(found: Plan, bank: str, source: Source) -> None:
     print(f"{found.status.name}: {found.status.meaning} ({found.evaluations} predictions)")
     if not found.actions and found.status is Status.NO_IMPROVEMENT:
         print("nothing of the bank helps at these places: try more of them with --positions")
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape plan`."""
+    parser = arguments.command(
+        commands,
+        "plan",
+        plan,
+        "which actions mold the bed of INITIAL into DESIRED, where and in which order",
+    )
+    parser.add_argument("initial", type=Path, help="depth image now: 16-bit PNG, TIFF, NPY, EXR")
+    parser.add_argument("desired", type=Path, help="the same wanted, or a point cloud (PLY, PCD)")
+    parser.add_argument(
+        "--camera",
+        help="camera.json or a preset (default: camera.json beside INITIAL, else the bank's)",
+    )
+    parser.add_argument(
+        "--reproject",
+        action="store_true",
+        help="see the frames of another camera or height as the bank's camera would",
+    )
+    parser.add_argument(
+        "--depth-unit", type=arguments.positive, help="metres per count of 16-bit images"
+    )
+    parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
+    parser.add_argument("--planner", default="greedy", help="which search (default: greedy)")
+    parser.add_argument(
+        "--positions",
+        default="21x15",
+        metavar="CxR|FILE",
+        help="a grid of places for each action (default: 21x15), or a JSON file with positions",
+    )
+    parser.add_argument(
+        "--clip",
+        default="refuse",
+        choices=("refuse", "shift", "drop"),
+        help="what to do with a place whose ROI leaves the image",
+    )
+    parser.add_argument(
+        "--max-steps", type=arguments.count, default=16, help="most actions (default: 16)"
+    )
+    parser.add_argument(
+        "--min-gain-mm",
+        type=arguments.nonnegative,
+        default=0.005,
+        help="an action must help by more than this (default: 0.005)",
+    )
+    parser.add_argument(
+        "--tolerance-mm",
+        type=arguments.nonnegative,
+        default=0.0,
+        help="stop when the goal is this near",
+    )
+    parser.add_argument(
+        "--max-missing",
+        type=arguments.share,
+        default=0.1,
+        help="largest share of pixels without depth to fill (0.1)",
+    )
+    parser.add_argument("--out", type=Path, help="folder for plan.json and pictures")

@@ -1,41 +1,18 @@
-"""`jshape train` and `jshape evaluate`."""
+"""`jshape evaluate DATASET`."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jshape.commands import arguments
 from jshape.commands.tables import print_table
 from jshape.errors import JShapeError
 from jshape.store import banks, datasets, files
 
 SCORES = ("scores.csv", "scores.png")
 """Files of an evaluation's folder."""
-
-
-def train(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape train DATASET --out BANK`."""
-    from jshape.learn.fit import fit
-
-    files.check_target(options.out, options.overwrite, contents=banks.CONTENTS)
-    pairs = datasets.load_pairs(options.dataset)
-    bank = fit(pairs, options.kind)
-    data = {
-        "pairs": {name: len(mine) for name, mine in pairs.by_action()},
-        "agents": list(dict.fromkeys(pairs.agent.tolist())),
-        "materials": list(dict.fromkeys(pairs.material.tolist())),
-    }
-    banks.save_bank(
-        bank, options.out, info={"data": data, "licence": options.licence},
-        overwrite=options.overwrite,
-    )  # fmt: skip
-    if not options.json:
-        print(f"bank of kind {bank.kind}: {options.out}")
-        print_table(
-            ("action", "pairs", "ROI (w x h)"),
-            [(name, data["pairs"][name], "{}x{}".format(*bank.roi(name))) for name in bank.actions],
-        )
-    return {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
 
 
 def evaluate(options: argparse.Namespace) -> dict[str, Any]:
@@ -73,3 +50,21 @@ def evaluate(options: argparse.Namespace) -> dict[str, Any]:
         )  # fmt: skip
         print(f"mean error: {mean:.3f} mm")
     return result
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape evaluate`."""
+    parser = arguments.command(
+        commands,
+        "evaluate",
+        evaluate,
+        "prediction errors in mm: of a bank, or over random partitions of the data set",
+    )
+    parser.add_argument("dataset", type=Path)
+    parser.add_argument("--bank", default=None, help="test this bank on the whole data set")
+    parser.add_argument("--kind", default=None, help="kind to fit to each partition (D)")
+    parser.add_argument(
+        "--partitions", type=arguments.positive_count, default=None, help="how many (4)"
+    )
+    parser.add_argument("--seed", type=arguments.seed, default=0)
+    parser.add_argument("--out", type=Path, help="folder for the table and a picture")

@@ -1,0 +1,78 @@
+"""Kinds of options that commands share: how they are read from the command line, and refused."""
+
+import argparse
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line and exit with 2."""
+        self.exit(2, f"{self.prog}: error: {' '.join(message.split())} (see {self.prog} --help)\n")
+
+
+def command(
+    parent: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], dict[str, Any]],
+    what: str,
+    *,
+    writes: bool = True,
+) -> argparse.ArgumentParser:
+    """A command's parser, with the options that all commands have.
+
+    Args:
+      parent: what `add_subparsers` gave.
+      name: of the command.
+      run: called with the parsed options; returns what `--json` prints.
+      what: one line of help.
+      writes: it makes a folder or file, which `--overwrite` allows to replace.
+    """
+    parser = parent.add_parser(name, help=what, description=what)
+    parser.set_defaults(run=run)
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    if writes:
+        parser.add_argument("--overwrite", action="store_true", help="replace an earlier result")
+    return parser
+
+
+def _number(text: str, kind: type, ok: Any, allowed: str) -> Any:
+    try:
+        value = kind(text)
+        if ok(value):
+            return value
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"{text!r} is not {allowed}")
+
+
+def count(text: str) -> int:
+    """A whole number from 0."""
+    return _number(text, int, lambda x: x >= 0, "a whole number from 0")
+
+
+def positive_count(text: str) -> int:
+    """A whole number from 1."""
+    return _number(text, int, lambda x: x > 0, "a whole number from 1")
+
+
+def seed(text: str) -> int:
+    """A seed of 32 bits."""
+    return _number(text, int, lambda x: 0 <= x < 2**32, "a seed from 0 to 4294967295")
+
+
+def positive(text: str) -> float:
+    """A finite number above 0."""
+    return _number(text, float, lambda x: 0 < x < float("inf"), "a positive number")
+
+
+def nonnegative(text: str) -> float:
+    """A finite number from 0."""
+    return _number(text, float, lambda x: 0 <= x < float("inf"), "a number from 0")
+
+
+def share(text: str) -> float:
+    """A number from 0 to 1."""
+    return _number(text, float, lambda x: 0 <= x <= 1, "a share from 0 to 1")

@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from scipy.linalg.blas import sasum  # pyright: ignore[reportAttributeAccessIssue]
 
-from jshape._typing import Array, ArrayLike, Float
+from jshape._typing import Array, ArrayLike, Float, Int
 from jshape.camera import Camera
 from jshape.errors import BadImage
 
@@ -37,6 +37,19 @@ def max_ray_length(camera: Camera) -> Float[Array, ""]:
 def r_matrix(camera: Camera) -> Float[Array, "H W"]:
     """R, the weight of each luminance: R_uv / ((2^b - 1) R̄).  Eq. radMatrix."""
     return ray_lengths(camera) / (camera.top * max_ray_length(camera))
+
+
+def roi_weight(
+    camera: Camera, first: Int[Array, "2"], size: tuple[int, int]
+) -> Float[Array, "h w"]:
+    """R_uv / R̄ of the ROI of `size` (w, h) whose first pixel is `first` (v, u): R of L in [0, 1].
+
+    I of a ROI divided by it is the share of the depth range above Zmax.  From the ROI's own rays,
+    so nothing of image size is made.
+    """
+    x = (first[1] + jnp.arange(size[0], dtype=jnp.float32) - camera.u0) / camera.fx
+    y = (first[0] + jnp.arange(size[1], dtype=jnp.float32) - camera.v0) / camera.fy
+    return jnp.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2) / max_ray_length(camera)
 
 
 def weigh(luminance: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:

@@ -330,7 +330,7 @@ def test_every_group_of_shared_pairs(shared_data, noise):
         assert found.camera == PAPER_BOX and found.depth_unit == 0.0001
         assert found.actions == ("grasp", "knock", "pinch", "poke", "press")
         assert (found.prior > 0).any((1, 2)).all()
-        prior, posterior = found.rois("poke")
+        prior, posterior, _ = found.rois("poke")
         assert prior.shape == posterior.shape and np.isfinite(prior).mean() > 0.9
 
 

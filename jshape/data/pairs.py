@@ -2,12 +2,28 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from jshape import actions, metric
 from jshape.camera import Camera
 from jshape.errors import BadDataset, UnknownName
+
+
+class Examples(NamedTuple):
+    """The ROIs of one action's n pairs: what a predictor is fitted to.  NaN = no reading."""
+
+    prior: np.ndarray
+    """(n, h, w) float32 of I before."""
+    posterior: np.ndarray
+    """(n, h, w) float32 of I after."""
+    weight: np.ndarray
+    """(n, h, w) float32, R_uv / R̄ of each pixel: I over weight is the share of the depth range."""
+
+    def select(self, keep: np.ndarray) -> "Examples":
+        """The examples where `keep` (a mask or indices) says so."""
+        return Examples(*(part[keep] for part in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +88,8 @@ class Pairs:
         w, h = np.rint(self.of(action=action).size.mean(0)).astype(int)
         return int(w), int(h)
 
-    def rois(self, action: str, size: tuple[int, int] | None = None):
-        """Prior and posterior ROIs of I of one action: two (n, h, w) float32, NaN = no reading.
+    def rois(self, action: str, size: tuple[int, int] | None = None) -> Examples:
+        """The ROIs of one action, of size (w, h); None is the mean size.
 
         Raises:
           BadDataset: a ROI leaves the image.
@@ -87,12 +103,13 @@ class Pairs:
                 f"pair {mine.id[pair]}: the {w}x{h} ROI of {action} at {tuple(mine.centre[pair])} "
                 f"leaves the {self.camera.width}x{self.camera.height} image"
             )
-        weight = np.asarray(metric.r_matrix(self.camera))
-        found = [], []
+        weight = np.asarray(metric.r_matrix(self.camera) * self.camera.top, np.float32)
+        found = [], [], []
         for k, (left, top) in enumerate(actions.first_pixels(mine.centre, (w, h))):
             window = np.s_[top : top + h, left : left + w]
-            for counts, out in zip((mine.prior, mine.posterior), found, strict=True):
+            for counts, out in zip((mine.prior, mine.posterior), found[:2], strict=True):
                 depth = counts[k][window].astype(np.float32) * np.float32(self.depth_unit)
                 level = self.camera.luminance(depth, quantize=False)
-                out.append(np.asarray(level) * weight[window])
-        return np.stack(found[0]), np.stack(found[1])
+                out.append(np.asarray(level) / self.camera.top * weight[window])
+            found[2].append(weight[window])
+        return Examples(*(np.stack(part) for part in found))

@@ -39,13 +39,14 @@ def roi_errors_mm(bank: Bank, pairs: Pairs, action: str) -> tuple[np.ndarray, np
       BadDataset: a pair without a single pixel seen before and after.
     """
     check_same_camera(bank.camera, pairs.camera, "the data set's")
-    prior, posterior = pairs.rois(action, bank.roi(action))
+    prior, posterior, _ = pairs.rois(action, bank.roi(action))
     blind = ~(np.isfinite(prior) & np.isfinite(posterior)).any((1, 2))
     if blind.any():
         name = pairs.of(action=action).id[blind][0]
         raise BadDataset(f"pair {name}: no pixel of its ROI has a reading before and after")
     to_mm = float(metric.to_mm(1.0, bank.camera))
-    error = np.abs(np.asarray(bank.predict(action, prior)) - posterior)
+    predicted = bank.predict(action, prior, position=pairs.of(action=action).centre)
+    error = np.abs(np.asarray(predicted) - posterior)
     change = np.abs(posterior - prior)
     return np.nanmean(error, (1, 2)) * to_mm, np.nanmean(change, (1, 2)) * to_mm
 

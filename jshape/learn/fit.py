@@ -27,7 +27,7 @@ def fit(pairs: Pairs, kind: str = "D") -> Bank:
     predictors = []
     for name in pairs.actions:
         try:
-            predictors.append(FITTERS[kind](*pairs.rois(name)))
+            predictors.append(FITTERS[kind](*pairs.rois(name)[:2]))
         except BadDataset as error:
             raise BadDataset(f"{name}: {error}") from None
     return Bank(pairs.camera, tuple(predictors), pairs.actions, kind)

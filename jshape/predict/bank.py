@@ -7,9 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jshape import metric
 from jshape._typing import Array, ArrayLike, Float
+from jshape.actions import first_pixels
 from jshape.camera import STATIC, Camera
-from jshape.errors import BadImage, UnknownName
+from jshape.errors import BadImage, BadPosition, UnknownName
 
 
 @runtime_checkable
@@ -21,8 +23,17 @@ class Predictor(Protocol):
         """ROI size (w, h), pixels."""
         ...
 
-    def __call__(self, roi: Float[Array, "*B h w"]) -> Float[Array, "*B h w"]:
-        """ROIs of I after the action, not yet clipped."""
+    def __call__(
+        self, roi: Float[Array, "*B h w"], weight: Array, strength: float | Array = 1.0
+    ) -> Float[Array, "*B h w"]:
+        """ROIs of I after the action, not yet clipped.
+
+        Args:
+          roi: of I before the action.
+          weight: R_uv / R̄ of their pixels, (*B, h, w) or what broadcasts to it: I over weight is
+            the share of the depth range (see `metric.roi_weight`).
+          strength: how many times as deep as the trained action, (*B) or one number.
+        """
         ...
 
 
@@ -64,14 +75,48 @@ class Bank:
         w, h = (max((roi[k] for roi in self.rois.values()), default=1) for k in (0, 1))
         return w, h
 
-    def predict(self, name: str, roi: ArrayLike) -> Float[Array, "*B h w"]:
+    def predict(
+        self,
+        name: str,
+        roi: ArrayLike,
+        *,
+        position: ArrayLike | None = None,
+        strength: float | Array = 1.0,
+    ) -> Float[Array, "*B h w"]:
         """ROIs of I after an action, clipped to [0, 1]; batch axes allowed.  Eq. lastMapping.
+
+        Args:
+          name: of the action.
+          roi: (*B, h, w) of I.
+          position: ROI centres (*B, 2) or (2,) as (u, v), pixels: tells a predictor that works in
+            metres what I weighs there (R varies by a fifth over the paper's box).  None takes the
+            mean over the image.
+          strength: how many times as deep as the trained action, (*B) or one number.
 
         Raises:
           UnknownName: the bank has no such action.
           BadImage: the last two axes are not the action's (h, w).
+          BadPosition: positions that are no (u, v).
         """
         w, h = self.roi(name)
         if np.shape(roi)[-2:] != (h, w):
             raise BadImage(f"{name}: ROI has shape {np.shape(roi)}; its last axes must be {(h, w)}")
-        return jnp.clip(self.predictor(name)(jnp.asarray(roi, jnp.float32)), 0.0, 1.0)
+        weight = self.weight(name, position)
+        roi, strength = jnp.asarray(roi, jnp.float32), jnp.asarray(strength, jnp.float32)
+        return jnp.clip(self.predictor(name)(roi, weight, strength), 0.0, 1.0)
+
+    def weight(self, name: str, position: ArrayLike | None) -> Float[Array, "..."]:
+        """R_uv / R̄ of an action's ROIs at positions (*B, 2) of (u, v); None is the image's mean.
+
+        Raises:
+          BadPosition: positions that are no (u, v).
+        """
+        if position is None:
+            return metric.r_matrix(self.camera).mean() * self.camera.top
+        if np.shape(position)[-1:] != (2,):
+            raise BadPosition(f"position has shape {np.shape(position)}; expected (..., 2) of u, v")
+        size = self.roi(name)
+        first = jnp.asarray(first_pixels(np.asarray(position), size)[..., ::-1])
+        return jnp.vectorize(
+            lambda place: metric.roi_weight(self.camera, place, size), signature="(n)->(h,w)"
+        )(first)

@@ -23,9 +23,14 @@ class Difference:
         """ROI size (w, h), pixels."""
         return self.delta.shape[1], self.delta.shape[0]
 
-    def __call__(self, roi: Float[Array, "*B h w"]) -> Float[Array, "*B h w"]:
-        """ROIs after the action, not yet clipped to [0, 1].  Eq. Doutput."""
-        return roi + self.delta
+    def __call__(
+        self, roi: Float[Array, "*B h w"], weight: Array, strength: float | Array = 1.0
+    ) -> Float[Array, "*B h w"]:
+        """ROIs after the action, not yet clipped to [0, 1].  Eq. Doutput.
+
+        An action of another strength changes that many times as much: f_D knows no better.
+        """
+        return roi + jnp.asarray(strength)[..., None, None] * self.delta
 
 
 def fit_difference(

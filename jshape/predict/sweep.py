@@ -62,7 +62,8 @@ def predict_at(
     """The ROI of `image` at `first` after an action, before it is clipped to [0, 1]."""
     predictor = bank.predictors[action]
     w, h = predictor.roi
-    return predictor(lax.dynamic_slice(image, first, (h, w)))
+    weight = metric.roi_weight(bank.camera, first, (w, h))
+    return predictor(lax.dynamic_slice(image, first, (h, w)), weight)
 
 
 def change_at(

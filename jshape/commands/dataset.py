@@ -1,11 +1,11 @@
-"""`jshape dataset simulate` and `jshape dataset info`."""
+"""`jshape dataset simulate` and `jshape dataset info`, and the parsers of the others."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
 from jshape.camera import Camera
-from jshape.commands import arguments
+from jshape.commands import arguments, dataset_annotate, dataset_import, dataset_recording
 from jshape.commands.tables import print_table, progress
 from jshape.store import cameras, datasets
 
@@ -113,3 +113,6 @@ def add(commands: Any) -> None:
     parser.add_argument("--seed", type=arguments.seed, default=0)
     parser = arguments.command(datasets, "info", info, "what a data set holds", writes=False)
     parser.add_argument("dataset", type=Path)
+    dataset_recording.add(datasets)
+    dataset_annotate.add(datasets)
+    dataset_import.add(datasets)

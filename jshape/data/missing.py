@@ -62,6 +62,22 @@ def fill_missing(
     return filled, count
 
 
+def fill_nan(image: np.ndarray) -> Float[np.ndarray, "H W"]:
+    """An image of any numbers with its NaN pixels filled as `fill_missing` does.
+
+    Raises:
+      MissingDepth: it is all NaN.
+    """
+    holes = np.isnan(image)
+    if not holes.any():
+        return np.asarray(image, np.float32)
+    if holes.all():
+        raise MissingDepth("no pixel has a reading")
+    filled = np.array(image, np.float32)
+    filled[holes] = _harmonic(filled, holes)
+    return filled
+
+
 def _harmonic(depth: np.ndarray, holes: np.ndarray) -> np.ndarray:
     """Depths of the holes such that each is the mean of its (up to four) neighbours: (n,)."""
     count = int(holes.sum())

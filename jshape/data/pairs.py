@@ -18,8 +18,8 @@ class Examples(NamedTuple):
     """(n, h, w) float32 of I before."""
     posterior: np.ndarray
     """(n, h, w) float32 of I after."""
-    weight: np.ndarray
-    """(n, h, w) float32, R_uv / R̄ of each pixel: I over weight is the share of the depth range."""
+    place: np.ndarray
+    """(n, 2) int32, first pixel (v, u) of each ROI in the image."""
 
     def select(self, keep: np.ndarray) -> "Examples":
         """The examples where `keep` (a mask or indices) says so."""
@@ -104,12 +104,12 @@ class Pairs:
                 f"leaves the {self.camera.width}x{self.camera.height} image"
             )
         weight = np.asarray(metric.r_matrix(self.camera) * self.camera.top, np.float32)
-        found = [], [], []
-        for k, (left, top) in enumerate(actions.first_pixels(mine.centre, (w, h))):
+        found = [], []
+        first = actions.first_pixels(mine.centre, (w, h))
+        for k, (left, top) in enumerate(first):
             window = np.s_[top : top + h, left : left + w]
-            for counts, out in zip((mine.prior, mine.posterior), found[:2], strict=True):
+            for counts, out in zip((mine.prior, mine.posterior), found, strict=True):
                 depth = counts[k][window].astype(np.float32) * np.float32(self.depth_unit)
                 level = self.camera.luminance(depth, quantize=False)
                 out.append(np.asarray(level) / self.camera.top * weight[window])
-            found[2].append(weight[window])
-        return Examples(*(np.stack(part) for part in found))
+        return Examples(np.stack(found[0]), np.stack(found[1]), first[:, ::-1].astype(np.int32))

@@ -1,0 +1,266 @@
+"""Simulated recordings: a camera above a bed while a hand comes in, acts, and goes out again.
+
+What a person who records pairs has on disk: frames at a steady rate, most of them with an arm in
+them.  Frames are `[v, u]`, uint16 counts of `DEPTH_UNIT` metres, 0 = no reading; boxes are
+`(left, top, width, height)` in pixels; frame ranges are `[start, stop)`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape import sim
+from jshape._typing import Array, Key
+from jshape.camera import PAPER_BOX, Camera
+from jshape.data.simulate import DEPTH_UNIT, ROIS, random_bed
+from jshape.errors import UnknownName
+
+EFFECT_MM = 0.5
+"""What counts as changed in a true box: without noise, the depth differs by more than this."""
+LEVELLED_STD = 0.0015
+"""Unevenness of a bed that somebody has just levelled by hand, metres."""
+
+_HOVER = 0.06
+"""Height of the fingertips above the bed while the hand comes and rests, metres."""
+_BASELINE = 0.05
+"""Distance of the D435's two infrared cameras, metres: the hand hides a strip from one of them."""
+
+
+@dataclass
+class Truth:
+    """What really happened in a simulated recording.  Filled while its frames are made."""
+
+    frames: int = 0
+    """How many frames there will be."""
+    still: list[tuple[int, int]] = field(default_factory=list)
+    """Frame ranges in which the bed lies open and still."""
+    changes: list[dict[str, Any]] = field(default_factory=list)
+    """What the hand did between two of them: kind ("action", "idle", "level"), action, position,
+    box, and the frame at which the bed changed."""
+
+
+def simulate_recording(
+    key: Key[Array, ""],
+    actions: Sequence[str],
+    *,
+    agent: str = "human",
+    material: str = "flour",
+    bed: str = "flat",
+    camera: Camera = PAPER_BOX,
+    still: int = 10,
+    move: int = 4,
+    rest: int = 6,
+    idle: int = 0,
+    level_every: int = 0,
+    noise: float = 0.00045,
+    holes: float = 0.002,
+) -> tuple[Truth, Iterator[np.ndarray]]:
+    """Frames of a bed on which actions are applied one after another, each at a random place.
+
+    Args:
+      key: consumed.
+      actions: names of simulated actions, in order.
+      agent: whose hand.
+      material: name of a simulated material.
+      bed: kind of bed at the start.
+      camera: that looks straight down.
+      still: frames of the open bed between two visits of the hand.
+      move: frames in which the hand comes in, and again in which it leaves.
+      rest: frames in which it rests motionless above the bed, before and after it acts.
+      idle: visits without a touch, before the first action and then after every one until they
+        are used up.
+      level_every: the bed is levelled after every this many actions (not after the last); 0 never.
+      noise: standard deviation of one frame at 0.45 m, metres.
+      holes: share of pixels without a reading.
+
+    Returns:
+      The truth, which is complete when the last frame has been taken; and the frames, (H, W)
+      uint16, made one at a time.
+
+    Raises:
+      UnknownName: no such action, agent, material or kind of bed.
+    """
+    for what, names, allowed in (
+        ("action", actions, sim.ACTIONS),
+        ("agent", [agent], sim.AGENTS),
+        ("material", [material], sim.MATERIALS),
+    ):
+        for name in names:
+            if name not in allowed:
+                raise UnknownName(what, name, allowed)
+    for_bed, key = jax.random.split(key)
+    start = random_bed(for_bed, bed)
+    visits = ["idle"] if idle else []
+    for k in range(len(actions)):
+        visits += [f"action {k}"]
+        visits += ["idle"] if len([v for v in visits if v == "idle"]) < idle else []
+        if level_every and (k + 1) % level_every == 0 and k + 1 < len(actions):
+            visits += ["level"]
+    hidden = [len(_path(move, rest, touches=visit != "idle")) for visit in visits]
+    truth = Truth(frames=still * (len(visits) + 1) + sum(hidden))
+
+    def frames() -> Iterator[np.ndarray]:
+        nonlocal key
+        now = start
+        depth = np.asarray(sim.render(now, camera))
+        count = 0
+
+        def shot(hand: np.ndarray | None) -> np.ndarray:
+            nonlocal key, count
+            key, for_rim, for_sensor = jax.random.split(key, 3)
+            count += 1
+            seen = depth if hand is None else _with_hand(for_rim, depth, hand, camera)
+            return np.asarray(sim.to_uint16(sim.sensor(for_sensor, seen, noise, holes), DEPTH_UNIT))
+
+        def open_bed() -> Iterator[np.ndarray]:
+            truth.still.append((count, count + still))
+            for _ in range(still):
+                yield shot(None)
+
+        yield from open_bed()
+        for visit in visits:
+            key, for_place, for_arm, for_act = jax.random.split(key, 4)
+            kind, _, index = visit.partition(" ")
+            action = actions[int(index)] if index else ""
+            place = _random_place(for_place, action or "grasp", camera)
+            xy = np.asarray(sim.position_to_xy(camera, place))
+            angle = np.pi / 2 + float(jax.random.uniform(for_arm, minval=-0.9, maxval=0.9))
+            path = _path(move, rest, touches=kind != "idle")
+            contact = next((k for k, p in enumerate(path) if p == (0.0, 0.0)), -1)
+            changed_at = count + contact
+            pose, before = None, depth
+            for step, (away, lift) in enumerate(path):
+                if step == contact:
+                    now = _change(for_act, now, kind, action, agent, material, xy, bed)
+                    depth = np.asarray(sim.render(now, camera))
+                if pose is None or path[step - 1] != (away, lift):
+                    pose = _hand(camera, xy, angle, away, lift)
+                yield shot(pose)
+            if kind != "idle":
+                truth.changes.append({
+                    "kind": kind, "action": action, "frame": changed_at,
+                    "position": place if action else None, "box": changed_box(before, depth),
+                })  # fmt: skip
+            else:
+                truth.changes.append({"kind": kind, "action": "", "frame": None})
+            yield from open_bed()
+
+    return truth, frames()
+
+
+def changed_box(
+    before: np.ndarray, after: np.ndarray, least_mm: float = EFFECT_MM
+) -> tuple[int, int, int, int] | None:
+    """The true box of a change: all pixels of two noise-free frames that differ by `least_mm`.
+
+    Args:
+      before: (H, W), metres; 0 and NaN are no reading and have not changed.
+      after: likewise.
+      least_mm: millimetres.
+
+    Returns:
+      (left, top, width, height), or None where nothing has changed.
+    """
+    with np.errstate(invalid="ignore"):
+        changed = (np.abs(after - before) > 1e-3 * least_mm) & (before > 0) & (after > 0)
+    rows, columns = np.flatnonzero(changed.any(1)), np.flatnonzero(changed.any(0))
+    if not rows.size:
+        return None
+    left, top = int(columns[0]), int(rows[0])
+    return left, top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1
+
+
+def _random_place(key, action: str, camera: Camera) -> tuple[int, int]:
+    """A random (u, v) at which the action's whole ROI is visible."""
+    w, h = ROIS[action]
+    low = jnp.array([w // 2, h // 2])
+    high = low + jnp.array([camera.width - w, camera.height - h])
+    u, v = np.asarray(jax.random.randint(key, (2,), low, high + 1))
+    return int(u), int(v)
+
+
+def _change(key, bed: sim.Bed, kind, action, agent, material, xy, bed_kind) -> sim.Bed:
+    if kind == "action":
+        return sim.apply_action(key, bed, material, (action, agent), xy)
+    if kind == "level":
+        if bed_kind == "flat":
+            return sim.irregular_bed(key, LEVELLED_STD)
+        return random_bed(key, bed_kind)
+    return bed
+
+
+def _path(move: int, rest: int, *, touches: bool) -> list[tuple[float, float]]:
+    """(metres away along the arm, metres of the fingertips above the bed), frame by frame."""
+    hover = (0.0, _HOVER)
+    far = 0.40
+    coming = [(far * (1 - (k + 1) / (move + 1)), _HOVER) for k in range(move)]
+    acting = [(0.0, _HOVER / 2), (0.0, 0.0), (0.0, 0.0), (0.0, _HOVER / 2)] if touches else []
+    return [*coming, *[hover] * rest, *acting, *[hover] * rest, *reversed(coming)]
+
+
+def _hand(camera: Camera, xy, angle: float, away: float, lift: float) -> np.ndarray:
+    """Depth image of a hand and forearm alone, metres; infinite beside them."""
+    along = np.array([np.cos(angle), np.sin(angle)])
+    across = np.array([-along[1], along[0]])
+    tip = np.asarray(xy) + away * along
+    surface = sim.SURFACE - lift
+
+    def point(out, side, up):
+        return [*(tip + out * along + side * across), surface - up]
+
+    parts = [
+        (point(0.02, 0.0, 0.055), point(0.10, 0.0, 0.075), 0.035),  # palm
+        (point(0.10, 0.0, 0.080), point(0.60, 0.0, 0.160), 0.042),  # forearm
+    ]
+    for side in (-0.030, -0.010, 0.010, 0.030):
+        parts.append((point(0.02, side, 0.055), point(-0.03, 1.2 * side, 0.010), 0.010))
+    parts.append((point(0.03, 0.035, 0.05), point(-0.01, 0.06, 0.012), 0.011))  # thumb
+    start, stop, radius = (np.array(x, np.float32) for x in zip(*parts, strict=True))
+    return np.asarray(_capsules(camera, start, stop, radius))
+
+
+@jax.jit
+def _capsules(camera: Camera, start, stop, radius):
+    """Nearest depth (H, W) of rounded rods, metres, infinite where there is none.
+
+    Each rod is drawn where its axis is, at its axis' depth: a rod at a slant is off by less than
+    its radius, which does not matter to a hand that only has to be in the way.
+    """
+    x, y = camera.rays()
+
+    def one(start, stop, radius):
+        first, last = start[:2] / start[2], stop[:2] / stop[2]
+        line = last - first
+        share = ((x - first[0]) * line[0] + (y - first[1]) * line[1]) / (line @ line + 1e-12)
+        share = jnp.clip(share, 0.0, 1.0)
+        z = 1.0 / ((1.0 - share) / start[2] + share / stop[2])
+        off = z * jnp.hypot(x - first[0] - share * line[0], y - first[1] - share * line[1])
+        return jnp.where(off < radius, z - jnp.sqrt(jnp.maximum(radius**2 - off**2, 0.0)), jnp.inf)
+
+    return jax.vmap(one)(start, stop, radius).min(0)
+
+
+def _with_hand(key, bed: np.ndarray, hand: np.ndarray, camera: Camera) -> np.ndarray:
+    """The bed with a hand before it: flying pixels at its rim, a strip without depth beside it."""
+    covered = hand < bed
+    if not covered.any():
+        return bed
+    seen = np.where(covered, hand, bed)
+    gap = 1.0 / float(np.median(hand[covered])) - 1.0 / float(np.median(bed))
+    hidden = covered.copy()
+    for shift in range(1, max(1, round(_BASELINE * float(camera.fx) * gap)) + 1):
+        hidden[:, :-shift] |= covered[:, shift:]
+    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    rim = np.zeros_like(covered)
+    for axis in (0, 1):
+        edge = np.diff(covered, axis=axis, append=covered.take([-1], axis)).astype(bool)
+        rim |= edge | np.roll(edge, 1, axis) | np.roll(edge, -1, axis)
+    flies = rim & (rng.random(bed.shape) < 0.3)
+    nearest = np.where(covered, hand, np.median(hand[covered]))
+    share = rng.random(bed.shape).astype(np.float32)
+    seen = np.where(flies, share * nearest + (1 - share) * bed, seen)
+    return np.where(hidden & ~covered & ~flies, 0.0, seen).astype(np.float32)

@@ -1,0 +1,106 @@
+"""Data sets whose boxes were found by a program: what it found, what a person changed, pictures.
+
+`pairs.csv` gets one column more, `found`: the box `u v width height` that the program wrote.  A row
+whose own box says something else was edited, and one without it was written by hand; both count as
+drawn by hand.  Readers that only want pairs do not look at the column.
+"""
+
+import csv
+import io
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.camera import Camera
+from jshape.errors import BadDataset
+from jshape.store.cameras import write_camera
+from jshape.store.datasets import CAMERA, COLUMNS, CONTENTS, TABLE, TABLE_LIMIT, Adder
+from jshape.store.files import atomic_folder, read_bytes, write_atomic
+
+FOUND = "found"
+"""Name of the column."""
+TIMELINE = "segments.png"
+"""How a recording was cut."""
+_PAGES = 999
+
+
+def sheet_name(page: int) -> str:
+    """File name of a page of the contact sheet, counted from 0.
+
+    Raises:
+      BadDataset: more pages than a folder is allowed.
+    """
+    if page >= _PAGES:
+        raise BadDataset(f"a contact sheet has at most {_PAGES} pages; annotate fewer pairs")
+    return "contact_sheet.png" if page == 0 else f"contact_sheet_{page + 1:03d}.png"
+
+
+FOUND_CONTENTS = (*CONTENTS, TIMELINE, *(sheet_name(page) for page in range(_PAGES)))
+"""What the folder of such a data set holds, at the top."""
+
+
+@contextmanager
+def found_writer(
+    folder: str | os.PathLike, camera: Camera, depth_unit: float, *, overwrite: bool = False
+) -> Iterator["FoundAdder"]:
+    """A data set written pair by pair, with the column `found` and pictures beside it.
+
+    Raises:
+      BadDataset: no pair was added.
+      BadFile: the folder exists or cannot be written.
+    """
+    with atomic_folder(folder, overwrite, contents=FOUND_CONTENTS) as temp:
+        write_camera(temp / CAMERA, camera, depth_unit)
+        adder = FoundAdder(Adder(str(folder), temp, camera))
+        yield adder
+        if not adder.by_hand:
+            raise BadDataset(f"{folder}: no pairs were added")
+        rows = list(csv.reader(io.StringIO(adder.pairs.table.getvalue(), newline="")))
+        table = io.StringIO()
+        writer = csv.writer(table, lineterminator="\n")
+        writer.writerow([*rows[0], FOUND])
+        for row, by_hand in zip(rows[1:], adder.by_hand, strict=True):
+            writer.writerow([*row, "" if by_hand else " ".join(row[-4:])])
+        write_atomic(temp / TABLE, table.getvalue())
+        for name, content in adder.pictures.items():
+            write_atomic(temp / name, content)
+
+
+@dataclass
+class FoundAdder:
+    """Adds pairs to a data set whose boxes were found."""
+
+    pairs: Adder
+    by_hand: list[bool] = field(default_factory=list)
+    pictures: dict[str, bytes] = field(default_factory=dict)
+    """PNG files to write beside the table, by their names."""
+
+    def __call__(self, *, by_hand: bool = False, **pair: Any) -> None:
+        """Add a pair, as `dataset_writer` takes it; `by_hand`: a person drew its box."""
+        self.pairs(**pair)
+        self.by_hand.append(by_hand)
+
+
+def boxes_by_hand(folder: str | os.PathLike) -> np.ndarray:
+    """Which boxes of a data set a person drew or changed: (N,) bool, in the order of `load_pairs`.
+
+    The table must have been read by `load_pairs` before, which checks it.
+
+    Raises:
+      BadDataset: the table cannot be read.
+    """
+    text = read_bytes(Path(folder) / TABLE, limit=TABLE_LIMIT).decode("utf-8-sig")
+    lines = csv.reader(io.StringIO(text, newline=""))
+    header = [name.strip() for name in next(lines)]
+    rows = [[cell.strip() for cell in cells] for cells in lines]
+    rows = [dict(zip(header, cells, strict=True)) for cells in rows if any(cells)]
+    return np.array([_own(row) != row.get(FOUND, "").split() for row in rows], bool)
+
+
+def _own(row: dict[str, str]) -> list[str]:
+    return [str(int(row[name])) for name in COLUMNS[-4:]]

@@ -1,0 +1,199 @@
+"""Recordings: simulated with a hand in the way, written, read again, and every damage named."""
+
+import json
+
+import cv2
+import jax
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, Camera
+from jshape.data.recording import changed_box, simulate_recording
+from jshape.errors import BadDataset, BadFile, UnknownName
+from jshape.sim import SURFACE
+from jshape.store.recordings import Label, open_recording, read_labels, recording_writer
+
+SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
+
+
+@pytest.fixture(scope="module")
+def poked():
+    """A recording of one idle visit and one poke: its truth and all its frames."""
+    truth, frames = simulate_recording(jax.random.key(4), ["poke"], idle=1, still=5, rest=3)
+    return truth, np.stack(list(frames))
+
+
+def test_the_truth_tells_of_every_frame(poked):
+    truth, frames = poked
+    assert len(frames) == truth.frames and frames.dtype == np.uint16
+    assert frames.shape[1:] == PAPER_BOX.shape
+    assert [c["kind"] for c in truth.changes] == ["idle", "action"]
+    assert len(truth.still) == 3 and truth.still[-1][1] == len(frames)
+    assert truth.still[1][1] < truth.changes[1]["frame"] < truth.still[2][0]
+
+
+def test_the_bed_lies_open_in_still_frames_and_a_hand_hides_it_between(poked):
+    truth, frames = poked
+    for start, stop in truth.still:
+        seen = frames[start:stop][frames[start:stop] > 0]
+        assert seen.min() * 1e-4 > SURFACE - 0.02 and (frames[start:stop] > 0).mean() > 0.99
+    for (_, stop), (start, _) in zip(truth.still, truth.still[1:], strict=False):
+        middle = frames[(stop + start) // 2]
+        hand = (middle > 0) & (middle * 1e-4 < SURFACE - 0.05)
+        assert hand.mean() > 0.01 and hand.any(1).sum() > 40
+        edges = np.concatenate([hand[0], hand[-1], hand[:, 0], hand[:, -1]])
+        assert edges.sum() > 20, "the forearm comes from the image's edge"
+        assert SURFACE - 0.26 < middle[hand].min() * 1e-4 < SURFACE - 0.10
+        assert (middle == 0).mean() > 0.003, "a strip beside the hand has no depth"
+
+
+def test_the_true_box_is_where_the_frames_differ(poked):
+    truth, frames = poked
+    mean = [frames[a:b].astype(float).mean(0, where=frames[a:b] > 0) for a, b in truth.still]
+    left, top, w, h = truth.changes[1]["box"]
+    u, v = truth.changes[1]["position"]
+    assert left < u < left + w and top < v < top + h and 25 < w < 60 and 25 < h < 60
+    change = np.abs(np.nan_to_num(mean[2] - mean[1])) * 0.1
+    inside = np.zeros(change.shape, bool)
+    inside[top : top + h, left : left + w] = True
+    assert change[inside].max() > 5 and np.percentile(change[~inside], 99.9) < 1.5
+    assert np.percentile(np.abs(np.nan_to_num(mean[1] - mean[0])) * 0.1, 99.9) < 1.5  # idle
+
+
+def test_a_box_of_no_change_is_none():
+    flat = np.full((9, 9), 0.45, np.float32)
+    assert changed_box(flat, flat) is None
+    bumped = flat.copy()
+    bumped[2:4, 3:8] += 0.001
+    bumped[8, 8] = np.nan
+    assert changed_box(flat, bumped) == (3, 2, 5, 2)
+
+
+@pytest.mark.parametrize("change", [{"actions": ["tap"]}, {"agent": "dog"}, {"material": "air"},
+                                    {"bed": "wavy"}])  # fmt: skip
+def test_unknown_names(change):
+    with pytest.raises(UnknownName, match="allowed"):
+        settings = {"actions": ["poke"]} | change
+        simulate_recording(jax.random.key(0), settings.pop("actions"), **settings)
+
+
+@pytest.fixture
+def folder(tmp_path, rng):
+    with recording_writer(tmp_path / "rec", SMALL, 1e-4) as add:
+        for _ in range(4):
+            add(rng.integers(4000, 5000, SMALL.shape).astype(np.uint16))
+        add.labels = ["poke", "knock"]
+        add.truth = {"still": [(0, 4)]}
+    return tmp_path / "rec"
+
+
+def test_there_and_back(folder, rng):
+    recording = open_recording(folder)
+    assert (recording.camera, recording.depth_unit, len(recording)) == (SMALL, 1e-4, 4)
+    frames = list(recording.frames())
+    assert len(frames) == 4 and frames[2].dtype == np.uint16
+    np.testing.assert_array_equal(next(recording.frames([2])), frames[2])
+    assert json.loads((folder / "truth.json").read_text()) == {"still": [[0, 4]]}
+    found = read_labels(folder / "labels.csv", "human", "flour")
+    assert list(found.values()) == [Label(a, "human", "flour") for a in ("poke", "knock")]
+    with pytest.raises(BadFile, match="exists"):
+        with recording_writer(folder, SMALL, 1e-4):
+            pass
+
+
+def test_frames_may_lie_beside_the_camera_with_names_of_their_own(folder):
+    for k, path in enumerate(sorted((folder / "frames").iterdir())):
+        path.rename(folder / f"depth_{k + 7}.png")
+    (folder / "frames").rmdir()
+    (folder / "notes.txt").write_text("mine")
+    recording = open_recording(folder)
+    assert [p.name for p in recording.files] == [f"depth_{k}.png" for k in range(7, 11)]
+
+
+def refused(folder, match, read=False):
+    with pytest.raises(BadDataset) as info:
+        recording = open_recording(folder)
+        if read:
+            list(recording.frames())
+    message = str(info.value)
+    assert match in message and "\n" not in message
+    return message
+
+
+def test_what_is_no_recording_is_said(folder, tmp_path):
+    refused(tmp_path / "none", "no such folder")
+    refused(folder / "camera.json", "is a file")
+    for path in (folder / "frames").iterdir():
+        path.unlink()
+    refused(folder, "holds no frames")
+    (folder / "camera.json").unlink()
+    refused(folder, "has no camera.json")
+
+
+def test_missing_frames_are_named_and_may_be_allowed(folder):
+    (folder / "frames" / "000001.png").unlink()
+    assert "--allow-gaps" in refused(folder, "missing frames: 1;")
+    assert len(open_recording(folder, allow_gaps=True)) == 3
+
+
+def test_two_kinds_of_frames_are_not_mixed(folder):
+    cv2.imwrite(str(folder / "frames" / "colour_000000.png"), np.zeros((30, 40, 3), np.uint8))
+    refused(folder, "two kinds, 000000.png and colour_000000.png")
+    (folder / "frames" / "colour_000000.png").rename(folder / "frames" / "00.png")
+    refused(folder, "the same number")
+
+
+@pytest.mark.parametrize(
+    "content, match",
+    [
+        (b"", "empty"),
+        (b"x", "not an image"),
+        (np.ones((30, 40), np.uint8), "uint8; a frame is 16-bit"),
+        (np.ones((40, 30), np.uint16), "has 30x40 pixels; the camera makes 40x30"),
+        (np.ones((30, 40, 3), np.uint16), "colour"),
+    ],
+    ids=["empty", "text", "8-bit", "size", "colour"],
+)
+def test_a_damaged_frame_is_named(folder, content, match):
+    data = content if isinstance(content, bytes) else cv2.imencode(".png", content)[1].tobytes()
+    (folder / "frames" / "000002.png").write_bytes(data)
+    refused(folder, match, read=True)
+    assert "000002.png" in refused(folder, match, read=True)
+
+
+def test_a_covered_lens_is_no_damage(folder):
+    black = cv2.imencode(".png", np.zeros(SMALL.shape, np.uint16))[1].tobytes()
+    (folder / "frames" / "000002.png").write_bytes(black)
+    assert not open_recording(folder).frame(2).any()
+
+
+@pytest.mark.parametrize(
+    "text, match",
+    [
+        ("", "empty"),
+        ("poke\nknock\n", "header is 'poke'; expected action"),
+        ("action\n", "no rows"),
+        ("action,agent\npoke\n", "line 2: has 1 columns; the header has 2"),
+        ("action,speed\npoke,1\n", "header is 'action,speed'"),
+        ("action,agent\npoke,\n", "line 2: has no agent; give a column or --agent"),
+        ("action,action\npoke,poke\n", "header"),
+    ],
+)
+def test_bad_labels(tmp_path, text, match):
+    (tmp_path / "labels.csv").write_text(text)
+    with pytest.raises(BadDataset) as info:
+        read_labels(tmp_path / "labels.csv", None, "flour")
+    assert match in str(info.value) and "labels.csv" in str(info.value)
+
+
+def test_labels_with_columns_and_names(tmp_path):
+    path = tmp_path / "labels.csv"
+    path.write_text("agent,action\nrobot,poke\n\nhuman,-\n")
+    assert list(read_labels(path, None, "sand").values()) == [
+        Label("poke", "robot", "sand"), Label("-", "human", "sand")
+    ]  # fmt: skip
+    path.write_text("name,action\nb,poke\na,knock\n")
+    assert read_labels(path, "human", "sand", named=True)["a"].action == "knock"
+    path.write_text("name,action\nb,poke\nb,knock\n")
+    with pytest.raises(BadDataset, match="'b' is there twice"):
+        read_labels(path, "human", "sand", named=True)

@@ -198,9 +198,9 @@ TRACED = []
 class Spy(Difference):
     """f_D that notes when it is traced."""
 
-    def __call__(self, roi, weight, strength=1.0):
+    def __call__(self, roi, place, strength=1.0):
         TRACED.append(roi.shape)
-        return super().__call__(roi, weight, strength)
+        return super().__call__(roi, place, strength)
 
 
 def test_one_trace_per_shape():

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jshape import metric
 from jshape._typing import Array, ArrayLike, Float
 from jshape.actions import first_pixels
 from jshape.camera import STATIC, Camera
@@ -24,14 +23,14 @@ class Predictor(Protocol):
         ...
 
     def __call__(
-        self, roi: Float[Array, "*B h w"], weight: Array, strength: float | Array = 1.0
+        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
     ) -> Float[Array, "*B h w"]:
         """ROIs of I after the action, not yet clipped.
 
         Args:
           roi: of I before the action.
-          weight: R_uv / R̄ of their pixels, (*B, h, w) or what broadcasts to it: I over weight is
-            the share of the depth range (see `metric.roi_weight`).
+          place: first pixels (v, u) of the ROIs in the image, (*B, 2) or (2,): a bed seen from the
+            side looks different.
           strength: how many times as deep as the trained action, (*B) or one number.
         """
         ...
@@ -89,8 +88,7 @@ class Bank:
           name: of the action.
           roi: (*B, h, w) of I.
           position: ROI centres (*B, 2) or (2,) as (u, v), pixels: tells a predictor that works in
-            metres what I weighs there (R varies by a fifth over the paper's box).  None takes the
-            mean over the image.
+            metres where the camera looks from.  None is the middle of the image.
           strength: how many times as deep as the trained action, (*B) or one number.
 
         Raises:
@@ -101,22 +99,10 @@ class Bank:
         w, h = self.roi(name)
         if np.shape(roi)[-2:] != (h, w):
             raise BadImage(f"{name}: ROI has shape {np.shape(roi)}; its last axes must be {(h, w)}")
-        weight = self.weight(name, position)
-        roi, strength = jnp.asarray(roi, jnp.float32), jnp.asarray(strength, jnp.float32)
-        return jnp.clip(self.predictor(name)(roi, weight, strength), 0.0, 1.0)
-
-    def weight(self, name: str, position: ArrayLike | None) -> Float[Array, "..."]:
-        """R_uv / R̄ of an action's ROIs at positions (*B, 2) of (u, v); None is the image's mean.
-
-        Raises:
-          BadPosition: positions that are no (u, v).
-        """
         if position is None:
-            return metric.r_matrix(self.camera).mean() * self.camera.top
+            position = (self.camera.width // 2, self.camera.height // 2)
         if np.shape(position)[-1:] != (2,):
             raise BadPosition(f"position has shape {np.shape(position)}; expected (..., 2) of u, v")
-        size = self.roi(name)
-        first = jnp.asarray(first_pixels(np.asarray(position), size)[..., ::-1])
-        return jnp.vectorize(
-            lambda place: metric.roi_weight(self.camera, place, size), signature="(n)->(h,w)"
-        )(first)
+        place = jnp.asarray(first_pixels(np.asarray(position), (w, h))[..., ::-1], jnp.int32)
+        roi, strength = jnp.asarray(roi, jnp.float32), jnp.asarray(strength, jnp.float32)
+        return jnp.clip(self.predictor(name)(roi, place, strength), 0.0, 1.0)

@@ -62,8 +62,7 @@ def predict_at(
     """The ROI of `image` at `first` after an action, before it is clipped to [0, 1]."""
     predictor = bank.predictors[action]
     w, h = predictor.roi
-    weight = metric.roi_weight(bank.camera, first, (w, h))
-    return predictor(lax.dynamic_slice(image, first, (h, w)), weight)
+    return predictor(lax.dynamic_slice(image, first, (h, w)), first)
 
 
 def change_at(

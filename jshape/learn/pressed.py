@@ -1,0 +1,179 @@
+"""Fitting f_P: the maps of a pressed tool from the ground before and after."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape._typing import Array, Float, Key
+from jshape.camera import Camera
+from jshape.data.missing import fill_nan
+from jshape.data.pairs import Examples
+from jshape.errors import BadDataset
+from jshape.predict.ground import Ground
+from jshape.predict.pressed import Pressed
+
+PIXELS = 2.0
+"""Pitch of the grid in pixels at the depth of the places.  Half the camera's resolution costs 0.02
+mm of 0.5 and makes a sweep four times as fast."""
+STEPS, PER_PAIR, STEP = (100, 600), 12, 3e-3
+"""From nothing: least and most steps, steps per pair, and the length of the first (Adam, in units
+of `SCALES`).  Few pairs are learned by heart when they are gone over more often."""
+ADAPT_STEPS, ADAPT_STEP = 150, 1e-3
+"""The same from another bank's predictor: few, so that few pairs do not undo what it knows."""
+BATCH = 16
+"""Pairs per step, at most."""
+CONTACT = 0.3
+"""The tool is first taken to touch where the mean change exceeds this share of its greatest."""
+DEPTHS = range(-10, 11, 2)
+"""How far from the median depth of the ground the depth of the places is looked for, mm."""
+DOUBT = 4.0
+"""How much more alike they must look per metre off the median: 0.4 % per millimetre."""
+SCALES = {"reference": 10.0, "tool": 1e-2, "give": 1.0, "rest": 1e-2, "swell": 1e-2, "follow": 1.0}
+"""The maps that are fitted, and what 1 is to the optimiser."""
+
+
+def fit_pressed(
+    examples: Examples, camera: Camera, start: Pressed | None = None, *, seed: int = 0
+) -> Pressed:
+    """f_P of one action from its pairs, or from another bank's f_P and few pairs.
+
+    Lowers the mean |predicted - true| over the grid's nodes that were seen before and after.
+
+    Args:
+      examples: ROIs of the pairs.
+      camera: theirs.
+      start: what to adapt; None fits from nothing.
+      seed: of the order of the pairs.
+
+    Raises:
+      BadDataset: no pairs, or one without any pixel seen before and after.
+    """
+    if len(examples.prior) == 0:
+        raise BadDataset("no pairs to fit to")
+    seen = np.isfinite(examples.prior) & np.isfinite(examples.posterior)
+    if not seen.any((1, 2)).all():
+        blind = int(np.argmin(seen.any((1, 2)))) + 1
+        raise BadDataset(f"pair {blind} of {len(seen)} has no pixel seen before and after")
+    filled = Examples(
+        *(np.stack([fill_nan(roi) for roi in rois]) for rois in examples[:2]), examples.place
+    )
+    ground = _ground(filled, camera) if start is None else start.ground
+    before, after = _surfaces(ground, filled)
+    counted = jnp.asarray(_at_nodes(seen, ground), jnp.float32)
+    first = _first_guess(ground, before, after, counted) if start is None else start
+    steps, step = int(np.clip(PER_PAIR * len(seen), *STEPS)), STEP
+    if start is not None:
+        steps, step = ADAPT_STEPS, ADAPT_STEP
+    return _descend(first, before, after, counted, jax.random.key(seed), steps, step)
+
+
+def _ground(examples: Examples, camera: Camera) -> Ground:
+    """A grid over the ROI, at the depth where places are meant.
+
+    That is not known: of depths around the median of what was seen, it is the one from which the
+    changes of all pairs look most alike.  On flat ground all do, and the median is right.
+    """
+    h, w = examples.prior.shape[1:]
+    blank = Ground(camera, 1.0, 1.0, (1, 1), (w, h))
+    per_metre = np.stack([blank.per_metre(place) for place in jnp.asarray(examples.place)])
+    middle = float(camera.z_max) - float(np.median(examples.prior / per_metre))
+    rows = h * float(camera.fx) / float(camera.fy) / PIXELS
+    shape = (int(np.ceil(rows)), int(np.ceil(w / PIXELS)))
+
+    def at(depth: float) -> Ground:
+        pitch = jnp.float32(PIXELS * depth / float(camera.fx))
+        return replace(blank, depth=jnp.float32(depth), pitch=pitch, shape=shape)
+
+    def unlike(depth: float) -> float:
+        before, after = _surfaces(at(depth), examples)
+        change = np.asarray(after - before)
+        return float(np.abs(change - np.median(change, 0)).mean())
+
+    depths = [middle + 1e-3 * mm for mm in DEPTHS]
+    least = unlike(middle)
+    return at(min(depths, key=lambda depth: unlike(depth) / least + DOUBT * abs(depth - middle)))
+
+
+@jax.jit
+def _surfaces(
+    ground: Ground, examples: Examples
+) -> tuple[Float[Array, "n rows columns"], Float[Array, "n rows columns"]]:
+    """The ground below ROIs of I before and after; one pair after the other, to spare memory."""
+
+    def one(pair):
+        per_metre = ground.per_metre(pair.place)
+        return tuple(
+            ground.from_roi(ground.camera.z_max - roi / per_metre, pair.place) for roi in pair[:2]
+        )
+
+    return jax.lax.map(one, Examples(*map(jnp.asarray, examples)))
+
+
+def _at_nodes(seen: np.ndarray, ground: Ground) -> np.ndarray:
+    """Of masks (n, h, w), the pixel below each node (n, rows, columns), parallax left out."""
+    camera = ground.camera
+    picked = []
+    for count, size, focal in zip(
+        ground.shape, seen.shape[1:], (camera.fy, camera.fx), strict=True
+    ):
+        step = float(ground.pitch) / float(ground.depth) * float(focal)
+        pixel = np.rint((np.arange(count) - count // 2) * step + size // 2)
+        picked.append(np.clip(pixel, 0, size - 1).astype(int))
+    return seen[:, picked[0]][:, :, picked[1]]
+
+
+def _first_guess(ground: Ground, before: Array, after: Array, counted: Array) -> Pressed:
+    """A tool as deep as the mean change, which is the prediction on flat ground."""
+    mean = ((after - before) * counted).sum(0) / jnp.maximum(counted.sum(0), 1.0)
+    touched = mean > CONTACT * jnp.maximum(mean.max(), 1e-9)
+    rest = jnp.where(touched, 0.0, mean)
+    return Pressed(
+        ground,
+        reference=jnp.where(mean > 0.5 * mean.max(), 0.0, -6.0),
+        # Below the ground beside the tool by 3 mm: it is felt by hills, not by the flat.
+        tool=mean - 3e-3,
+        give=touched.astype(jnp.float32),
+        rest=rest,
+        swell=rest,
+        follow=jnp.zeros_like(mean),
+    )
+
+
+@jax.jit
+def _descend(
+    start: Pressed,
+    before: Float[Array, "n rows columns"],
+    after: Float[Array, "n rows columns"],
+    counted: Float[Array, "n rows columns"],
+    key: Key[Array, ""],
+    steps: int | Array,
+    step: float | Array,
+) -> Pressed:
+    """`start` after `steps` steps of Adam, the first of length `step`, falling by half a cosine."""
+    import optax
+
+    count = before.shape[0]
+    adam = optax.scale_by_adam()
+    zero = {name: jnp.zeros_like(getattr(start, name)) for name in SCALES}
+
+    def moved(shift):
+        maps = {name: getattr(start, name) + SCALES[name] * shift[name] for name in SCALES}
+        return replace(start, **maps)
+
+    def loss(shift, chosen):
+        gap = jnp.abs(before[chosen] + moved(shift).change(before[chosen]) - after[chosen])
+        # In units of 10 mm, that of the maps: Adam's epsilon is then far below the gradients.
+        return 100.0 * (gap * counted[chosen]).sum() / jnp.maximum(counted[chosen].sum(), 1.0)
+
+    def one(number, state):
+        shift, memory = state
+        order = jax.random.permutation(jax.random.fold_in(key, number), count)
+        slope = jax.grad(loss)(shift, order[: min(BATCH, count)])
+        updates, memory = adam.update(slope, memory)
+        length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * number / steps))
+        return jax.tree.map(lambda x, dx: x - length * dx, shift, updates), memory
+
+    shift, _ = jax.lax.fori_loop(0, steps, one, (zero, adam.init(zero)))
+    return moved(shift)

@@ -20,8 +20,10 @@ mm of 0.5 and makes a sweep four times as fast."""
 STEPS, PER_PAIR, STEP = (100, 600), 12, 3e-3
 """From nothing: least and most steps, steps per pair, and the length of the first (Adam, in units
 of `SCALES`).  Few pairs are learned by heart when they are gone over more often."""
-ADAPT_STEPS, ADAPT_STEP = 150, 1e-3
+ADAPT_STEPS, ADAPT_STEP = 50, 2e-3
 """The same from another bank's predictor: few, so that few pairs do not undo what it knows."""
+TRUST = 12.0
+"""With this many pairs, half of what all are off by is taken to be the bank's error."""
 BATCH = 16
 """Pairs per step, at most."""
 CONTACT = 0.3
@@ -56,13 +58,15 @@ def fit_pressed(
     if not seen.any((1, 2)).all():
         blind = int(np.argmin(seen.any((1, 2)))) + 1
         raise BadDataset(f"pair {blind} of {len(seen)} has no pixel seen before and after")
-    filled = Examples(
-        *(np.stack([fill_nan(roi) for roi in rois]) for rois in examples[:2]), examples.place
-    )
+    prior, posterior = (np.stack([fill_nan(roi) for roi in rois]) for rois in examples[:2])
+    filled = Examples(prior, posterior, examples.place)
     ground = _ground(filled, camera) if start is None else start.ground
     before, after = _surfaces(ground, filled)
     counted = jnp.asarray(_at_nodes(seen, ground), jnp.float32)
-    first = _first_guess(ground, before, after, counted) if start is None else start
+    if start is None:
+        first = _first_guess(ground, before, after, counted)
+    else:
+        first = _corrected(start, before, after, counted)
     steps, step = int(np.clip(PER_PAIR * len(seen), *STEPS)), STEP
     if start is not None:
         steps, step = ADAPT_STEPS, ADAPT_STEP
@@ -92,7 +96,7 @@ def _ground(examples: Examples, camera: Camera) -> Ground:
         return float(np.abs(change - np.median(change, 0)).mean())
 
     depths = [middle + 1e-3 * mm for mm in DEPTHS]
-    least = unlike(middle)
+    least = max(unlike(middle), 1e-9)  # one pair is like itself from everywhere
     return at(min(depths, key=lambda depth: unlike(depth) / least + DOUBT * abs(depth - middle)))
 
 
@@ -103,12 +107,12 @@ def _surfaces(
     """The ground below ROIs of I before and after; one pair after the other, to spare memory."""
 
     def one(pair):
-        per_metre = ground.per_metre(pair.place)
-        return tuple(
-            ground.from_roi(ground.camera.z_max - roi / per_metre, pair.place) for roi in pair[:2]
-        )
+        prior, posterior, place = pair
+        per_metre = ground.per_metre(place)
+        before, after = (ground.camera.z_max - roi / per_metre for roi in (prior, posterior))
+        return ground.from_roi(before, place), ground.from_roi(after, place)
 
-    return jax.lax.map(one, Examples(*map(jnp.asarray, examples)))
+    return jax.lax.map(one, tuple(map(jnp.asarray, examples)))
 
 
 def _at_nodes(seen: np.ndarray, ground: Ground) -> np.ndarray:
@@ -139,6 +143,13 @@ def _first_guess(ground: Ground, before: Array, after: Array, counted: Array) ->
         swell=rest,
         follow=jnp.zeros_like(mean),
     )
+
+
+def _corrected(start: Pressed, before: Array, after: Array, counted: Array) -> Pressed:
+    """`start` with what it is wrong by on all pairs alike, as far as they are many."""
+    left = jnp.where(counted > 0, after - before - start.change(before), jnp.nan)
+    share = len(before) / (len(before) + TRUST)
+    return replace(start, rest=start.rest + share * jnp.nan_to_num(jnp.nanmedian(left, 0)))
 
 
 @jax.jit

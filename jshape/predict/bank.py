@@ -1,6 +1,6 @@
 """A bank: one camera, some actions, and a predictor for each.  One pytree for all of them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -9,8 +9,8 @@ import numpy as np
 
 from jshape._typing import Array, ArrayLike, Float
 from jshape.actions import first_pixels
-from jshape.camera import STATIC, Camera
-from jshape.errors import BadImage, BadPosition, UnknownName
+from jshape.camera import STATIC, Camera, check_camera
+from jshape.errors import BadBank, BadCamera, BadImage, BadPosition, UnknownName
 
 
 @runtime_checkable
@@ -73,6 +73,29 @@ class Bank:
         """The largest (w, h) over the actions, pixels; (1, 1) if there are none."""
         w, h = (max((roi[k] for roi in self.rois.values()), default=1) for k in (0, 1))
         return w, h
+
+    def seen_by(self, camera: Camera, depth: float) -> "Bank":
+        """The same actions for another camera, of another resolution or height over the bed.
+
+        Args:
+          camera: the other one; it looks straight down too.
+          depth: how far from it the bed is where actions are placed, metres.
+
+        Raises:
+          BadBank: predictors that are images of one camera, not of the ground (f_D, networks).
+          BadCamera: a camera that makes no sense, or whose range does not hold `depth`.
+        """
+        check_camera(camera)
+        if not float(camera.z_min) < depth < float(camera.z_max):
+            raise BadCamera(
+                f"depth {depth!r} is not between z_min {camera.z_min} and z_max {camera.z_max} (m)"
+            )
+        if not all(hasattr(predictor, "seen_by") for predictor in self.predictors):
+            raise BadBank(
+                f"a bank of kind {self.kind!r} is bound to its camera; one of kind 'P' is not"
+            )
+        seen = tuple(predictor.seen_by(camera, depth) for predictor in self.predictors)
+        return replace(self, camera=camera, predictors=seen)
 
     def predict(
         self,

@@ -10,7 +10,7 @@ one that is below the surface, and linearly between it and the one before.  On a
 of a ROI are a regular grid again, so each plane costs one separable interpolation.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import jax
 import jax.numpy as jnp
@@ -82,6 +82,16 @@ class Ground:
 
         return _first_below(look, surface.min(), surface.max())
 
+    def seen_by(self, camera: Camera, depth: float) -> "Ground":
+        """The same ground below another camera, with places `depth` metres from it."""
+        closer = float(self.depth) / depth
+        size = zip(self.roi, ("fx", "fy"), strict=True)
+        w, h = (
+            round(n * float(getattr(camera, f)) / float(getattr(self.camera, f)) * closer)
+            for n, f in size
+        )
+        return replace(self, camera=camera, depth=jnp.float32(depth), roi=(max(w, 1), max(h, 1)))
+
     def per_metre(self, place: Int[Array, "2"]) -> Float[Array, "h w"]:
         """How much I of a ROI's pixels falls per metre that the ground is lower.  Eq. newMat."""
         camera = self.camera
@@ -90,7 +100,7 @@ class Ground:
     def _nodes(
         self, place: Int[Array, "2"]
     ) -> tuple[Float[Array, "columns"], Float[Array, "rows"]]:
-        """x of the columns and y of the rows in the camera's frame, metres."""
+        """X of the columns and y of the rows in the camera's frame, metres."""
         camera, (w, h), (rows, columns) = self.camera, self.roi, self.shape
         x = (place[1] + w // 2 - camera.u0) / camera.fx * self.depth
         y = (place[0] + h // 2 - camera.v0) / camera.fy * self.depth

@@ -13,12 +13,13 @@ misses is that a tool levels the ground below it: where it presses, the surface 
 depend on the one before.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 
 from jshape._typing import Array, Float, Int
+from jshape.camera import Camera
 from jshape.predict.ground import Ground
 
 SOFT = 1e-3
@@ -49,6 +50,10 @@ class Pressed:
     def roi(self) -> tuple[int, int]:
         """ROI size (w, h), pixels."""
         return self.ground.roi
+
+    def seen_by(self, camera: Camera, depth: float) -> "Pressed":
+        """The same action below another camera, with places `depth` metres from it."""
+        return replace(self, ground=self.ground.seen_by(camera, depth))
 
     def __call__(
         self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0

@@ -1,0 +1,269 @@
+"""f_P: the ground from above and back, the pressed tool, and fitting it to pairs."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from jshape import PAPER_BOX, Bank, load_bank, save_bank
+from jshape.data.pairs import Examples
+from jshape.errors import BadBank, BadCamera, BadDataset
+from jshape.learn import pressed as learning
+from jshape.learn.pressed import fit_pressed
+from jshape.metric import roi_weight
+from jshape.predict import sweep
+from jshape.predict.difference import fit_difference
+from jshape.predict.ground import Ground
+from jshape.predict.pressed import Pressed
+from tests.reference import ground as twin
+
+CAMERA = PAPER_BOX
+ROI = (36, 30)
+GROUND = Ground(CAMERA, jnp.float32(0.45), jnp.float32(0.0022), (14, 17), ROI)
+MIDDLE, CORNER = np.array([182, 222], np.int32), np.array([20, 420], np.int32)
+
+
+def hills(seed, shape=(30, 36), std=0.006, middle=0.447):
+    rough = gaussian_filter(np.random.default_rng(seed).normal(size=shape), 6)
+    return (middle + std * rough / rough.std()).astype(np.float32)
+
+
+def tool(give=1.0, depth=0.012):
+    """A round tool of 12 mm in the middle of the grid, with a rim."""
+    rows, columns = GROUND.shape
+    y, x = np.mgrid[:rows, :columns] - np.array([rows // 2, columns // 2])[:, None, None]
+    far = np.hypot(x, y)
+    inside = far < 5
+    rim = np.where(inside, 0.0, -0.003 * np.exp(-((far - 6) ** 2) / 4))
+    maps = {
+        "reference": np.where(inside, 0.0, -20.0),
+        "tool": np.where(inside, depth, -0.003),
+        "give": give * inside,
+        "rest": rim,
+        "swell": rim,
+        "follow": 0 * rim,
+    }
+    return Pressed(GROUND, **{name: jnp.asarray(a, jnp.float32) for name, a in maps.items()})
+
+
+def centre(hole):
+    """(v, u) of the middle of what is lower."""
+    low = np.maximum(hole, 0.0)
+    return np.array([(low.sum(1 - k) * np.arange(low.shape[k])).sum() for k in (0, 1)]) / low.sum()
+
+
+def image_of(depth, place):
+    """I of a ROI's depths (h, w), metres."""
+    weight = roi_weight(CAMERA, jnp.asarray(place), ROI)
+    return (CAMERA.z_max - depth) / (CAMERA.z_max - CAMERA.z_min) * weight
+
+
+def examples_of(predictor, count, seed=0, noise=0.0, std=0.006):
+    rng = np.random.default_rng(seed)
+    place = np.stack([rng.integers(0, 360, count), rng.integers(0, 440, count)], -1)
+    place = place.astype(np.int32)
+    prior = np.stack([
+        np.asarray(image_of(hills(seed + 100 + k, std=std), place[k])) for k in range(count)
+    ])  # fmt: skip
+    posterior = np.array(predictor(jnp.asarray(prior), jnp.asarray(place)))
+    posterior += noise * rng.normal(size=posterior.shape).astype(np.float32)
+    return Examples(prior, posterior, place)
+
+
+def error(predictor, examples):
+    after = predictor(jnp.asarray(examples.prior), jnp.asarray(examples.place))
+    return float(np.abs(np.asarray(after) - examples.posterior).mean())
+
+
+@pytest.mark.parametrize("place", [MIDDLE, CORNER], ids=["middle", "corner"])
+def test_the_ground_equals_its_slow_twin(place):
+    depth = hills(1)
+    above = GROUND.from_roi(jnp.asarray(depth), jnp.asarray(place))
+    np.testing.assert_allclose(above, twin.from_roi(GROUND, depth, place), atol=2e-6)
+    surface = hills(2, GROUND.shape)
+    seen = GROUND.to_roi(jnp.asarray(surface)[None], jnp.asarray(place))[0]
+    np.testing.assert_allclose(seen, twin.to_roi(GROUND, surface, place), atol=2e-6)
+
+
+@pytest.mark.parametrize("place", [MIDDLE, CORNER], ids=["middle", "corner"])
+def test_a_level_plane_is_level_from_everywhere(place):
+    above = GROUND.from_roi(jnp.full((30, 36), 0.444), jnp.asarray(place))
+    np.testing.assert_allclose(above, 0.444, atol=1e-6)
+
+
+def test_there_and_back_is_where_it_was():
+    depth = hills(3)
+    above = GROUND.from_roi(jnp.asarray(depth), jnp.asarray(CORNER))
+    back = np.asarray(GROUND.to_roi(above[None], jnp.asarray(CORNER))[0])
+    inner = np.s_[4:-4, 4:-4]  # at the edge the ground beyond the ROI is not known
+    assert np.abs(back - depth)[inner].max() < 5e-4
+
+
+def test_the_same_hole_looks_different_elsewhere_and_is_the_same_on_the_ground():
+    rows, columns = GROUND.shape
+    y, x = np.mgrid[:rows, :columns] - np.array([rows // 2, columns // 2])[:, None, None]
+    # Without walls, behind which a camera sees nothing.
+    hollow = jnp.asarray(0.015 * np.exp(-(x**2 + y**2) / 18), jnp.float32)
+    none = jnp.zeros_like(hollow)
+    hollow = Pressed(GROUND, none, none, none, hollow, none, none)
+
+    def of(place):
+        flat = jnp.asarray(image_of(jnp.full((30, 36), 0.45), place))
+        after = hollow(flat, jnp.asarray(place))
+        weight = roi_weight(CAMERA, jnp.asarray(place), ROI)
+        span = CAMERA.z_max - CAMERA.z_min
+        hole = (flat - after) / weight * span
+        return np.asarray(hole), np.asarray(GROUND.from_roi(0.45 + hole, jnp.asarray(place)))
+
+    (seen_a, ground_a), (seen_b, ground_b) = of(MIDDLE), of(CORNER)
+    shift = np.abs(centre(seen_a) - centre(seen_b))  # pixels of 1 mm
+    assert shift.min() > 1.0
+    left = np.abs(centre(ground_a - 0.45) - centre(ground_b - 0.45)) * 2.2  # nodes to mm
+    assert left.max() < 0.25 * shift.max()
+
+
+def test_a_tool_levels_what_is_below_it():
+    surfaces = jnp.asarray(np.stack([hills(k, GROUND.shape, std=0.003) for k in range(4)]))
+    after = np.asarray(surfaces + tool().change(surfaces))
+    inside = np.asarray(tool().give) > 0
+    before = np.asarray(surfaces)
+    for k in range(4):
+        assert before[k][inside].std() > 5e-4
+        assert after[k][inside].std() < 5e-5
+        assert after[k][inside].mean() == pytest.approx(before[k][inside].mean() + 0.012, abs=1e-4)
+
+
+def test_strength_lowers_the_tool():
+    flat = jnp.full(GROUND.shape, 0.45)
+    once, deeper, nothing = (np.asarray(tool().change(flat, s)) for s in (1.0, 2.5, 0.0))
+    assert once.max() == pytest.approx(0.012, abs=1e-5)
+    assert deeper.max() == pytest.approx(0.030, abs=1e-4)
+    assert deeper.min() == pytest.approx(2.5 * once.min(), rel=0.05)  # rims hold what left
+    assert nothing.max() < 1e-3
+    np.testing.assert_allclose(tool().change(flat), once)
+
+
+def test_no_tool_changes_nothing():
+    none = jax.tree.map(jnp.zeros_like, tool())
+    none = replace(none, ground=GROUND)
+    roi = image_of(hills(4), CORNER)
+    np.testing.assert_array_equal(none(roi, jnp.asarray(CORNER)), roi)
+
+
+def test_a_batch_is_its_members():
+    examples = examples_of(tool(), 3)
+    strength = jnp.array([0.5, 1.0, 2.0])
+    together = tool()(jnp.asarray(examples.prior), jnp.asarray(examples.place), strength)
+    for k in range(3):
+        alone = tool()(jnp.asarray(examples.prior[k]), jnp.asarray(examples.place[k]), strength[k])
+        # Where a ray grazes a wall, rounding moves the point that it meets.
+        np.testing.assert_allclose(together[k], alone, atol=5e-5)
+
+
+def test_the_sweep_uses_the_place():
+    bank = Bank(CAMERA, (tool(),), ("poke",), "P")
+    image = np.asarray(jnp.full(CAMERA.shape, 0.4) * 0.95)
+    image = image + 0.02 * gaussian_filter(np.random.default_rng(5).normal(size=CAMERA.shape), 5)
+    image = jnp.asarray(image, jnp.float32)
+    goal = image - 0.05
+    centres = np.array([[240, 197], [30, 40], [440, 360]], np.int32)
+    found = sweep.sweep(bank, image, goal, sweep.candidates_at(bank, {"poke": centres}))
+    for k, (u, v) in enumerate(centres):
+        window = np.s_[v - 15 : v + 15, u - 18 : u + 18]
+        after = np.array(image)
+        after[window] = bank.predict("poke", image[window], position=(u, v))
+        change = np.abs(after - goal).mean() - np.abs(image - goal).mean()
+        assert float(found[k]) == pytest.approx(float(change), abs=2e-7)
+
+
+def test_fitting_finds_the_tool():
+    training, testing = examples_of(tool(), 24, seed=1, noise=0.002), examples_of(tool(), 8, seed=2)
+    difference = fit_difference(training.prior, training.posterior)
+    fitted = fit_pressed(training, CAMERA)
+    assert error(fitted, testing) < 0.35 * error(difference, testing)
+    assert float(fitted.ground.depth) == pytest.approx(0.45, abs=0.003)
+    same = fit_pressed(training, CAMERA)
+    for name in learning.SCALES:
+        np.testing.assert_array_equal(getattr(fitted, name), getattr(same, name))
+    other = fit_pressed(training, CAMERA, seed=1)
+    assert not np.array_equal(fitted.tool, other.tool)
+
+
+def test_few_pairs_do_better_from_a_bank():
+    known = fit_pressed(examples_of(tool(), 24, seed=1), CAMERA)
+    deeper = tool(depth=0.014)
+    few, testing = examples_of(deeper, 4, seed=5), examples_of(deeper, 8, seed=6)
+    adapted = error(fit_pressed(few, CAMERA, known), testing)
+    assert adapted < error(known, testing)
+    assert adapted < error(fit_pressed(few, CAMERA), testing)
+
+
+def test_pixels_without_a_reading_do_not_count():
+    whole = examples_of(tool(), 6, seed=1)
+    prior, posterior = whole.prior.copy(), whole.posterior.copy()
+    posterior[0, :6, :6] = 0.9  # nonsense in a corner of one pair ...
+    holed = posterior.copy()
+    holed[0, :6, :6] = np.nan  # ... and the same corner without readings
+    clean = fit_pressed(whole, CAMERA)
+    with_hole = fit_pressed(Examples(prior, holed, whole.place), CAMERA)
+    with_nonsense = fit_pressed(Examples(prior, posterior, whole.place), CAMERA)
+    gap = np.abs(np.asarray(with_hole.rest - clean.rest))[:3, :3].max()
+    assert gap < 0.1 * np.abs(np.asarray(with_nonsense.rest - clean.rest))[:3, :3].max()
+
+
+def test_what_cannot_be_fitted_is_refused():
+    examples = examples_of(tool(), 2)
+    with pytest.raises(BadDataset, match="no pairs"):
+        fit_pressed(examples.select(np.arange(0)), CAMERA)
+    blind = Examples(examples.prior, np.full_like(examples.posterior, np.nan), examples.place)
+    with pytest.raises(BadDataset, match="pair 1 of 2 has no pixel"):
+        fit_pressed(blind, CAMERA)
+
+
+def test_one_flat_pair_is_repeated():
+    one = examples_of(tool(), 1, std=0.0001)
+    assert error(fit_pressed(one, CAMERA), one) < 0.2 * np.abs(one.posterior - one.prior).mean()
+
+
+def test_more_pairs_are_gone_over_more_often():
+    least, most = learning.STEPS
+    assert least < learning.PER_PAIR * 24 < most  # what the tests above fit with
+
+
+def test_saved_and_loaded_is_the_same(tmp_path):
+    bank = Bank(CAMERA, (tool(), tool(0.8)), ("poke", "dab"), "P")
+    found = load_bank(save_bank(bank, tmp_path / "bank"))
+    assert found.kind == "P" and found.rois == bank.rois
+    roi = image_of(hills(7), CORNER)
+    for name in bank.actions:
+        position = (CORNER[1] + 18, CORNER[0] + 15)
+        np.testing.assert_array_equal(
+            found.predict(name, roi, position=position), bank.predict(name, roi, position=position)
+        )
+
+
+def test_another_camera_uses_the_same_bank():
+    bank = Bank(CAMERA, (tool(),), ("poke",), "P")
+    finer = replace(CAMERA, width=960, height=790, fx=866.0, fy=866.0, u0=480.0, v0=394.0)
+    farther = replace(finer, z_min=0.52, z_max=0.57)
+    other = bank.seen_by(farther, 0.55)
+    assert other.roi("poke") == (round(36 * 2 * 0.45 / 0.55), round(30 * 2 * 0.45 / 0.55))
+    w, h = other.roi("poke")
+    flat = jnp.full((h, w), 0.4) * roi_weight(farther, jnp.array([370, 450]), (w, h))
+    after = other.predict("poke", flat, position=(450 + w // 2, 370 + h // 2))
+    change = np.asarray(flat - after) / np.asarray(flat) * 0.4 * 0.05
+    assert change.max() == pytest.approx(0.012, abs=2e-4)
+    # As wide on the ground as it is below the bank's own camera.
+    area = (change > 0.006).sum() * (0.55 / 866) ** 2
+    own = jnp.full(ROI[::-1], 0.4) * roi_weight(CAMERA, jnp.asarray(MIDDLE), ROI)
+    hole = own - bank.predict("poke", own, position=(MIDDLE[1] + 18, MIDDLE[0] + 15))
+    share = np.asarray(hole / own) * 0.4 * 0.05
+    assert area == pytest.approx((share > 0.006).sum() * (0.45 / 433) ** 2, rel=0.1)
+    with pytest.raises(BadCamera, match="depth 0.6"):
+        bank.seen_by(farther, 0.6)
+    bound = replace(bank, predictors=(fit_difference(np.ones((1, 2, 2)), np.ones((1, 2, 2))),))
+    with pytest.raises(BadBank, match="bound to its camera"):
+        bound.seen_by(farther, 0.55)

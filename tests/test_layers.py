@@ -15,12 +15,15 @@ ALLOWED = {
     "camera": set(),
     "metric": {"camera"},
     "actions": {"camera", "metric"},
-    "predict": {"camera", "metric", "actions"},
+    "nn": set(),
+    "predict": {"camera", "metric", "actions", "nn"},
     "planners": {"camera", "metric", "actions", "predict"},
     "sim": {"camera", "metric", "actions"},
     "data": {"camera", "metric", "actions", "predict", "sim"},
-    "learn": {"camera", "metric", "actions", "predict", "data"},
-    "store": {"camera", "metric", "actions", "predict", "planners", "data", "learn", "planning"},
+    "learn": {"camera", "metric", "actions", "nn", "predict", "data"},
+    "store": {
+        *("camera", "metric", "actions", "nn", "predict", "planners", "data", "learn", "planning")
+    },
     "planning": {"camera", "metric", "actions", "predict", "planners", "data", "store"},
     "robot": {"camera", "metric", "actions", "predict", "planners", "planning", "sim", "data"},
     "viz": {"camera", "metric", "actions", "predict", "planners", "planning", "learn"},
@@ -28,7 +31,7 @@ ALLOWED = {
 TOP = {"__init__", "__main__", "cli", "commands", "experiments"}
 """May import anything, and nothing imports them but each other."""
 
-PURE = {"camera", "metric", "predict", "planners", "sim"}
+PURE = {"camera", "metric", "nn", "predict", "planners", "sim"}
 FORBIDDEN = {"os", "io", "pathlib", "time", "datetime", "cv2", "shutil", "tempfile", "random"}
 
 

@@ -7,6 +7,7 @@ import os
 import zipfile
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -14,7 +15,10 @@ import pytest
 import jshape
 from jshape import Bank, Camera, list_banks, load_bank, save_bank
 from jshape.errors import BadBank, BadFile, UnknownName
+from jshape.nn import unet
 from jshape.predict.difference import Difference
+from jshape.predict.network import Network
+from jshape.predict.refined import Refined
 from jshape.store import banks
 from jshape.store.banks import bank_manifest
 
@@ -111,6 +115,53 @@ def test_an_existing_bank_is_replaced_only_on_demand(tmp_path, bank, folder):
         save_bank(bank, folder, overwrite=True)
     same(load_bank(folder), other)
     assert (folder / "notes.md").read_text() == "mine"
+
+
+def test_training_curves_are_kept_and_checked(tmp_path, bank):
+    curves = {"curve.csv": "action,epoch\n", "curve.png": b"PNG"}
+    folder = save_bank(bank, tmp_path / "bank", extras=curves)
+    assert set(bank_manifest(folder)["checksums"]) == {"effects.npz", *curves}
+    assert (folder / "curve.csv").read_text() == curves["curve.csv"]
+    same(load_bank(folder), bank)
+    save_bank(bank, folder, overwrite=True)
+    assert sorted(os.listdir(folder)) == ["effects.npz", "manifest.json"]
+    with pytest.raises(BadBank, match="extra file '../x'; allowed: card.md, curve.csv, curve.png"):
+        save_bank(bank, tmp_path / "other", extras={"../x": b""})
+    save_bank(bank, folder, extras=curves, overwrite=True)
+    (folder / "curve.csv").write_text("other")
+    refused(folder, "curve.csv: checksum differs")
+
+
+@pytest.fixture
+def networks(tmp_path):
+    """A saved bank of kind CR, and its arrays."""
+    first = Difference(jnp.zeros((9, 12)))
+    inside = Network(unet.init(jax.random.key(0), 2), (12, 9))
+    refined = Refined(inside, first, jnp.ones((9, 12)), jnp.asarray(0.1))
+    folder = save_bank(Bank(CAMERA, (refined,), ("grasp",), "CR"), tmp_path / "networks")
+    with np.load(folder / "effects.npz") as arrays:
+        return folder, dict(arrays)
+
+
+def test_bad_networks_are_refused(networks):
+    folder, good = networks
+    assert load_bank(folder).kind == "CR"
+    kernel = "network.down.0.first.kernel"
+    for change, match in (
+        ({f"0.{kernel}": None}, f"has no {kernel} of grasp"),
+        ({f"0.{kernel}": np.zeros((3, 3, 1, 5))}, f"{kernel} has shape (3, 3, 1, 5); width 2"),
+        ({f"0.{kernel}": np.full((3, 3, 1, 2), np.nan)}, f"{kernel} holds NaN"),
+        ({"0.network.output.kernel": np.zeros((1, 1, 10**6, 1))}, "expected (1, 1, width, 1)"),
+        ({"0.network.output.kernel": np.zeros(3)}, "expected (1, 1, width, 1)"),
+        ({"0.mask": np.full((9, 12), 2)}, "mask holds something else than 0 and 1"),
+        ({"0.mask": np.zeros((12, 9))}, "mask has shape (12, 9)"),
+        ({"0.offset": None}, "has no offset of grasp"),
+        ({"0.offset": np.zeros(2)}, "offset has shape (2,)"),
+        ({"0.delta": None}, "has no delta of grasp"),
+    ):
+        arrays = {k: v for k, v in (good | change).items() if v is not None}
+        replace_arrays(folder, **arrays)
+        refused(folder, match)
 
 
 def test_a_failed_save_leaves_the_old_bank(bank, folder, monkeypatch):
@@ -238,7 +289,8 @@ def test_a_missing_file_is_named(folder):
         ({"version": "1"}, "version is '1'"),
         ({"version": None}, "version is None"),
         ({"kind": None}, "missing kind"),
-        ({"kind": "CR"}, "kind 'CR' is not known; allowed: D"),
+        ({"kind": "Q"}, "kind 'Q' is not known; allowed: D, C"),
+        ({"kind": "CR"}, "effects.npz has no network.output.kernel of grasp"),
         ({"kind": 3}, "kind is a int"),
         ({"actions": None}, "missing actions"),
         ({"actions": []}, "at least one"),

@@ -1,43 +1,165 @@
 """`jshape train DATASET --out BANK`."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from jshape.commands import arguments
 from jshape.commands.tables import print_table
-from jshape.store import banks, datasets, files
+from jshape.errors import JShapeError
+from jshape.store import banks, checkpoints, datasets, files
+
+# Options that are fields of `learn.training.Training`, with how they are read; None is its default.
+_TRAINING: dict[str, tuple[Any, str]] = {
+    "width": (arguments.positive_count, "features of the U-Net's first block (32, the paper's)"),
+    "epochs": (arguments.positive_count, "most passes over the pairs (500)"),
+    "batch": (arguments.positive_count, "pairs per step (8)"),
+    "learning_rate": (arguments.positive, "Adam's step (0.0002)"),
+    "patience": (arguments.count, "stop after so many epochs without a better loss (50; 0: never)"),
+    "validation": (arguments.share, "share of the pairs to choose the best epoch by (0.2)"),
+    "seed": (arguments.seed, "of everything random (0)"),
+    "save_every": (arguments.positive_count, "epochs between checkpoints (10)"),
+}
 
 
 def train(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
+    from jshape import metric
     from jshape.learn.fit import fit
+    from jshape.viz import curves as drawings
+    from jshape.viz import pictures
 
     files.check_target(options.out, options.overwrite, contents=banks.CONTENTS)
+    kept = options.out.absolute().with_name(options.out.absolute().name + ".training")
+    if options.restart:
+        checkpoints.discard(kept)
+    resumed = checkpoints.check_folder(kept)
+    if resumed and not options.json:
+        print(f"going on from {kept} (--restart starts again)", file=sys.stderr)
+    start = banks.load_bank(options.start) if options.start is not None else None
     pairs = datasets.load_pairs(options.dataset)
-    bank = fit(pairs, options.kind)
+    given = {name: getattr(options, name) for name in (*_TRAINING, "morphology")}
+    to_mm = float(metric.to_mm(1.0, pairs.camera))
+    watch = _Watch(to_mm)
+    try:
+        bank = fit(
+            pairs,
+            options.kind,
+            start=start,
+            report=watch,
+            keep=lambda action: checkpoints.Checkpoints(kept, action),
+            **{name: value for name, value in given.items() if value is not None},
+        )
+    except KeyboardInterrupt:
+        watch.close()
+        if kept.is_dir():
+            raise JShapeError(
+                f"interrupted; the same command goes on from its last checkpoint in {kept}"
+            ) from None
+        raise
+    finally:
+        watch.close()
     data = {
         "pairs": {name: len(mine) for name, mine in pairs.by_action()},
         "agents": list(dict.fromkeys(pairs.agent.tolist())),
         "materials": list(dict.fromkeys(pairs.material.tolist())),
     }
-    banks.save_bank(
-        bank, options.out, info={"data": data, "licence": options.licence},
-        overwrite=options.overwrite,
-    )  # fmt: skip
+    info: dict[str, Any] = {"data": data, "licence": options.licence}
+    if watch.curves:
+        info["training"] = watch.summary()
+    curves = {
+        "curve.csv": drawings.curves_csv(watch.curves, to_mm),
+        "curve.png": pictures.png(drawings.curves_figure(watch.curves, to_mm)),
+    } if watch.curves else None  # fmt: skip
+    banks.save_bank(bank, options.out, info=info, extras=curves, overwrite=options.overwrite)
+    checkpoints.discard(kept)
     if not options.json:
         print(f"bank of kind {bank.kind}: {options.out}")
         print_table(
             ("action", "pairs", "ROI (w x h)"),
             [(name, data["pairs"][name], "{}x{}".format(*bank.roi(name))) for name in bank.actions],
         )
-    return {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
+        for name, found in info.get("training", {}).items():
+            print(
+                f"{name}: {found['epochs']} epochs, {found['seconds']:.0f} s; best is epoch "
+                f"{found['best_epoch']} with {found['best_mm']:.3f} mm"
+            )
+    result = {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
+    return result | {"training": info.get("training", {})}
+
+
+class _Watch:
+    """Progress bars, one per action, and what the curves were; quiet where nobody looks."""
+
+    def __init__(self, to_mm: float):
+        self.to_mm = to_mm
+        self.curves: dict[str, tuple] = {}
+        self.best: dict[str, Any] = {}
+        self.bar: tqdm | None = None
+        self.shown = ""
+
+    def __call__(self, progress: Any) -> None:
+        """Told of every epoch."""
+        made = len(progress.curve)
+        if progress.action != self.shown:
+            self.close()
+            self.shown = progress.action
+            self.bar = tqdm(
+                total=progress.epochs, initial=made - 1, desc=progress.action, unit="epoch",
+                disable=not sys.stderr.isatty(),
+            )  # fmt: skip
+        self.curves[progress.action], self.best[progress.action] = progress.curve, progress.best
+        if self.bar is not None:
+            last = progress.curve[-1]
+            self.bar.set_postfix_str(
+                f"{last.score * self.to_mm:.3f} mm, best {progress.best.score * self.to_mm:.3f}",
+                refresh=False,
+            )
+            self.bar.update(made - self.bar.n)
+
+    def close(self) -> None:
+        """Leave the last bar as it is."""
+        if self.bar is not None:
+            self.bar.close()
+            self.bar = None
+
+    def summary(self) -> dict[str, dict[str, int | float]]:
+        """What training came to, per action, for the manifest."""
+        return {
+            name: {
+                "epochs": len(rows),
+                "best_epoch": self.best[name].epoch,
+                "best_mm": self.best[name].score * self.to_mm,
+                "seconds": sum(row.seconds for row in rows),
+            }
+            for name, rows in self.curves.items()
+        }
 
 
 def add(commands: Any) -> None:
     """The parser of `jshape train`."""
     parser = arguments.command(commands, "train", train, "fit a bank to a data set")
     parser.add_argument("dataset", type=Path)
-    parser.add_argument("--kind", default="D", help="D: the mean difference, no training needed")
+    parser.add_argument(
+        "--kind",
+        default="D",
+        help="D: the mean difference, no training needed; C, DC: a U-Net, alone or after D; "
+        "CR, DCR: the same, refined as in the paper",
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder of the new bank")
     parser.add_argument("--licence", default="", help="licence of the bank, for its manifest")
+    parser.add_argument("--start", default=None, metavar="BANK", help="train on from this bank")
+    parser.add_argument(
+        "--restart",
+        action="store_true",
+        help="forget an interrupted training in OUT.training instead of going on with it",
+    )
+    for name, (read, what) in _TRAINING.items():
+        parser.add_argument(f"--{name.replace('_', '-')}", type=read, default=None, help=what)
+    parser.add_argument(
+        "--morphology", choices=("erode", "dilate"), default=None,
+        help="what B goes through: erode (the paper), dilate (its authors' code)",
+    )  # fmt: skip

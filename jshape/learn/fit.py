@@ -1,33 +1,103 @@
 """From pairs to a bank."""
 
-from jshape.data.pairs import Pairs
-from jshape.errors import BadDataset, UnknownName
-from jshape.predict.bank import Bank
+from collections.abc import Callable
+from typing import Any
+
+from jshape.camera import Camera, check_same_camera
+from jshape.data.pairs import Examples, Pairs
+from jshape.errors import BadBank, BadDataset, UnknownName
+from jshape.learn import networks
+from jshape.learn.pressed import fit_pressed
+from jshape.learn.settings import Training, settings_from
+from jshape.learn.training import Hooks, Keep, Progress
+from jshape.predict.bank import Bank, Predictor
 from jshape.predict.difference import fit_difference
+from jshape.predict.pressed import Pressed
 
-FITTERS = {"D": fit_difference}
-"""Kind of bank -> what fits one action's predictor to prior and posterior ROIs (N, h, w)."""
+Fitter = Callable[[Examples, Camera, Training, Predictor | None, Hooks], Predictor]
+"""What fits one action's predictor.  Its arguments:
+
+examples: the ROIs of the action's pairs, NaN where there is no reading.
+camera: theirs.
+settings: of training; what a fitter does not need it ignores.
+start: a predictor of the same kind and ROI size to start from, or None.
+hooks: to be handed to `training.train`, if the fitter trains.
+"""
 
 
-def fit(pairs: Pairs, kind: str = "D") -> Bank:
+def _difference(
+    examples: Examples, camera: Camera, settings: Training, start: Predictor | None, hooks: Hooks
+) -> Predictor:
+    """f_D: there is nothing to train, and another bank has nothing to add."""
+    return fit_difference(examples.prior, examples.posterior)
+
+
+def _pressed(
+    examples: Examples, camera: Camera, settings: Training, start: Predictor | None, hooks: Hooks
+) -> Predictor:
+    """f_P: seconds, so there is nothing to keep; its steps are its own."""
+    if start is not None and not isinstance(start, Pressed):
+        raise BadBank(f"the predictor to start from is a {type(start).__name__}; expected Pressed")
+    return fit_pressed(examples, camera, start, seed=settings.seed)
+
+
+FITTERS: dict[str, Fitter] = {
+    "D": _difference,
+    "C": networks.fit_network,
+    "CR": networks.fit_refined,
+    "DC": networks.fit_after_difference,
+    "DCR": networks.fit_after_difference_refined,
+    "P": _pressed,
+}
+"""Kind of bank -> what fits the predictor of one action.  Another kind is one more entry, and one
+in `store.banks.KINDS` so that it can be saved."""
+
+
+def fit(
+    pairs: Pairs,
+    kind: str = "D",
+    *,
+    start: Bank | None = None,
+    report: Callable[[Progress], None] | None = None,
+    keep: Callable[[str], Keep | None] | None = None,
+    **options: Any,
+) -> Bank:
     """A bank of one kind, fitted to pairs: one predictor per action in them.
 
     Args:
       pairs: of any actions; each action's ROI size is the mean over its pairs.
-      kind: "D" is f_D, the mean difference (Eq. DiffImage), which needs no training.
+      kind: "D" is f_D, the mean difference (Eq. DiffImage), which needs no training; "C" a U-Net
+        (Eq. Coutput), "DC" one applied to I + ΔI (Eq. lossD); "CR" and "DCR" the same two, refined
+        (Eq. RCoutput, Eq. DRCoutput).
+      start: a bank of the same kind whose predictors training starts from, for the actions that it
+        has: few pairs are then enough.  Their ROI sizes are used.
+      report: told of every epoch of every action's training.
+      keep: name of an action -> where its training is saved and resumed from, or None.
+      options: fields of `Training`: epochs, batch, learning_rate, validation, patience, seed, ...
 
     Raises:
       UnknownName: no such kind.
-      BadDataset: no pairs, a ROI outside the image, or pixels that no pair has seen.
+      BadDataset: no pairs, a ROI outside the image, pixels that no pair has seen, or too few pairs.
+      BadBank: `start` is of another kind.
+      BadCamera: `start` is for another camera.
+      JShapeError: an unknown option, or one out of its range.
     """
     if kind not in FITTERS:
         raise UnknownName("kind of bank", kind, FITTERS)
+    settings = settings_from(options)
     if len(pairs) == 0:
         raise BadDataset("no pairs to fit a bank to")
+    if start is not None:
+        if start.kind != kind:
+            raise BadBank(f"the bank to start from is of kind {start.kind!r}; expected {kind!r}")
+        check_same_camera(start.camera, pairs.camera, "the data set's")
     predictors = []
     for name in pairs.actions:
+        first = start.predictor(name) if start is not None and name in start.actions else None
+        hooks = Hooks(name, report, keep(name) if keep is not None else None)
         try:
-            predictors.append(FITTERS[kind](*pairs.rois(name)[:2]))
+            examples = pairs.rois(name, first.roi if first is not None else None)
+            predictors.append(FITTERS[kind](examples, pairs.camera, settings, first, hooks))
         except BadDataset as error:
             raise BadDataset(f"{name}: {error}") from None
     return Bank(pairs.camera, tuple(predictors), pairs.actions, kind)

@@ -1,24 +1,22 @@
-"""Banks on disk: a folder with `manifest.json`, and `effects.npz` with one array per action.
+"""Banks on disk: a folder with `manifest.json`, and `effects.npz` with the arrays of all actions.
 
 The manifest says what the bank is and holds the checksum of every other file; arrays are read only
-after their file has matched it, and nothing is unpickled.
+after their file has matched it, and nothing is unpickled.  What a kind's arrays are is in `kinds`.
 """
 
 import hashlib
 import io
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from jshape.errors import BadBank, BadCamera, BadFile, UnknownName
 from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
 from jshape.store.arrays import read_arrays
 from jshape.store.cameras import camera_fields, camera_from
 from jshape.store.files import (
@@ -30,12 +28,15 @@ from jshape.store.files import (
     write_atomic,
     write_json,
 )
+from jshape.store.kinds import KINDS, Kind
 
 FORMAT = "jshape-bank"
 VERSION = 1
 MANIFEST = "manifest.json"
 EFFECTS = "effects.npz"
-CONTENTS = (MANIFEST, EFFECTS)
+EXTRAS = ("card.md", "curve.csv", "curve.png")
+"""For people: what the bank is and how good, and training curves."""
+CONTENTS = (MANIFEST, EFFECTS, *EXTRAS)
 """What a bank's folder holds."""
 FILE_LIMIT = 1024 * 2**20
 """Largest array file that is read, and largest that it may unpack to, bytes."""
@@ -43,32 +44,12 @@ FILE_LIMIT = 1024 * 2**20
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
-class Kind(NamedTuple):
-    """How the predictors of one kind become arrays and come back."""
-
-    pack: Callable[[Any], dict[str, np.ndarray]]
-    """Predictor -> its arrays by name."""
-    unpack: Callable[[Mapping[str, np.ndarray], tuple[int, int]], Any]
-    """Arrays by name and ROI size (w, h) -> predictor.  A missing array is a KeyError."""
-
-
-def _pack_difference(predictor: Difference) -> dict[str, np.ndarray]:
-    return {"delta": np.asarray(predictor.delta, np.float32)}
-
-
-def _unpack_difference(arrays: Mapping[str, np.ndarray], roi: tuple[int, int]) -> Difference:
-    return Difference(jnp.asarray(_checked(arrays["delta"], (roi[1], roi[0]), "delta")))
-
-
-KINDS: dict[str, Kind] = {"D": Kind(_pack_difference, _unpack_difference)}
-"""The kinds of bank that can be saved and loaded.  Another kind is one more entry."""
-
-
 def save_bank(
     bank: Bank,
     folder: str | os.PathLike,
     *,
     info: Mapping[str, Any] | None = None,
+    extras: Mapping[str, bytes | str] | None = None,
     overwrite: bool = False,
 ) -> Path:
     """Write a bank as a folder, whole or not at all.
@@ -78,6 +59,7 @@ def save_bank(
       folder: where; it must not hold anything unless `overwrite`.
       info: more for the manifest: `data` (what it was fitted to), `licence`, or anything else that
         JSON can hold and that is not a name of the manifest's own.
+      extras: contents of files named in `EXTRAS`.
       overwrite: replace the bank that is there.
 
     Returns:
@@ -85,7 +67,8 @@ def save_bank(
 
     Raises:
       BadBank: what `load_bank` would refuse: a kind that cannot be saved, no actions, a ROI larger
-        than the image, an effect that is not finite; or `info` takes a reserved name.
+        than the image, an effect that is not finite; or `info` takes a reserved name, or `extras`
+        another one than those of `EXTRAS`.
       BadCamera: its camera makes no sense.
       BadFile: the folder exists or cannot be written.
     """
@@ -116,11 +99,17 @@ def save_bank(
         raise BadBank(f"{where}: info must not set {', '.join(clash)}")
     stream = io.BytesIO()
     np.savez_compressed(stream, allow_pickle=False, **arrays)
-    checksums = {EFFECTS: hashlib.sha256(stream.getvalue()).hexdigest()}
+    others = {name: _bytes(content) for name, content in (extras or {}).items()}
+    for name in others:
+        if name not in EXTRAS:
+            raise BadBank(f"{where}: extra file {name!r}; allowed: {', '.join(EXTRAS)}")
+    contents = {EFFECTS: stream.getvalue(), **others}
+    checksums = {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
     manifest |= dict(info or {}) | {"checksums": checksums}
     _check_manifest(manifest, where)
     with atomic_folder(folder, overwrite, contents=CONTENTS) as temp:
-        write_atomic(temp / EFFECTS, stream.getvalue())
+        for name, data in contents.items():
+            write_atomic(temp / name, data)
         write_json(temp / MANIFEST, manifest)
     return Path(folder)
 
@@ -140,18 +129,18 @@ def load_bank(name_or_folder: str | os.PathLike) -> Bank:
         arrays = read_arrays(read_bytes(path, limit=FILE_LIMIT), str(path), FILE_LIMIT)
     except BadFile as problem:
         raise BadBank(str(problem)) from None
+    camera = camera_from(manifest["camera"], f"{folder / MANIFEST}: camera")
     predictors = []
     for number, name in enumerate(manifest["actions"]):
         start = f"{number}."
         mine = {k[len(start) :]: a for k, a in arrays.items() if k.startswith(start)}
         w, h = manifest["rois"][name]
         try:
-            predictors.append(kind.unpack(mine, (w, h)))
+            predictors.append(kind.unpack(mine, (w, h), camera))
         except KeyError as missing:
             raise BadBank(f"{where}: {EFFECTS} has no {missing.args[0]} of {name}") from None
         except BadBank as problem:
             raise BadBank(f"{where}: action {name}: {problem}") from None
-    camera = camera_from(manifest["camera"], f"{folder / MANIFEST}: camera")
     return Bank(camera, tuple(predictors), tuple(manifest["actions"]), manifest["kind"])
 
 
@@ -271,13 +260,8 @@ def _kind(name: str, where: str) -> Kind:
     return KINDS[name]
 
 
-def _checked(array: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
-    """A float32 array of that shape, all finite."""
-    if array.shape != shape:
-        raise BadBank(f"{name} has shape {array.shape}; the manifest's ROI needs {shape}")
-    if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
-        raise BadBank(f"{name} holds NaN, infinity or something that is not a number")
-    return array.astype(np.float32)
+def _bytes(content: bytes | str) -> bytes:
+    return content.encode() if isinstance(content, str) else content
 
 
 def _code_version() -> str:

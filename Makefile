@@ -12,7 +12,7 @@ help:
 	@echo "make demo   simulate a bed and mold it into a goal, with pictures in runs/demo"
 	@echo "make test   run the tests        make lint   ruff and pyright"
 	@echo "make bench  measure speed beside what others use"
-	@echo "make bank   make the bundled bank again (2 minutes)"
+	@echo "make bank   make the bundled banks again (20 minutes)"
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -45,8 +45,7 @@ bench: $(BENCH_READY)
 	$(BIN)/python -m benchmarks.run --out bench
 
 bank: $(READY)
-	$(BIN)/jshape dataset simulate runs/bank-pairs --pairs 75 --beds flat irregular --overwrite
-	$(BIN)/jshape train runs/bank-pairs --out weights/flour-robot --licence Apache-2.0 --overwrite
+	$(BIN)/python -m jshape.experiments.banks weights
 
 clean:
 	rm -rf $(VENV) runs bench

@@ -1,4 +1,4 @@
-"""Steps and whole plans of f_D, at the sizes of the paper's experiments."""
+"""Steps and whole plans of f_D and f_P, at the sizes of the paper's experiments."""
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ from jshape.actions import PAPER_ROIS
 from jshape.data.simulate import ROIS
 from jshape.planners import PLANNERS
 from jshape.planners.base import Limits
+from jshape.planning import DEFAULT_BANK
 from jshape.predict.bank import Bank
 from jshape.predict.difference import Difference
 from jshape.predict.sweep import candidates_at, sweep
@@ -57,6 +58,16 @@ def run(report: Report) -> None:
         time = seconds(lambda s=steps: search(bank, i, g, candidates, Limits(), max_steps=s).status)
         report.add(f"greedy, {count} candidates, {steps} steps: per step", 1e3 * time / steps, "ms",
                    goal=3)  # fmt: skip
+
+    pressed = jshape.load_bank(DEFAULT_BANK)
+    places = candidates_at(pressed, dict.fromkeys(pressed.actions, positions))
+    time = seconds(lambda: sweep(pressed, i, g, places))
+    report.add(f"f_P, {count} candidates, first step", 1e3 * time, "ms", goal=500)
+    steps = [
+        seconds(lambda s=s: search(pressed, i, g, places, Limits(), max_steps=s).status, repeats=3)
+        for s in (1, 3)
+    ]
+    report.add("f_P, a later step", 1e3 * (steps[1] - steps[0]) / 2, "ms", goal=150)
 
     three = smooth_bank(PAPER_ROIS)
     applied = [("grasp", 0), ("knock", 4), ("poke", 10), ("knock", 12)]

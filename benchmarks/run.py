@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks import distances, planning, simulator
+from benchmarks import distances, planning, simulator, unet
 from benchmarks.timing import Report
 
 
@@ -30,7 +30,7 @@ def main() -> int:
     out = parser.parse_args().out
     report = Report()
     report.add("import jshape", import_time(), "s", goal=2)
-    for part in (distances, planning, simulator):
+    for part in (distances, planning, simulator, unet):
         part.run(report)
     out.mkdir(parents=True, exist_ok=True)
     (out / "bench.json").write_text(report.text())

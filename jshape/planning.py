@@ -27,7 +27,7 @@ from jshape.planners.base import Limits, Status
 from jshape.predict.bank import Bank
 from jshape.predict.sweep import candidates_at
 
-DEFAULT_BANK = "flour-robot"
+DEFAULT_BANK = "pressed-flour-robot"
 MAX_STEPS = 1000
 """Most actions of a plan: the predicted ROI of each has its place in memory from the start."""
 

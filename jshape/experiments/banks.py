@@ -152,6 +152,10 @@ def _simulated(recipe: Recipe, count: int, seed: int) -> Pairs:
     )
 
 
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
 def main() -> None:
     """Make all bundled banks, or one."""
     parser = argparse.ArgumentParser(description="Make the bundled banks again.")
@@ -162,7 +166,7 @@ def main() -> None:
     options = parser.parse_args()
     for recipe in RECIPES:
         if options.only in (None, recipe.name):
-            make(recipe, options.root, pairs=options.pairs, tested=options.tested, say=print)
+            make(recipe, options.root, pairs=options.pairs, tested=options.tested, say=_say)
 
 
 if __name__ == "__main__":

@@ -1,101 +1,200 @@
-"""How many millimetres a bank's predictions are from what really came out."""
+"""How many millimetres predictions are from what really came out: the studies, ready to call.
 
-from collections.abc import Iterator
-from typing import NamedTuple
+Each runs a `Study` to its end; iterate over the study itself to watch it.
+"""
+
+from collections.abc import Sequence
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
-from jshape import metric
-from jshape.camera import check_same_camera
 from jshape.data.pairs import Pairs
-from jshape.errors import BadDataset
-from jshape.learn.fit import fit
+from jshape.errors import BadBank
+from jshape.learn.floor import noise_floor
+from jshape.learn.measure import Score, Trial, compare, roi_errors_mm, score, summarise, with_floor
+from jshape.learn.partitions import Candidate, Study, check_start
 from jshape.predict.bank import Bank
 
+__all__ = [
+    "FEW",
+    "SIZES",
+    "Score",
+    "Trial",
+    "across_agents",
+    "by_size",
+    "candidates_of",
+    "compare",
+    "cross_validate",
+    "evaluate",
+    "few_shot",
+    "few_shot_candidates",
+    "few_shot_study",
+    "roi_errors_mm",
+    "summarise",
+]
 
-class Score(NamedTuple):
-    """One line of an evaluation."""
-
-    action: str
-    agent: str
-    count: int
-    """Pairs tested (with partitions: over all of them)."""
-    mean_mm: float
-    """Mean error over the ROI."""
-    std_mm: float
-    """Standard deviation over the pairs, or over the partitions' means where there are several."""
-    change_mm: float
-    """Mean change that the action makes over the ROI: the error of predicting nothing."""
+SIZES = (5, 10, 25, 50, 75)
+"""The paper's training-set sizes (Fig. dataSize)."""
+FEW = (5, 10, 25)
+"""Pairs of another agent or material that a bank is adapted with."""
 
 
-def roi_errors_mm(bank: Bank, pairs: Pairs, action: str) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the bank on the pairs of one action, and the changes themselves: (n,) mm each.
-
-    The error is d between the predicted and the true ROI (Eq. distNewImg) as the mean distance of
-    matched points.  Pixels without a reading are left out.
+def evaluate(bank: Bank, pairs: Pairs) -> list[Score]:
+    """Errors of a finished bank on pairs that it was not fitted to, per action and agent.
 
     Raises:
       BadCamera: bank and pairs have different cameras.
       BadDataset: a pair without a single pixel seen before and after.
+      UnknownName: pairs of an action that the bank does not have.
     """
-    check_same_camera(bank.camera, pairs.camera, "the data set's")
-    prior, posterior, _ = pairs.rois(action, bank.roi(action))
-    blind = ~(np.isfinite(prior) & np.isfinite(posterior)).any((1, 2))
-    if blind.any():
-        name = pairs.of(action=action).id[blind][0]
-        raise BadDataset(f"pair {name}: no pixel of its ROI has a reading before and after")
-    to_mm = float(metric.to_mm(1.0, bank.camera))
-    predicted = bank.predict(action, prior, position=pairs.of(action=action).centre)
-    error = np.abs(np.asarray(predicted) - posterior)
-    change = np.abs(posterior - prior)
-    return np.nanmean(error, (1, 2)) * to_mm, np.nanmean(change, (1, 2)) * to_mm
+    floors, found = noise_floor(pairs), []
+    for action, of_action in pairs.by_action():
+        for agent in dict.fromkeys(of_action.agent.tolist()):
+            errors = roi_errors_mm(bank, of_action.of(agent=agent), action)
+            line = score(action, agent, [errors], predictor=bank.kind)
+            found.append(with_floor(line, floors.get((action, agent))))
+    return found
 
 
-def evaluate(bank: Bank, pairs: Pairs) -> list[Score]:
-    """Errors of a finished bank on pairs that it was not fitted to, per action and agent."""
-    return [_score(action, agent, [errors]) for action, agent, errors in _cells(bank, pairs)]
+def candidates_of(kinds: str | Sequence[str | Candidate]) -> list[Candidate]:
+    """Kinds of bank by name, each once, to be fitted from nothing; one name is one kind."""
+    names = [kinds] if isinstance(kinds, str) else list(dict.fromkeys(kinds))
+    return [Candidate(name) if isinstance(name, str) else name for name in names]
+
+
+def few_shot_candidates(start: Bank, name: str = "start") -> list[Candidate]:
+    """A bank as it is, adapted, and its kind fitted from nothing; and f_D, the simplest of all.
+
+    Args:
+      start: the bank of another agent or material.
+      name: what to call it in tables.
+
+    Raises:
+      BadBank: of kind "D", to which another bank's pairs add nothing.
+    """
+    if start.kind == "D":
+        raise BadBank(f"{name} is of kind 'D', which learns nothing from a start; bring another")
+    found = [
+        Candidate(start.kind, start, fitted=False, name=f"{name} as it is"),
+        Candidate(start.kind, start, name=f"{start.kind} from {name}"),
+        Candidate(start.kind, name=f"{start.kind} from scratch"),
+    ]
+    return [*found, Candidate("D", name="D from scratch")]
 
 
 def cross_validate(
-    pairs: Pairs, kind: str = "D", *, partitions: int = 4, test_share: float = 0.25, seed: int = 0
+    pairs: Pairs,
+    kinds: str | Sequence[str | Candidate] = "D",
+    *,
+    partitions: int = 4,
+    test_share: float = 0.25,
+    seed: int = 0,
+    **options: Any,
 ) -> list[Score]:
     """Errors over random partitions: fit on the larger part, test on the other, as the paper does.
 
     Agents are fitted apart: each is predicted by a bank of its own pairs.
 
+    Args:
+      pairs: of any actions, agents and materials.
+      kinds: of banks; all are fitted to and tested on the same pairs.
+      partitions: how many.
+      test_share: kept out of each action's pairs for testing, at least one.
+      seed: of the partitions.
+      options: of training.
+
     Raises:
+      UnknownName: no such kind.
       BadDataset: an action of an agent with too few pairs to split.
     """
-    rng = np.random.default_rng(seed)
-    found: dict[tuple[str, str], list] = {}
-    for agent in dict.fromkeys(pairs.agent.tolist()):
-        mine = pairs.of(agent=agent)
-        for _ in range(partitions):
-            test = np.zeros(len(mine), bool)
-            for action in mine.actions:
-                index = np.flatnonzero(mine.action == action)
-                tested = max(1, round(test_share * len(index)))
-                if tested >= len(index):
-                    raise BadDataset(
-                        f"{action} of {agent}: {len(index)} pair(s) cannot be split for testing"
-                    )
-                test[rng.permutation(index)[:tested]] = True
-            bank = fit(mine.select(~test), kind)
-            for action, agent_name, errors in _cells(bank, mine.select(test)):
-                found.setdefault((action, agent_name), []).append(errors)
-    return [_score(action, agent, errors) for (action, agent), errors in found.items()]
+    study = Study(pairs, candidates_of(kinds), partitions, test_share, seed, options=options)
+    return _run(study)
 
 
-def _cells(bank: Bank, pairs: Pairs) -> Iterator[tuple[str, str, tuple[np.ndarray, np.ndarray]]]:
-    for action, of_action in pairs.by_action():
-        for agent in dict.fromkeys(of_action.agent.tolist()):
-            yield action, agent, roi_errors_mm(bank, of_action.of(agent=agent), action)
+def across_agents(
+    pairs: Pairs,
+    kinds: str | Sequence[str | Candidate] = "D",
+    *,
+    partitions: int = 4,
+    test_share: float = 0.25,
+    seed: int = 0,
+    **options: Any,
+) -> list[Score]:
+    """The same, but what was fitted to one agent's pairs is tested on every agent's.
 
-
-def _score(action: str, agent: str, parts: list[tuple[np.ndarray, np.ndarray]]) -> Score:
-    errors = np.concatenate([error for error, _ in parts])
-    changes = np.concatenate([change for _, change in parts])
-    spread = errors if len(parts) == 1 else np.array([error.mean() for error, _ in parts])
-    return Score(
-        action, agent, len(errors), float(errors.mean()), float(spread.std()), float(changes.mean())
+    Raises:
+      BadDataset: the pairs are of one agent only; and as for `cross_validate`.
+    """
+    candidates = candidates_of(kinds)
+    return _run(
+        Study(pairs, candidates, partitions, test_share, seed, across=True, options=options)
     )
+
+
+def by_size(
+    pairs: Pairs,
+    kinds: str | Sequence[str | Candidate] = "D",
+    sizes: Sequence[int] = SIZES,
+    *,
+    partitions: int = 4,
+    test_share: float = 0.25,
+    seed: int = 0,
+    **options: Any,
+) -> list[Score]:
+    """The same against the number of pairs per action; each partition's test pairs stay the same.
+
+    Raises:
+      BadDataset: a size that some action of some agent does not have; and as above.
+    """
+    candidates = candidates_of(kinds)
+    return _run(
+        Study(pairs, candidates, partitions, test_share, seed, sizes=sizes, options=options)
+    )
+
+
+def few_shot(
+    pairs: Pairs,
+    start: Bank,
+    sizes: Sequence[int] = FEW,
+    *,
+    partitions: int = 4,
+    test_share: float = 0.25,
+    seed: int = 0,
+    **options: Any,
+) -> list[Score]:
+    """A bank of another agent or material, adapted with few pairs, beside training from scratch.
+
+    Args:
+      pairs: of the new agent or material.
+      start: the bank to start from.
+      sizes: pairs per action to adapt with.
+      partitions: how many.
+      test_share: kept out for testing.
+      seed: of the partitions.
+      options: of training.
+
+    Raises:
+      BadBank: `start` cannot be adapted, or knows none of the actions.
+      BadCamera: it is for another camera.
+      BadDataset: as for `by_size`.
+    """
+    more: dict[str, Any] = {"partitions": partitions, "test_share": test_share, "seed": seed}
+    return _run(few_shot_study(pairs, start, sizes, **more, options=options))
+
+
+def few_shot_study(
+    pairs: Pairs, start: Bank, sizes: Sequence[int] = FEW, name: str = "start", **more: Any
+) -> Study:
+    """The study behind `few_shot`, on the actions that the bank knows; `more` is for `Study`.
+
+    Raises:
+      BadBank, BadCamera, BadDataset: as for `few_shot`.
+    """
+    check_start(start, pairs)
+    known = pairs.select(np.isin(pairs.action, start.actions))
+    return Study(known, few_shot_candidates(start, name), sizes=sizes, **more)
+
+
+def _run(study: Study) -> list[Score]:
+    return summarise(chain.from_iterable(study), noise_floor(study.pairs))

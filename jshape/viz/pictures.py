@@ -14,7 +14,6 @@ from jshape import metric
 from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.errors import JShapeError
-from jshape.learn.evaluate import Score
 from jshape.planning import Plan
 
 COLOURS = {
@@ -146,22 +145,6 @@ def strip_figure(
     for ax in axes[len(images) :]:
         ax.set_axis_off()
     figure.colorbar(drawn, ax=list(axes), label="above the far end of the range (mm)", shrink=0.7)
-    return figure
-
-
-def scores_figure(scores: Sequence[Score]) -> Figure:
-    """Bars of the prediction error per action and agent, beside the change itself."""
-    figure = Figure(figsize=(max(5.0, 1.1 * len(scores) + 2), 3.8), layout="constrained")
-    ax = figure.subplots()
-    x = np.arange(len(scores))
-    ax.bar(x - 0.2, [s.change_mm for s in scores], 0.4, color="0.8", label="change by the action")
-    ax.bar(
-        x + 0.2, [s.mean_mm for s in scores], 0.4, yerr=[s.std_mm for s in scores],
-        color="tab:orange", capsize=3, label="error of the prediction (mean, std)",
-    )  # fmt: skip
-    ax.set_xticks(x, [f"{s.action}\n{s.agent}" for s in scores])
-    ax.set_ylabel("mean distance over the ROI (mm)")
-    ax.legend()
     return figure
 
 

@@ -1,0 +1,219 @@
+"""Errors of a bank over the ROIs of pairs in mm, and what many of them come to."""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape import metric
+from jshape._typing import Array
+from jshape.camera import check_same_camera
+from jshape.data.missing import fill_nan
+from jshape.data.pairs import Examples, Pairs
+from jshape.errors import BadDataset
+from jshape.learn.floor import Floor
+from jshape.predict.bank import Bank, Predictor
+
+BATCH = 8
+"""ROIs predicted at once: a network's memory, and one compiled shape for any number of pairs."""
+
+
+class Score(NamedTuple):
+    """One line of an evaluation."""
+
+    action: str
+    agent: str
+    count: int
+    """Pairs tested (with partitions: over all of them)."""
+    mean_mm: float
+    """Mean error over the ROI."""
+    std_mm: float
+    """Standard deviation over the pairs, or over the partitions' means where there are several."""
+    change_mm: float
+    """Mean change that the action makes over the ROI: the error of predicting nothing."""
+    floor_mm: float | None = None
+    """The noise floor (see `learn.floor`): what no predictor can beat; None where it is unknown."""
+    floor_from: str = ""
+    """From "repetitions"; or "flat": the floor is at most that; "" where it is unknown."""
+    predictor: str = ""
+    """What was tested: a kind of bank, and what it started from."""
+    trained_on: str = ""
+    """The agent whose pairs it was fitted to; "" for a bank that was not fitted here."""
+    pairs: int = 0
+    """Pairs of the action that it was fitted to; 0 if it was not fitted here."""
+
+
+class Trial(NamedTuple):
+    """The test of one fitted predictor on the pairs that were kept out."""
+
+    predictor: str
+    trained_on: str
+    agent: str
+    action: str
+    pairs: int
+    """Pairs of the action that it was fitted to."""
+    id: np.ndarray
+    """(n,) names of the pairs tested."""
+    error_mm: np.ndarray
+    """(n,) errors over the ROI."""
+    change_mm: np.ndarray
+    """(n,) changes by the action over the ROI."""
+
+
+class Comparison(NamedTuple):
+    """Two predictors on the same test pairs."""
+
+    action: str
+    agent: str
+    trained_on: str
+    predictor: str
+    against: str
+    count: int
+    """Different pairs that both were tested on."""
+    difference_mm: float
+    """Mean error minus that of `against`: negative is better."""
+    error_mm: float
+    """Standard error of that mean over the pairs; NaN for a single pair."""
+    better: float
+    """Share of the pairs on which it is better, in [0, 1]."""
+
+
+def roi_errors_mm(
+    bank: Bank,
+    pairs: Pairs,
+    action: str,
+    *,
+    size: tuple[int, int] | None = None,
+    strength: float = 1.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the bank on the pairs of one action, and the changes themselves: (n,) mm each.
+
+    The error is d between the predicted and the true ROI (Eq. distNewImg) as the mean distance of
+    matched points.  Pixels without a reading before or after are left out; the predictor sees gaps
+    filled, as planning does.
+
+    Args:
+      bank: whose predictor of the action is tested.
+      pairs: of any actions.
+      action: the one to test.
+      size: (w, h) pixels to take the mean over; None is the bank's ROI.  Predictors with other
+        ROIs are compared over the same pixels with it: outside its ROI a bank predicts no change.
+      strength: how many times as deep as the trained action the pairs' is.
+
+    Raises:
+      BadCamera: bank and pairs have different cameras.
+      BadDataset: a pair without a single pixel seen before and after, or a ROI outside the image.
+      UnknownName: the bank or the pairs have no such action.
+    """
+    check_same_camera(bank.camera, pairs.camera, "the data set's")
+    own = bank.roi(action)
+    inside = pairs.rois(action, own)
+    measured = inside if size in (None, own) else pairs.rois(action, size)
+    seen = np.isfinite(measured.prior) & np.isfinite(measured.posterior)
+    if not seen.any((1, 2)).all():
+        name = pairs.of(action=action).id[~seen.any((1, 2))][0]
+        raise BadDataset(f"pair {name}: no pixel of its ROI has a reading before and after")
+    predicted = _predict(bank.predictor(action), inside, strength)
+    if measured is not inside:
+        predicted = _pasted(predicted, inside, measured)
+    to_mm = float(metric.to_mm(1.0, bank.camera))
+    count = seen.sum((1, 2))
+    error = np.where(seen, np.abs(predicted - measured.posterior), 0.0)
+    change = np.where(seen, np.abs(measured.posterior - measured.prior), 0.0)
+    return error.sum((1, 2)) / count * to_mm, change.sum((1, 2)) / count * to_mm
+
+
+def score(action: str, agent: str, parts: list[tuple[np.ndarray, np.ndarray]], **more) -> Score:
+    """A line from (errors, changes) of every partition, (n,) mm each."""
+    errors = np.concatenate([error for error, _ in parts])
+    changes = np.concatenate([change for _, change in parts])
+    spread = errors if len(parts) == 1 else np.array([error.mean() for error, _ in parts])
+    means = float(errors.mean()), float(spread.std()), float(changes.mean())
+    return Score(action, agent, len(errors), *means, **more)
+
+
+def summarise(
+    trials: Iterable[Trial], floors: Mapping[tuple[str, str], Floor] | None = None
+) -> list[Score]:
+    """One line per action, agents, predictor and number of pairs, in order of first appearance.
+
+    Args:
+      trials: of all partitions.
+      floors: (action, agent) -> `Floor`.
+    """
+    cells: dict[tuple, list[Trial]] = {}
+    for trial in trials:
+        cells.setdefault(trial[:5], []).append(trial)
+    found = []
+    for (predictor, trained_on, agent, action, pairs), mine in cells.items():
+        floor = (floors or {}).get((action, agent))
+        parts = [(trial.error_mm, trial.change_mm) for trial in mine]
+        line = score(action, agent, parts, predictor=predictor, trained_on=trained_on, pairs=pairs)
+        found.append(with_floor(line, floor))
+    return found
+
+
+def with_floor(line: Score, floor: Floor | None) -> Score:
+    """The line with a floor beside its error."""
+    return line._replace(floor_mm=floor.mm, floor_from=floor.how) if floor else line
+
+
+def compare(trials: Iterable[Trial], against: str) -> list[Comparison]:
+    """Every other predictor against one, pair by pair: what differs between pairs drops out.
+
+    A pair that is tested in several partitions counts once, with its mean error.  The pairs share
+    training sets, so the standard error is a little too small.
+
+    Args:
+      trials: made with the same partitions for all predictors, as `Study` does.
+      against: name of the predictor to compare with.
+    """
+    cells: dict[tuple, dict[str, dict[str, list[float]]]] = {}
+    for trial in trials:
+        cell = cells.setdefault((trial.action, trial.agent, trial.trained_on), {})
+        errors = cell.setdefault(trial.predictor, {})
+        for name, error in zip(trial.id.tolist(), trial.error_mm.tolist(), strict=True):
+            errors.setdefault(name, []).append(error)
+    found = []
+    for (action, agent, trained_on), cell in cells.items():
+        base = cell.get(against, {})
+        for predictor, errors in cell.items():
+            both = [name for name in errors if name in base]
+            if predictor == against or not both:
+                continue
+            gap = np.array([np.mean(errors[name]) - np.mean(base[name]) for name in both])
+            spread = float(gap.std(ddof=1) / len(gap) ** 0.5) if len(gap) > 1 else float("nan")
+            numbers = len(gap), float(gap.mean()), spread, float((gap < 0).mean())
+            found.append(Comparison(action, agent, trained_on, predictor, against, *numbers))
+    return found
+
+
+@jax.jit
+def _compiled(predictor: Predictor, roi: Array, place: Array, strength: Array) -> Array:
+    return jnp.clip(predictor(roi, place, strength), 0.0, 1.0)
+
+
+def _predict(predictor: Predictor, examples: Examples, strength: float) -> np.ndarray:
+    """(n, h, w) of I after, in batches of one size."""
+    prior = np.stack([fill_nan(roi) if np.isfinite(roi).any() else roi for roi in examples.prior])
+    found = []
+    for start in range(0, len(prior), BATCH):
+        rows = np.minimum(np.arange(start, start + BATCH), len(prior) - 1)
+        strengths = jnp.full(BATCH, strength, jnp.float32)
+        found.append(_compiled(predictor, prior[rows], examples.place[rows], strengths))
+    return np.concatenate([np.asarray(part) for part in found])[: len(prior)]
+
+
+def _pasted(predicted: np.ndarray, inside: Examples, measured: Examples) -> np.ndarray:
+    """Predictions in the windows that are measured: cut to them, and no change around them."""
+    whole = measured.prior.copy()
+    shift = (inside.place - measured.place)[0]  # all ROIs have one size, so one shift
+    ours, theirs = [], []
+    for first, size, limit in zip(shift, predicted.shape[1:], whole.shape[1:], strict=True):
+        low, high = max(0, int(first)), min(limit, int(first) + size)
+        ours.append(slice(low, high))
+        theirs.append(slice(low - int(first), high - int(first)))
+    whole[:, ours[0], ours[1]] = predicted[:, theirs[0], theirs[1]]
+    return whole

@@ -148,23 +148,24 @@ def deeper(times: float, options: argparse.Namespace) -> None:
                 test = simulated(2, group, options.count, deep=tested, **more)
                 twice = simulated(3, group, 6, deep=tested, repeat=2, **more)
                 floor = next((f.mm for f in noise_floor(twice).values()), float("nan"))
-                errors = {}
+                # f_D as the paper has it knows one depth; scaled, it is told the strength too.
+                plain = roi_errors_mm(fit(train, "D"), test, action)
+                change = plain[1]
+                errors = {"D": float(plain[0].mean())}
                 for kind in options.kinds:
-                    found, change = roi_errors_mm(fit(train, kind), test, action, strength=times)
-                    errors[kind] = float(found.mean())
+                    told = roi_errors_mm(fit(train, kind), test, action, strength=times)
+                    errors[f"{kind} x {times:g}"] = float(told[0].mean())
                 same = roi_errors_mm(fit(test, "D"), test, action)[0].mean()
-                base = errors[options.kinds[0]]
+                base = errors["D"]
                 rows.append(
                     (group, action, f"{learned:g} -> {tested:g}", f"{change.mean():.2f}",
                      f"{floor:.2f}", *(f"{e:.2f}" for e in errors.values()),
                      *(f"{e / base:.2f}" for e in list(errors.values())[1:]), f"{same:.2f}")
                 )  # fmt: skip
-    first = options.kinds[0]
-    head = ("group", "action", "depth", "change (mm)", "floor (mm)")
-    head += tuple(f"{kind} (mm)" for kind in options.kinds)
-    head += tuple(f"{kind} / {first}" for kind in options.kinds[1:]) + (
-        "D fitted to the test (mm)",
-    )
+    told = tuple(f"{kind} x {times:g}" for kind in options.kinds)
+    head = ("group", "action", "depth", "change (mm)", "floor (mm)", "D (mm)")
+    head += tuple(f"{name} (mm)" for name in told) + tuple(f"{name} / D" for name in told)
+    head += ("D fitted to the test (mm)",)
     print_table(head, rows)
     if options.out:
         options.out.write_text(markdown(head, rows))

@@ -342,13 +342,13 @@ def test_a_mesh_mostly_out_of_range_is_no_goal(folder, capsys):
 
 
 def test_a_bundled_bank_and_a_folder_of_one_name(folder, capsys):
-    shutil.copytree("bank", "flour-robot")
+    shutil.copytree("bank", "pressed-flour-robot")
     options = [*PLAN[:3], *PLAN[5:], "--json"]
-    words = "write ./flour-robot for the folder"
-    refused([*options, "--bank", "flour-robot"], capsys, words)
+    words = "write ./pressed-flour-robot for the folder"
+    refused([*options, "--bank", "pressed-flour-robot"], capsys, words)
     refused(options, capsys, words)  # the default is that name
-    assert main([*options, "--bank", "./flour-robot"]) == 0
-    assert json.loads(capsys.readouterr().out)["bank"] == "./flour-robot"
+    assert main([*options, "--bank", "./pressed-flour-robot"]) == 0
+    assert json.loads(capsys.readouterr().out)["bank"] == "./pressed-flour-robot"
 
 
 def test_a_wrong_unit_is_not_hidden_by_reproject(folder, capsys):

@@ -76,3 +76,16 @@ def nonnegative(text: str) -> float:
 def share(text: str) -> float:
     """A number from 0 to 1."""
     return _number(text, float, lambda x: 0 <= x <= 1, "a share from 0 to 1")
+
+
+# Options that are fields of `learn.training.Training`, with how they are read; None is its default.
+TRAINING: dict[str, tuple[Any, str]] = {
+    "width": (positive_count, "features of the U-Net's first block (32, the paper's)"),
+    "epochs": (positive_count, "most passes over the pairs (500)"),
+    "batch": (positive_count, "pairs per step (8)"),
+    "learning_rate": (positive, "Adam's step (0.0002)"),
+    "patience": (count, "stop after so many epochs without a better loss (50; 0: never)"),
+    "validation": (share, "share of the pairs to choose the best epoch by (0.2)"),
+    "seed": (seed, "of everything random (0)"),
+    "save_every": (positive_count, "epochs between checkpoints (10)"),
+}

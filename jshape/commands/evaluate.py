@@ -11,7 +11,6 @@ from tqdm import tqdm
 
 from jshape.commands import arguments
 from jshape.commands.tables import print_table
-from jshape.commands.train import _TRAINING as TRAINING
 from jshape.errors import JShapeError
 from jshape.store import banks, datasets, files
 
@@ -211,6 +210,6 @@ def add(commands: Any) -> None:
         "--few", nargs="+", type=count, metavar="N", help="how many pairs per action (5 10 25)"
     )
     for name in LEARNING:
-        read, what = TRAINING[name]
+        read, what = arguments.TRAINING[name]
         parser.add_argument(f"--{name.replace('_', '-')}", type=read, default=None, help=what)
     parser.add_argument("--out", type=Path, help="folder for the tables and pictures")

@@ -12,18 +12,6 @@ from jshape.commands.tables import print_table
 from jshape.errors import JShapeError
 from jshape.store import banks, checkpoints, datasets, files
 
-# Options that are fields of `learn.training.Training`, with how they are read; None is its default.
-_TRAINING: dict[str, tuple[Any, str]] = {
-    "width": (arguments.positive_count, "features of the U-Net's first block (32, the paper's)"),
-    "epochs": (arguments.positive_count, "most passes over the pairs (500)"),
-    "batch": (arguments.positive_count, "pairs per step (8)"),
-    "learning_rate": (arguments.positive, "Adam's step (0.0002)"),
-    "patience": (arguments.count, "stop after so many epochs without a better loss (50; 0: never)"),
-    "validation": (arguments.share, "share of the pairs to choose the best epoch by (0.2)"),
-    "seed": (arguments.seed, "of everything random (0)"),
-    "save_every": (arguments.positive_count, "epochs between checkpoints (10)"),
-}
-
 
 def train(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
@@ -41,7 +29,7 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
         print(f"going on from {kept} (--restart starts again)", file=sys.stderr)
     start = banks.load_bank(options.start) if options.start is not None else None
     pairs = datasets.load_pairs(options.dataset)
-    given = {name: getattr(options, name) for name in (*_TRAINING, "morphology")}
+    given = {name: getattr(options, name) for name in (*arguments.TRAINING, "morphology")}
     to_mm = float(metric.to_mm(1.0, pairs.camera))
     watch = _Watch(to_mm)
     try:
@@ -145,9 +133,9 @@ def add(commands: Any) -> None:
     parser.add_argument("dataset", type=Path)
     parser.add_argument(
         "--kind",
-        default="D",
-        help="D: the mean difference, no training needed; C, DC: a U-Net, alone or after D; "
-        "CR, DCR: the same, refined as in the paper",
+        default="P",
+        help="P: a tool pressed into the ground, the best (default); D: the mean difference; "
+        "C, DC: a U-Net, alone or after D; CR, DCR: the same, refined as in the paper",
     )
     parser.add_argument("--out", type=Path, required=True, help="folder of the new bank")
     parser.add_argument("--licence", default="", help="licence of the bank, for its manifest")
@@ -157,7 +145,7 @@ def add(commands: Any) -> None:
         action="store_true",
         help="forget an interrupted training in OUT.training instead of going on with it",
     )
-    for name, (read, what) in _TRAINING.items():
+    for name, (read, what) in arguments.TRAINING.items():
         parser.add_argument(f"--{name.replace('_', '-')}", type=read, default=None, help=what)
     parser.add_argument(
         "--morphology", choices=("erode", "dilate"), default=None,

@@ -1,7 +1,9 @@
 """Checkpoints: there and back to the bit, and nothing damaged is gone on from."""
 
+import hashlib
 import json
 import os
+import shutil
 
 import numpy as np
 import pytest
@@ -95,15 +97,53 @@ def test_damage_anywhere_is_one_line(keep, arrays, how, capfd):
 def test_what_orbax_cannot_read_is_one_line(keep, arrays):
     keep.save(arrays, {})
     place = next(keep.folder.iterdir())
-    (place / "checkpoint.json").write_text(
-        json.dumps({"format": "jshape-checkpoint", "facts": {}, "checksums": {}})
-    )
     for path in (place / "arrays").rglob("*"):
         if path.is_file():
             path.unlink()
+    (place / "arrays" / "notes").write_text("x")
+    sums = {"arrays/notes": hashlib.sha256(b"x").hexdigest()}
+    (place / "checkpoint.json").write_text(
+        json.dumps({"format": "jshape-checkpoint", "facts": {}, "checksums": sums})
+    )
     with pytest.raises(BadFile, match="not a readable checkpoint") as info:
         keep.load()
     assert "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize("how", ["facts", "list", "no sums", "one sum less", "a file more"])
+def test_what_no_checksum_covers_is_damage(keep, arrays, how):
+    keep.save(arrays, {})
+    path = next(keep.folder.iterdir()) / "checkpoint.json"
+    content = json.loads(path.read_text())
+    if how == "facts":
+        content["facts"] = [1]
+    elif how == "list":
+        content = [content]
+    elif how == "no sums":
+        content["checksums"] = {}
+    elif how == "one sum less":
+        content["checksums"].popitem()
+    else:
+        (path.parent / "arrays" / "more").write_text("x")
+    path.write_text(json.dumps(content))
+    with pytest.raises(BadFile, match="remove .*action-poke.* to start") as info:
+        keep.load()
+    assert "\n" not in str(info.value)
+
+
+def test_a_damaged_checkpoint_beside_an_older_whole_one(keep, arrays, monkeypatch):
+    keep.save(arrays, {"number": 1})
+    with monkeypatch.context() as patch:
+        patch.setattr("jshape.store.checkpoints.shutil.rmtree", lambda *a, **k: None)
+        keep.save(arrays, {"number": 2})
+    first, second = sorted(keep.folder.iterdir())
+    (second / "checkpoint.json").write_text("{")
+    with pytest.raises(BadFile) as info:
+        keep.load()
+    assert str(info.value).endswith(f"; remove {second} to go on from the one before")
+    shutil.rmtree(second)
+    assert keep.load()[1] == {"number": 1}
+    assert first.is_dir()
 
 
 def test_only_a_training_is_discarded(tmp_path, keep, arrays):

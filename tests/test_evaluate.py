@@ -277,6 +277,12 @@ def test_the_floor_of_flat_beds_at_other_places(rng):
     assert noise_floor(replace(pairs, prior=hills)) == {}
 
 
+def test_surfaces_without_a_common_pixel_give_no_floor(rng, monkeypatch):
+    pairs = pits(rng, ["robot"], 4, deepest=401, rough=100)
+    monkeypatch.setattr("jshape.learn.floor._from_above", lambda *_: jnp.full((4, 4), jnp.nan))
+    assert noise_floor(pairs) == {}
+
+
 def trial(predictor, errors, ids="abc", **more):
     fixed = {"trained_on": "robot", "agent": "robot", "action": "poke", "pairs": 5} | more
     errors = np.array(errors, float)
@@ -312,6 +318,30 @@ def test_tables_say_what_the_scores_say():
     sized = [trial("D", [2.0], "a", pairs=n, action=a) for n in (0, 5) for a in "xy"]
     assert [row[1] for row in sizes_table(summarise(sized))[1]] == ["none", "5"]
     assert png(scores_figure(summarise(trials)))[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize("name", ["D", "P from a bank with a name that goes on and on"])
+def test_the_legend_fits_beside_one_action(name):
+    scores = summarise([trial(name, [2.0])])
+    figure = scores_figure([scores[0]._replace(floor_mm=0.5, floor_from="flat")])
+    figure.canvas.draw()
+    box, whole = figure.legends[0].get_window_extent(), figure.bbox
+    assert whole.x0 <= box.x0 and box.x1 <= whole.x1
+
+
+def test_splits_that_make_no_sense_are_refused(pairs):
+    for more, match in (
+        ({"partitions": 0}, "partitions is 0"),
+        ({"test_share": 0.0}, "test_share is 0.0"),
+        ({"test_share": 1.0}, "test_share is 1.0"),
+        ({"test_share": float("nan")}, "test_share is nan"),
+    ):
+        with pytest.raises(JShapeError, match=match):
+            split_pairs(pairs, **more)
+        with pytest.raises(JShapeError, match=match):
+            Study(pairs, [Candidate("D")], **more)
+    with pytest.raises(BadDataset, match="no pairs"):
+        Study(pairs.select(np.arange(0)), [Candidate("D")])
 
 
 def test_what_cannot_be_compared_is_refused(pairs, kind_h):
@@ -368,8 +398,22 @@ def test_the_command_refuses_in_one_line(folder, capsys):
         ("--kinds", "D", "--kind", "C"): "give one of the two",
         ("--few", "5"): "needs the bank to start from",
         ("--sizes", "25"): "sets of 25 pairs per action: knock of robot has 6",
-        ("--bank", "bank", "--sizes", "5"): "nothing is fitted",
+        ("--bank", "bank", "--sizes", "5"): "--sizes: for fitting; with --bank nothing is fitted",
+        ("--bank", "bank", "--patience", "0"): "--patience: for fitting",
     }.items():
         assert main(["evaluate", "pairs", *more]) == 2
         out, err = capsys.readouterr()
         assert out == "" and err.count("\n") == 1 and words in err
+
+
+def test_without_few_a_small_data_set_adapts_with_what_it_has(folder, capsys, pairs, kind_h,
+                                                              monkeypatch):  # fmt: skip
+    monkeypatch.setitem(KINDS, "H", KINDS["D"])
+    save_bank(fit(pairs, "H"), folder / "start")
+    few = pairs.select(np.flatnonzero(pairs.agent == "robot")[:8])  # 4 of each, 3 to fit to
+    save_pairs(few, folder / "few")
+    for name, sizes in {"few": {0, 3}, "pairs": {0, 5}}.items():
+        call = ["evaluate", name, "--partitions", "1", "--start", "start", "--json"]
+        assert main(call) == 0
+        result = json.loads(capsys.readouterr().out)
+        assert {s["pairs"] for s in result["transfer"]} == sizes

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from jshape import PAPER_BOX, Bank, load_bank, save_bank
 from jshape.data.pairs import Examples
-from jshape.errors import BadBank, BadCamera, BadDataset
+from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError
 from jshape.learn import pressed as learning
 from jshape.learn.pressed import fit_pressed
 from jshape.metric import roi_weight
@@ -267,3 +267,43 @@ def test_another_camera_uses_the_same_bank():
     bound = replace(bank, predictors=(fit_difference(np.ones((1, 2, 2)), np.ones((1, 2, 2))),))
     with pytest.raises(BadBank, match="bound to its camera"):
         bound.seen_by(farther, 0.55)
+
+
+def test_no_strength_changes_nothing():
+    surfaces = jnp.asarray(np.stack([hills(k, GROUND.shape) for k in range(2)]))
+    bent = replace(tool(), follow=jnp.full(GROUND.shape, 0.1), swell=jnp.full(GROUND.shape, 0.002))
+    np.testing.assert_array_equal(bent.change(surfaces, 0.0), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ({"position": (np.nan, 1)}, "leaves the 480x395 image"),
+        ({"position": (-500, 900)}, "leaves the 480x395 image"),
+        ({"position": (1, 2, 3)}, "expected"),
+        ({"strength": np.nan}, "must be a number from 0"),
+        ({"strength": -1.0}, "must be a number from 0"),
+        ({"strength": "x"}, "must be a number from 0"),
+        ({"position": np.full((3, 2), 100)}, None),
+        ({"position": np.full((3, 2), 100), "strength": np.ones(2)}, "do not fit together"),
+        ({"roi": np.full((30, 36), 7.0)}, "values from 7 to 7"),
+        ({"roi": np.full((30, 36), 100, np.uint8)}, "type uint8"),
+    ],
+)
+def test_what_cannot_be_predicted_is_refused(what, words):
+    bank = Bank(CAMERA, (tool(),), ("poke",), "P")
+    options = dict(what)
+    roi = options.pop("roi", np.full((30, 36), 0.4, np.float32))
+    if words is None:
+        assert bank.predict("poke", roi, **options).shape == (3, 30, 36)
+        return
+    with pytest.raises(JShapeError, match=words):
+        bank.predict("poke", roi, **options)
+
+
+def test_pixels_that_no_pair_has_seen_are_refused():
+    examples = examples_of(tool(), 3)
+    prior = examples.prior.copy()
+    prior[:, :, :5] = np.nan
+    with pytest.raises(BadDataset, match="150 of 1080 ROI pixels have no depth reading"):
+        fit_pressed(Examples(prior, examples.posterior, examples.place), CAMERA)

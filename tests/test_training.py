@@ -263,15 +263,35 @@ def test_a_training_folder_of_something_else_is_refused(tmp_path, capsys, monkey
         patch.setattr("jshape.learn.training._tell", interrupt)
         assert main(call) == 2
     words = capsys.readouterr().err
+    network_free = [*call[:4], "--kind", "P"]
+    assert main(network_free) == 2
+    assert capsys.readouterr().err.endswith(
+        f"{out}.training: holds an interrupted training of another kind; --restart removes it\n"
+    )
     assert f"the same command goes on from its last checkpoint in {out}.training" in words
     assert main([*call, "--seed", "1"]) == 2
-    assert "holds a training with other pairs or settings" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "holds a training with other pairs or settings" in error and error.count("\n") == 1
     assert main([*call, "--seed", "1", "--restart", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["training"]["poke"]["epochs"] == 3
     manifest = json.loads((out / "manifest.json").read_text())
     assert set(manifest["checksums"]) == {"effects.npz", "curve.csv", "curve.png"}
     assert main([*call, "--overwrite", "--json"]) == 0  # a trained bank is replaced on demand
     assert main([*call[:3], str(tmp_path / "next"), *quick, "--start", str(out), "--json"]) == 0
+
+
+def test_kinds_without_a_network(tmp_path, capsys):
+    """Options they do not use are refused, and an interrupted training goes only on demand."""
+    call = ["train", str(_small_dataset(tmp_path)), "--out", str(tmp_path / "bank"), "--kind", "D"]
+    assert main([*call, "--width", "2", "--learning-rate", "0.1", "--restart"]) == 2
+    error = capsys.readouterr().err
+    assert "--width, --learning-rate: kind D" in error and error.count("\n") == 1
+    (tmp_path / "bank.training" / "action-poke").mkdir(parents=True)
+    assert main([*call, "--seed", "1"]) == 2
+    assert "of another kind; --restart removes it" in capsys.readouterr().err
+    assert (tmp_path / "bank.training" / "action-poke").is_dir()
+    assert main([*call, "--restart", "--json"]) == 0
+    assert not (tmp_path / "bank.training").exists() and capsys.readouterr().err == ""
 
 
 def _small_dataset(folder):

@@ -81,15 +81,23 @@ def _studies(
         others["sizes"] = Study(pairs, candidates, sizes=sizes, **more)
     if options.start is not None:
         start, name = banks.load_bank(options.start), Path(options.start).name
-        few = _sizes(pairs, options.few or evaluation.FEW, notes)
+        few = (
+            _sizes(pairs, options.few, notes)
+            if options.few
+            else _sizes_that_fit(pairs, evaluation.FEW)
+        )
         others["transfer"] = evaluation.few_shot_study(pairs, start, few, name, **more)
     return main, others
 
 
 def _check(options: argparse.Namespace) -> None:
     fitting = ("kind", "kinds", "partitions", "sizes", "start", "few", "across_agents", *LEARNING)
-    if options.bank is not None and any(getattr(options, name) for name in fitting):
-        raise JShapeError("--kind and --partitions are for fitting; with --bank nothing is fitted")
+    values = {name: getattr(options, name) for name in fitting}
+    # 0 is a value that somebody gave.
+    given = [name for name, value in values.items() if value is not None and value is not False]
+    if options.bank is not None and given:
+        named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise JShapeError(f"{named}: for fitting; with --bank nothing is fitted")
     if options.kind and options.kinds:
         raise JShapeError("--kind names one kind and --kinds several; give one of the two options")
     if options.few and options.start is None:
@@ -115,6 +123,14 @@ def _sizes(pairs: Any, wanted: Sequence[int], notes: list[str]) -> list[int]:
     if left_out:
         notes.append(f"training sets of {text} pairs are left out: {what}")
     return kept
+
+
+def _sizes_that_fit(pairs: Any, usual: Sequence[int]) -> list[int]:
+    """The usual ones that every action has; if there is none, the largest that it has."""
+    from jshape.learn.partitions import fewest
+
+    least = fewest(pairs)[0]
+    return [size for size in usual if size <= least] or [max(1, least)]
 
 
 class _Watch:

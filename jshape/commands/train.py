@@ -12,6 +12,11 @@ from jshape.commands.tables import print_table
 from jshape.errors import JShapeError
 from jshape.store import banks, checkpoints, datasets, files
 
+WITHOUT_CHECKPOINTS = ("D", "P")
+"""Kinds that are fitted in seconds: there is nothing to go on from."""
+OF_NETWORKS = (*(name for name in arguments.TRAINING if name != "seed"), "morphology")
+"""Options that those kinds do not use."""
+
 
 def train(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
@@ -20,30 +25,36 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     from jshape.viz import curves as drawings
     from jshape.viz import pictures
 
+    keeps = options.kind not in WITHOUT_CHECKPOINTS
+    if not keeps:
+        _refuse_unused(options)
     files.check_target(options.out, options.overwrite, contents=banks.CONTENTS)
     kept = options.out.absolute().with_name(options.out.absolute().name + ".training")
     if options.restart:
         checkpoints.discard(kept)
-    resumed = checkpoints.check_folder(kept)
-    if resumed and not options.json:
-        print(f"going on from {kept} (--restart starts again)", file=sys.stderr)
+    resumed = (keeps or kept.is_dir()) and checkpoints.check_folder(kept)
+    if resumed and not keeps:
+        raise JShapeError(
+            f"{kept}: holds an interrupted training of another kind; --restart removes it"
+        )
     start = banks.load_bank(options.start) if options.start is not None else None
     pairs = datasets.load_pairs(options.dataset)
     given = {name: getattr(options, name) for name in (*arguments.TRAINING, "morphology")}
     to_mm = float(metric.to_mm(1.0, pairs.camera))
-    watch = _Watch(to_mm)
+    going_on = f"going on from {kept} (--restart starts again)"
+    watch = _Watch(to_mm, going_on if resumed and not options.json else "")
     try:
         bank = fit(
             pairs,
             options.kind,
             start=start,
             report=watch,
-            keep=lambda action: checkpoints.Checkpoints(kept, action),
+            keep=(lambda action: checkpoints.Checkpoints(kept, action)) if keeps else None,
             **{name: value for name, value in given.items() if value is not None},
         )
     except KeyboardInterrupt:
         watch.close()
-        if kept.is_dir():
+        if keeps and kept.is_dir():
             raise JShapeError(
                 f"interrupted; the same command goes on from its last checkpoint in {kept}"
             ) from None
@@ -63,7 +74,8 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
         "curve.png": pictures.png(drawings.curves_figure(watch.curves, to_mm)),
     } if watch.curves else None  # fmt: skip
     banks.save_bank(bank, options.out, info=info, extras=curves, overwrite=options.overwrite)
-    checkpoints.discard(kept)
+    if keeps:
+        checkpoints.discard(kept)
     if not options.json:
         print(f"bank of kind {bank.kind}: {options.out}")
         print_table(
@@ -79,11 +91,20 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     return result | {"training": info.get("training", {})}
 
 
+def _refuse_unused(options: argparse.Namespace) -> None:
+    given = [name for name in OF_NETWORKS if getattr(options, name) is not None]
+    if given:
+        named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise JShapeError(f"{named}: kind {options.kind} trains no network and does not use it")
+
+
 class _Watch:
     """Progress bars, one per action, and what the curves were; quiet where nobody looks."""
 
-    def __init__(self, to_mm: float):
+    def __init__(self, to_mm: float, going_on: str = ""):
         self.to_mm = to_mm
+        self.going_on = going_on
+        """What to say once a checkpoint was accepted."""
         self.curves: dict[str, tuple] = {}
         self.best: dict[str, Any] = {}
         self.bar: tqdm | None = None
@@ -92,6 +113,9 @@ class _Watch:
     def __call__(self, progress: Any) -> None:
         """Told of every epoch."""
         made = len(progress.curve)
+        if self.going_on and made > 1:
+            print(self.going_on, file=sys.stderr)
+        self.going_on = ""
         if progress.action != self.shown:
             self.close()
             self.shown = progress.action

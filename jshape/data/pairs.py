@@ -88,8 +88,16 @@ class Pairs:
         w, h = np.rint(self.of(action=action).size.mean(0)).astype(int)
         return int(w), int(h)
 
-    def rois(self, action: str, size: tuple[int, int] | None = None) -> Examples:
+    def rois(
+        self, action: str, size: tuple[int, int] | None = None, *, padded: bool = False
+    ) -> Examples:
         """The ROIs of one action, of size (w, h); None is the mean size.
+
+        Args:
+          action: its name.
+          size: (w, h), pixels.
+          padded: a ROI that leaves the image has no readings there, instead of being refused: for
+            the size of a bank, which the pairs were not recorded for.
 
         Raises:
           BadDataset: a ROI leaves the image.
@@ -97,19 +105,24 @@ class Pairs:
         mine = self.of(action=action)
         w, h = size or self.roi_size(action)
         inside = actions.fits(self.camera, mine.centre, (w, h))
-        if not inside.all():
+        if not (padded or inside.all()):
             pair = int(np.argmin(inside))
+            centre = tuple(mine.centre[pair].tolist())
             raise BadDataset(
-                f"pair {mine.id[pair]}: the {w}x{h} ROI of {action} at {tuple(mine.centre[pair])} "
-                f"leaves the {self.camera.width}x{self.camera.height} image"
+                f"pair {mine.id[pair]}: the {w}x{h} ROI of {action} at {centre} leaves the "
+                f"{self.camera.width}x{self.camera.height} image"
             )
         weight = np.asarray(metric.r_matrix(self.camera) * self.camera.top, np.float32)
         found = [], []
         first = actions.first_pixels(mine.centre, (w, h))
         for k, (left, top) in enumerate(first):
-            window = np.s_[top : top + h, left : left + w]
+            window = np.s_[max(top, 0) : max(top + h, 0), max(left, 0) : max(left + w, 0)]
             for counts, out in zip((mine.prior, mine.posterior), found, strict=True):
                 depth = counts[k][window].astype(np.float32) * np.float32(self.depth_unit)
                 level = self.camera.luminance(depth, quantize=False)
-                out.append(np.asarray(level) / self.camera.top * weight[window])
+                seen = np.asarray(level) / self.camera.top * weight[window]
+                roi = np.full((h, w), np.nan, np.float32)
+                v, u = max(-top, 0), max(-left, 0)
+                roi[v : v + seen.shape[0], u : u + seen.shape[1]] = seen
+                out.append(roi)
         return Examples(np.stack(found[0]), np.stack(found[1]), first[:, ::-1].astype(np.int32))

@@ -171,8 +171,9 @@ def average(stack: np.ndarray, depth_unit: float) -> np.ndarray:
     ordered = np.sort(stack, axis=0)  # missing ones first
     middle = np.minimum(len(stack) - count + count // 2, len(stack) - 1)
     median = np.take_along_axis(ordered, middle[None], 0)[0].astype(np.float32)
-    # 1 % of the depth is 4.5 mm at 0.45 m: ten times the noise of one frame.
-    keep = seen & (np.abs(stack - median) <= np.maximum(0.01 * median, 2.0))
+    # 1 % of the depth is 4.5 mm at 0.45 m: ten times the noise of one frame.  Not less than 2 mm.
+    least = max(2.0, 2e-3 / depth_unit)
+    keep = seen & (np.abs(stack - median) <= np.maximum(0.01 * median, least))
     kept = keep.sum(0)
     total = (stack * keep).sum(0, dtype=np.float64)
     enough = kept >= (max(2, len(stack) / 4) if len(stack) > 1 else 1)

@@ -69,8 +69,8 @@ def fit(
       kind: "D" is f_D, the mean difference (Eq. DiffImage), which needs no training; "C" a U-Net
         (Eq. Coutput), "DC" one applied to I + ΔI (Eq. lossD); "CR" and "DCR" the same two, refined
         (Eq. RCoutput, Eq. DRCoutput).
-      start: a bank of the same kind whose predictors training starts from, for the actions that it
-        has: few pairs are then enough.  Their ROI sizes are used.
+      start: a bank of the same kind with all the actions, whose predictors training starts from:
+        few pairs are then enough.  Their ROI sizes are used.
       report: told of every epoch of every action's training.
       keep: name of an action -> where its training is saved and resumed from, or None.
       options: fields of `Training`: epochs, batch, learning_rate, validation, patience, seed, ...
@@ -78,7 +78,7 @@ def fit(
     Raises:
       UnknownName: no such kind.
       BadDataset: no pairs, a ROI outside the image, pixels that no pair has seen, or too few pairs.
-      BadBank: `start` is of another kind.
+      BadBank: `start` is of another kind, or lacks an action.
       BadCamera: `start` is for another camera.
       JShapeError: an unknown option, or one out of its range.
     """
@@ -91,12 +91,19 @@ def fit(
         if start.kind != kind:
             raise BadBank(f"the bank to start from is of kind {start.kind!r}; expected {kind!r}")
         check_same_camera(start.camera, pairs.camera, "the data set's")
+        foreign = [name for name in pairs.actions if name not in start.actions]
+        if foreign:
+            raise BadBank(
+                f"the bank to start from knows {', '.join(start.actions)}, not "
+                f"{', '.join(foreign)}; fit those on their own"
+            )
     predictors = []
     for name in pairs.actions:
-        first = start.predictor(name) if start is not None and name in start.actions else None
+        first = start.predictor(name) if start is not None else None
         hooks = Hooks(name, report, keep(name) if keep is not None else None)
         try:
-            examples = pairs.rois(name, first.roi if first is not None else None)
+            size = first.roi if first is not None else None
+            examples = pairs.rois(name, size, padded=first is not None)
             predictors.append(FITTERS[kind](examples, pairs.camera, settings, first, hooks))
         except BadDataset as error:
             raise BadDataset(f"{name}: {error}") from None

@@ -115,7 +115,7 @@ def _flat_beds(pairs: Pairs, rois: Examples) -> list[float]:
             at = [rois.place[k] + np.array([h, w]) // 2 for k in (one, other)]
             ray = float(np.mean([along_ray[v, u] for v, u in at]))
             gaps.append(1e3 * ray * _mean(np.abs(reliefs[one] - reliefs[other])))
-    return gaps
+    return [gap for gap in gaps if np.isfinite(gap)]  # two may have no pixel in common
 
 
 @jax.jit

@@ -109,8 +109,8 @@ def roi_errors_mm(
     """
     check_same_camera(bank.camera, pairs.camera, "the data set's")
     own = bank.roi(action)
-    inside = pairs.rois(action, own)
-    measured = inside if size in (None, own) else pairs.rois(action, size)
+    inside = pairs.rois(action, own, padded=True)
+    measured = inside if size in (None, own) else pairs.rois(action, size, padded=True)
     seen = np.isfinite(measured.prior) & np.isfinite(measured.posterior)
     if not seen.any((1, 2)).all():
         name = pairs.of(action=action).id[~seen.any((1, 2))][0]

@@ -47,8 +47,10 @@ def split_pairs(
     """Random partitions, each with a split per agent; every action is split on its own.
 
     Raises:
-      BadDataset: an action of an agent with too few pairs to split.
+      BadDataset: no pairs, or an action of an agent with too few pairs to split.
+      JShapeError: no partition, or a share that is not between 0 and 1.
     """
+    _check_split(pairs, partitions, test_share)
     rng = np.random.default_rng(seed)
     found: list[dict[str, Split]] = [{} for _ in range(partitions)]
     for agent in dict.fromkeys(pairs.agent.tolist()):
@@ -68,8 +70,23 @@ def split_pairs(
     return found
 
 
+def _check_split(pairs: Pairs, partitions: int, test_share: float) -> None:
+    if partitions < 1:
+        raise JShapeError(f"partitions is {partitions}; expected a whole number from 1")
+    if not 0 < test_share < 1:
+        raise JShapeError(f"test_share is {test_share}; expected a number between 0 and 1")
+    if len(pairs) == 0:
+        raise BadDataset("no pairs to split for testing")
+
+
 def fewest(pairs: Pairs, test_share: float = 0.25) -> tuple[int, str, str]:
-    """(n, action, agent): the smallest training set that a partition leaves, and whose it is."""
+    """(n, action, agent): the smallest training set that a partition leaves, and whose it is.
+
+    Raises:
+      BadDataset: no pairs.
+      JShapeError: a share that is not between 0 and 1.
+    """
+    _check_split(pairs, 1, test_share)
     counts = {
         (action, agent): int(((pairs.action == action) & (pairs.agent == agent)).sum())
         for action, agent in dict.fromkeys(
@@ -94,8 +111,9 @@ class Study:
       UnknownName: a kind that is not in `FITTERS`.
       BadBank: a candidate that is neither fitted nor has a bank, or whose bank has no such action.
       BadCamera: a bank to start from is for another camera.
-      BadDataset: too few pairs to split, or for a size; or `across` with the pairs of one agent.
-      JShapeError: two candidates of one name, or none.
+      BadDataset: no pairs, too few to split, or for a size; or `across` with those of one agent.
+      JShapeError: two candidates of one name, or none; no partition, or a share to test with that
+        is not between 0 and 1.
     """
 
     pairs: Pairs
@@ -114,6 +132,7 @@ class Study:
     """Told of every epoch of every training."""
 
     def __post_init__(self):
+        _check_split(self.pairs, self.partitions, self.test_share)
         labels = [candidate.label for candidate in self.candidates]
         if not labels or len(set(labels)) < len(labels):
             raise JShapeError(f"predictors to compare are {labels}; expected different ones")

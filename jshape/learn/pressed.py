@@ -62,6 +62,12 @@ def fit_pressed(
     filled = Examples(prior, posterior, examples.place)
     ground = _ground(filled, camera) if start is None else start.ground
     before, after = _surfaces(ground, filled)
+    unseen = ~seen.any(0)
+    if unseen.any():
+        raise BadDataset(
+            f"{int(unseen.sum())} of {unseen.size} ROI pixels have no depth reading in any of the "
+            f"{len(seen)} pairs"
+        )
     counted = jnp.asarray(_at_nodes(seen, ground), jnp.float32)
     if start is None:
         first = _first_guess(ground, before, after, counted)
@@ -135,7 +141,7 @@ def _first_guess(ground: Ground, before: Array, after: Array, counted: Array) ->
     rest = jnp.where(touched, 0.0, mean)
     return Pressed(
         ground,
-        reference=jnp.where(mean > 0.5 * mean.max(), 0.0, -6.0),
+        reference=jnp.where(jnp.abs(mean) > 0.5 * jnp.abs(mean).max(), 0.0, -6.0),
         # Below the ground beside the tool by 3 mm: it is felt by hills, not by the flat.
         tool=mean - 3e-3,
         give=touched.astype(jnp.float32),

@@ -6,11 +6,12 @@ from typing import Any, Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jshape._typing import Array, ArrayLike, Float
-from jshape.actions import first_pixels
+from jshape.actions import first_pixels, fits
 from jshape.camera import STATIC, Camera, check_camera
-from jshape.errors import BadBank, BadCamera, BadImage, BadPosition, UnknownName
+from jshape.errors import BadBank, BadCamera, BadImage, BadPosition, JShapeError, UnknownName
 
 
 @runtime_checkable
@@ -103,7 +104,7 @@ class Bank:
         roi: ArrayLike,
         *,
         position: ArrayLike | None = None,
-        strength: float | Array = 1.0,
+        strength: ArrayLike = 1.0,
     ) -> Float[Array, "*B h w"]:
         """ROIs of I after an action, clipped to [0, 1]; batch axes allowed.  Eq. lastMapping.
 
@@ -112,20 +113,73 @@ class Bank:
           roi: (*B, h, w) of I.
           position: ROI centres (*B, 2) or (2,) as (u, v), pixels: tells a predictor that works in
             metres where the camera looks from.  None is the middle of the image.
-          strength: how many times as deep as the trained action, (*B) or one number.
+          strength: how many times as deep as the trained action, (*B) or one number from 0.
 
         Raises:
           UnknownName: the bank has no such action.
-          BadImage: the last two axes are not the action's (h, w).
-          BadPosition: positions that are no (u, v).
+          BadImage: the last two axes are not the action's (h, w), or not of real numbers in
+            [0, 1]; NaN (no reading) is allowed.
+          BadPosition: positions that are no (u, v) whose ROI is in the image.
+          JShapeError: a strength that is no number from 0; or batches that do not fit together.
         """
         w, h = self.roi(name)
         if np.shape(roi)[-2:] != (h, w):
             raise BadImage(f"{name}: ROI has shape {np.shape(roi)}; its last axes must be {(h, w)}")
+        _check_rois(name, roi)
         if position is None:
             position = (self.camera.width // 2, self.camera.height // 2)
-        if np.shape(position)[-1:] != (2,):
-            raise BadPosition(f"position has shape {np.shape(position)}; expected (..., 2) of u, v")
+        _check_positions(self.camera, name, position, (w, h))
+        _check_strength(strength)
+        try:
+            batch = np.broadcast_shapes(
+                np.shape(roi)[:-2], np.shape(position)[:-1], np.shape(strength)
+            )
+        except ValueError:
+            raise JShapeError(
+                f"{name}: {np.shape(roi)[:-2]} ROIs, {np.shape(position)[:-1]} positions and "
+                f"{np.shape(strength)} strengths do not fit together"
+            ) from None
         place = jnp.asarray(first_pixels(np.asarray(position), (w, h))[..., ::-1], jnp.int32)
-        roi, strength = jnp.asarray(roi, jnp.float32), jnp.asarray(strength, jnp.float32)
+        roi = jnp.broadcast_to(jnp.asarray(roi, jnp.float32), (*batch, h, w))
+        strength = jnp.asarray(strength, jnp.float32)
         return jnp.clip(self.predictor(name)(roi, place, strength), 0.0, 1.0)
+
+
+def _known(values: ArrayLike) -> np.ndarray | None:
+    """The numbers, where they are known: under `jit` they are not."""
+    return None if isinstance(values, Tracer) else np.asarray(values)
+
+
+def _check_rois(name: str, roi: ArrayLike) -> None:
+    known = _known(roi)
+    if known is None:
+        return
+    if known.dtype.kind != "f":
+        raise BadImage(f"{name}: ROI has type {known.dtype}; I has floats in [0, 1]")
+    seen = known[~np.isnan(known)]
+    if seen.size and (seen.min() < -1e-5 or seen.max() > 1 + 1e-5):
+        raise BadImage(
+            f"{name}: ROI has values from {seen.min():g} to {seen.max():g}; I is in [0, 1]"
+        )
+
+
+def _check_positions(camera: Camera, name: str, position: ArrayLike, roi: tuple[int, int]) -> None:
+    try:
+        known = np.asarray(position)
+    except ValueError:
+        known = np.zeros(0)
+    if known.shape[-1:] != (2,) or known.dtype.kind not in "iuf":
+        raise BadPosition(f"{name}: position is {position!r}; expected (..., 2) of u, v")
+    if not np.isfinite(known).all() or not fits(camera, known.reshape(-1, 2), roi).all():
+        raise BadPosition(
+            f"{name}: its {roi[0]}x{roi[1]} ROI at {position!r} leaves the "
+            f"{camera.width}x{camera.height} image"
+        )
+
+
+def _check_strength(strength: Any) -> None:
+    known = _known(strength)
+    if known is None:
+        return
+    if known.dtype.kind not in "iuf" or not np.isfinite(known).all() or (known < 0).any():
+        raise JShapeError(f"strength is {strength!r}; it must be a number from 0")

@@ -38,7 +38,8 @@ class Pressed:
     tool: Float[Array, "rows columns"]
     """How far the tool's underside is below the reference, metres."""
     give: Float[Array, "rows columns"]
-    """Share of what stands above the underside that gives way."""
+    """Share of what stands above the underside that gives way.  Signed: beside the tool it may be
+    below 0, where hills are felt by rising further."""
     rest: Float[Array, "rows columns"]
     """Change on ground of any shape, metres; negative is raised: the rims."""
     swell: Float[Array, "rows columns"]
@@ -61,7 +62,7 @@ class Pressed:
         """ROIs after the action, not yet clipped to [0, 1].  Replaces Eq. Doutput.
 
         A stronger action lowers the tool by its depth times (strength - 1): one deeper knock, not
-        several.
+        several.  Below a strength of 0.2 all of it fades to nothing.
         """
         one = jnp.vectorize(self._of_one, signature="(h,w),(n),()->(h,w)")
         return one(roi, jnp.asarray(place), jnp.asarray(strength, jnp.float32))
@@ -88,12 +89,15 @@ class Pressed:
         lowered = (jnp.asarray(strength)[..., None, None] - 1.0) * deepest
         cut = _soft(self.tool - relief)
         cut_deeper = _soft(self.tool + lowered - relief)
-        # Shares of the volume displaced on flat ground; one cubic millimetre or so against 0 / 0.
-        least = 1e-3 * give.size**0.5 * SOFT
+        # Shares of the volume displaced on flat ground; 1 µm over the grid against 0 / 0.
+        least = 1e-6 * give.size
         volume = _sum(give * cut) / (_sum(give * flat) + least)
         more = (_sum(give * cut_deeper) + least) / (_sum(give * cut) + least)
         rest = self.rest * jnp.where(self.rest < 0, more, 1.0)
-        return self.give * cut_deeper + rest + self.swell * (volume - 1.0) + self.follow * relief
+        beside = rest + self.swell * (volume - 1.0) + self.follow * relief
+        strength = jnp.asarray(strength)[..., None, None]
+        whole = self.give * cut_deeper + jnp.clip(strength, 0.0, 1.0) * beside
+        return jnp.clip(5.0 * strength, 0.0, 1.0) * whole
 
 
 def _soft(height: Array) -> Array:

@@ -55,18 +55,13 @@ class Checkpoints:
         numbers = self._numbers()
         if not numbers:
             return None
-        place = self.folder / _name(numbers[-1])
         try:
-            facts = read_json(place / FACTS)
-            if facts.get("format") != FORMAT or not isinstance(facts.get("checksums"), dict):
-                raise BadFile(f"{place / FACTS}: is not a checkpoint's")
-            for name, expected in facts["checksums"].items():
-                if sha256(inside(place, name)) != expected:
-                    raise BadFile(f"{place / name}: checksum differs; damaged?")
-            arrays = _read(place / ARRAYS)
+            return _load(self.folder / _name(numbers[-1]))
         except BadFile as problem:
-            raise BadFile(f"{problem}; remove {self.where} to start this action again") from None
-        return arrays, facts["facts"]
+            cure = f"remove {self.where} to start this action again"
+            if any(_whole(self.folder / _name(number)) for number in numbers[:-1]):
+                cure = f"remove {self.folder / _name(numbers[-1])} to go on from the one before"
+            raise BadFile(f"{problem}; {cure}") from None
 
     def save(self, arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
         """Write a new checkpoint, whole or not at all, then remove the one before.
@@ -130,6 +125,35 @@ def discard(folder: str | os.PathLike) -> None:
 
 def _name(number: int) -> str:
     return f"saved-{number:08d}"
+
+
+def _load(place: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and facts of one checkpoint, whose files are all there and as they were written."""
+    facts = read_json(place / FACTS)
+    if (
+        not isinstance(facts, dict)
+        or facts.get("format") != FORMAT
+        or not isinstance(facts.get("facts"), dict)
+        or not isinstance(facts.get("checksums"), dict)
+    ):
+        raise BadFile(f"{place / FACTS}: is not a checkpoint's")
+    there = {path.relative_to(place).as_posix() for path in place.rglob("*") if path.is_file()}
+    wrong = sorted((there - {FACTS}) ^ set(facts["checksums"]))
+    if wrong or not facts["checksums"]:
+        named = one_line(wrong[0] if wrong else ARRAYS, 80)
+        raise BadFile(f"{place}: {named} is missing or has no checksum; damaged?")
+    for name, expected in facts["checksums"].items():
+        if sha256(inside(place, name)) != expected:
+            raise BadFile(f"{place / name}: checksum differs; damaged?")
+    return _read(place / ARRAYS), facts["facts"]
+
+
+def _whole(place: Path) -> bool:
+    try:
+        _load(place)
+    except BadFile:
+        return False
+    return True
 
 
 def _write(place: Path, arrays: dict[str, np.ndarray]) -> None:

@@ -187,7 +187,13 @@ def scores_figure(scores: Sequence[Score]) -> Figure:
     known = {}
     for ax in axes:
         known |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=3, fontsize=9)
+    entry = 0.7 + 0.08 * max(map(len, known))  # inches that the longest takes at this size
+    across = max(columns * wide, entry + 0.3)
+    figure.set_size_inches(across, figure.get_figheight())
+    figure.legend(
+        known.values(), known.keys(), loc="outside lower center", fontsize=9,
+        ncols=min(3, max(1, int((across - 0.2) / entry))),
+    )  # fmt: skip
     return figure
 
 

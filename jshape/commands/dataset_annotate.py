@@ -53,20 +53,7 @@ def annotate(options: argparse.Namespace) -> dict[str, Any]:
         options.out, pairs.camera, pairs.depth_unit, overwrite=options.overwrite
     ) as add:
         for k in kept:
-            (u, v), (w, h) = found.centre[k].tolist(), found.size[k].tolist()
-            add(
-                by_hand=bool(by_hand[k]),
-                id=str(found.id[k]),
-                action=str(found.action[k]),
-                agent=str(found.agent[k]),
-                material=str(found.material[k]),
-                prior=found.prior[k],
-                posterior=found.posterior[k],
-                u=u,
-                v=v,
-                width=w,
-                height=h,
-            )
+            add(by_hand=bool(by_hand[k]), **datasets.row_of(found, k))
         pages = [kept[k : k + sheets.PER_PAGE] for k in range(0, len(kept), sheets.PER_PAGE)]
         for number, page in enumerate(progress(pages, len(pages), "drawing")):
             tiles = [

@@ -50,7 +50,8 @@ def fit_pressed(
       seed: of the order of the pairs.
 
     Raises:
-      BadDataset: no pairs, or one without any pixel seen before and after.
+      BadDataset: no pairs, one without any pixel seen before and after, or pixels that no pair has
+        seen.
     """
     if len(examples.prior) == 0:
         raise BadDataset("no pairs to fit to")
@@ -58,16 +59,16 @@ def fit_pressed(
     if not seen.any((1, 2)).all():
         blind = int(np.argmin(seen.any((1, 2)))) + 1
         raise BadDataset(f"pair {blind} of {len(seen)} has no pixel seen before and after")
-    prior, posterior = (np.stack([fill_nan(roi) for roi in rois]) for rois in examples[:2])
-    filled = Examples(prior, posterior, examples.place)
-    ground = _ground(filled, camera) if start is None else start.ground
-    before, after = _surfaces(ground, filled)
     unseen = ~seen.any(0)
     if unseen.any():
         raise BadDataset(
             f"{int(unseen.sum())} of {unseen.size} ROI pixels have no depth reading in any of the "
             f"{len(seen)} pairs"
         )
+    prior, posterior = (np.stack([fill_nan(roi) for roi in rois]) for rois in examples[:2])
+    filled = Examples(prior, posterior, examples.place)
+    ground = _ground(filled, camera) if start is None else start.ground
+    before, after = _surfaces(ground, filled)
     counted = jnp.asarray(_at_nodes(seen, ground), jnp.float32)
     if start is None:
         first = _first_guess(ground, before, after, counted)
@@ -101,9 +102,9 @@ def _ground(examples: Examples, camera: Camera) -> Ground:
         change = np.asarray(after - before)
         return float(np.abs(change - np.median(change, 0)).mean())
 
-    depths = [middle + 1e-3 * mm for mm in DEPTHS]
-    least = max(unlike(middle), 1e-9)  # one pair is like itself from everywhere
-    return at(min(depths, key=lambda depth: unlike(depth) / least + DOUBT * abs(depth - middle)))
+    found = {1e-3 * mm: unlike(middle + 1e-3 * mm) for mm in DEPTHS}
+    least = max(found[0.0], 1e-9)  # one pair is like itself from everywhere
+    return at(middle + min(found, key=lambda off: found[off] / least + DOUBT * abs(off)))
 
 
 @jax.jit

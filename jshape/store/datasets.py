@@ -100,20 +100,16 @@ def save_pairs(pairs: Pairs, folder: str | os.PathLike, overwrite: bool = False)
     """
     with dataset_writer(folder, pairs.camera, pairs.depth_unit, overwrite=overwrite) as add:
         for k in range(len(pairs)):
-            (u, v), (w, h) = pairs.centre[k].tolist(), pairs.size[k].tolist()
-            add(
-                id=str(pairs.id[k]),
-                action=str(pairs.action[k]),
-                agent=str(pairs.agent[k]),
-                material=str(pairs.material[k]),
-                prior=pairs.prior[k],
-                posterior=pairs.posterior[k],
-                u=u,
-                v=v,
-                width=w,
-                height=h,
-            )
+            add(**row_of(pairs, k))
     return Path(folder)
+
+
+def row_of(pairs: Pairs, k: int) -> dict[str, Any]:
+    """Pair number k as the arguments of a writer's `add`."""
+    (u, v), (w, h) = pairs.centre[k].tolist(), pairs.size[k].tolist()
+    names = {name: str(getattr(pairs, name)[k]) for name in _NAMES}
+    frames = {"prior": pairs.prior[k], "posterior": pairs.posterior[k]}
+    return {**names, **frames, "u": u, "v": v, "width": w, "height": h}
 
 
 @contextmanager

@@ -5,109 +5,36 @@ read its answer.  Nothing is compiled anew for another image, goal, place, least
 another `max_steps`, or another number of places, is another shape.
 """
 
-import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jshape import actions as places
-from jshape import metric
-from jshape._typing import ArrayLike
+from jshape import actions as rectangles
+from jshape import metric, places
+from jshape._typing import Array, ArrayLike
 from jshape.camera import Camera
 from jshape.data.depth import to_metres
-from jshape.data.view import View, image_of_depth, view_of
-from jshape.errors import BadBank, BadImage, BadPosition, JShapeError, UnknownName
+from jshape.data.view import image_of_depth, view_of
+from jshape.errors import BadBank, BadImage, JShapeError, UnknownName
+from jshape.planned import Plan, successive
 from jshape.planners import PLANNERS
-from jshape.planners.base import Limits, Status
+from jshape.planners.base import EVER, Budget, Found, Limits, Status, Task, room_for
 from jshape.predict.bank import Bank
-from jshape.predict.sweep import candidates_at
+from jshape.predict.rollout import after_action
+from jshape.predict.sweep import ONE_BY_ONE, How, candidates_at
+from jshape.predict.terrain import Terrain, terrain_of
 
 DEFAULT_BANK = "pressed-flour-robot"
 MAX_STEPS = 1000
 """Most actions of a plan: the predicted ROI of each has its place in memory from the start."""
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """Which actions to apply, where, in which order, and what is predicted to come out."""
-
-    camera: Camera
-    """The camera of the images."""
-    actions: tuple[str, ...]
-    """K names, in the order to apply them."""
-    positions: np.ndarray
-    """(K, 2) of (u, v) pixels: ROI centres; the ROI starts at (u - w // 2, v - h // 2)."""
-    rois: np.ndarray
-    """(K, 2) ROI sizes (w, h), pixels."""
-    distances: np.ndarray
-    """(K+1,) predicted d to the goal before and after each action, recomputed on whole images."""
-    status: Status
-    """Why the plan ends."""
-    evaluations: int = 0
-    """ROI predictions made."""
-    clipped: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
-    """(K,) share of each predicted ROI that had to be clipped to [0, 1]."""
-    filled: tuple[int, int] = (0, 0)
-    """Pixels without a depth reading that were filled: in the initial image, in the goal."""
-    clamped: tuple[int, int] = (0, 0)
-    """Pixels beyond the camera's depth range, taken for its end: likewise."""
-    view: View | None = None
-    """How the camera's frames became those of `camera`; None: they were its own."""
-    initial: np.ndarray | None = None
-    """(H, W) the image I0 that was planned from."""
-    goal: np.ndarray | None = None
-    """(H, W) the image wanted."""
-    patches: tuple[np.ndarray, ...] = ()
-    """K predicted ROIs (h, w) of I, one per action."""
-
-    def __len__(self) -> int:
-        return len(self.actions)
-
-    @property
-    def distances_mm(self) -> np.ndarray:
-        """`distances` as the mean 3-D distance of matched points, mm."""
-        return np.asarray(metric.to_mm(self.distances, self.camera))
-
-    @property
-    def camera_positions(self) -> np.ndarray:
-        """(K, 2) of (u, v): `positions` in the own pixels of the camera that took the frames."""
-        if self.view is None:
-            return self.positions
-        return self.view.pixels(self.positions)
-
-    @cached_property
-    def images(self) -> np.ndarray:
-        """(K+1, H, W) predicted I: I0, then the image after each action.  Eq. predStep3."""
-        if self.initial is None:
-            raise JShapeError("this plan was stored without its images")
-        firsts = places.first_pixels(self.positions, self.rois)
-        return np.stack([i.copy() for i in _successive(self.initial, self.patches, firsts)])
-
-    def to_json(self, path: str | Path, *, images: bool = True) -> None:
-        """Write the plan to a file, with I0 and the predicted ROIs unless `images` is False.
-
-        Raises:
-          BadFile: the file cannot be written.
-        """
-        from jshape.store.plans import write_plan
-
-        write_plan(path, self, images=images)
-
-    @staticmethod
-    def from_json(path: str | Path) -> "Plan":
-        """Read a plan that `to_json` wrote.
-
-        Raises:
-          BadFile: the file is not a plan.
-        """
-        from jshape.store.plans import read_plan
-
-        return read_plan(path)
 
 
 def plan(
@@ -117,10 +44,22 @@ def plan(
     bank: Bank | str | Path | None = None,
     planner: str = "greedy",
     positions: ArrayLike | Mapping[str, ArrayLike] | str | None = None,
+    stride: int | None = None,
+    strengths: Sequence[float] = (1.0,),
+    yaws: int | Mapping[str, int] = 1,
     max_steps: int = 16,
     min_gain: float = 0.0,
     tolerance: float = 0.0,
+    caution: float = 0.0,
     clip: str = "refuse",
+    reach: ArrayLike | None = None,
+    clearance_mm: float = 0.0,
+    most: Mapping[str, int] | None = None,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    seed: int = 0,
+    start: Plan | None = None,
+    how: How = ONE_BY_ONE,
 ) -> Plan:
     """The sequence of actions that molds image I0 into Istar, as the bank predicts it.
 
@@ -128,19 +67,35 @@ def plan(
       I0: (H, W) weighed image I of the bed now (see `jshape.weigh`), floats in [0, 1].
       Istar: (H, W) the image wanted.
       bank: a `Bank`, the name of a bundled one or a folder; None is the bundled default.
-      planner: which search.
+      planner: which search (docs/planning.md says which when).
       positions: (N, 2) of (u, v) ROI centres for all actions, a mapping of action to such, or a
         grid "21x15" (columns x rows) that spans the image for each action; None is the paper's
         grid of 15, the same for all actions.
+      stride: instead of positions, every so many pixels along u and v; the best of them are then
+        moved, and their strengths changed, in smaller and smaller steps.
+      strengths: how many times as deep as trained each action is tried.
+      yaws: directions of the hand over half a turn, for all actions or each; 1 is the trained one
+        alone.
       max_steps: most actions in the plan.
       min_gain: an action must lower d by more than this.
       tolerance: stop when d is at most this.
+      caution: an action must also gain more than this many times its own usual error.
       clip: what to do with given positions whose ROI leaves the image: "refuse", "shift", "drop".
+      reach: (H, W), not 0 where the hand may be placed; None is everywhere.
+      clearance_mm: least distance of places to the image's edge and to what `reach` leaves out.
+      most: how often each action may be used.
+      seconds: the search stops about then with the best it has; compiling is not counted.
+      evaluations: the search stops after so many predictions with the best it has.
+      seed: for searches that draw.
+      start: an earlier plan for about the same images, to begin with.
+      how: chunks and devices to evaluate candidates with; changes no result.
 
     Raises:
       BadImage: wrong shape, type, range, or pixels without a reading.
       BadPosition: a ROI leaves the image.
+      BadBank: several yaws for a bank whose predictors cannot be turned.
       UnknownName: no such planner, bank or action.
+      JShapeError: a number that makes no sense.
     """
     bank = _as_bank(bank)
     first = check_image(I0, bank.camera, "I0")
@@ -149,51 +104,203 @@ def plan(
         raise UnknownName("planner", planner, PLANNERS)
     if not isinstance(max_steps, int | np.integer) or not 0 <= max_steps <= MAX_STEPS:
         raise JShapeError(f"max_steps is {max_steps!r}; it must be a whole number to {MAX_STEPS}")
-    for name, value in (("min_gain", min_gain), ("tolerance", tolerance)):
+    for name, value in (("min_gain", min_gain), ("tolerance", tolerance), ("caution", caution)):
         if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
-            raise JShapeError(f"{name} is {value!r}; it must be a number of d from 0")
-    where = placed_positions(bank, positions, clip)
-    candidates = candidates_at(bank, where)
-    limits = Limits(float(min_gain), float(tolerance))
-    found = jax.device_get(
-        PLANNERS[planner](bank, first, goal, candidates, limits, max_steps=int(max_steps))
+            raise JShapeError(f"{name} is {value!r}; it must be a number from 0")
+    if positions is not None and stride is not None:
+        raise JShapeError("positions and stride are both given; one says where actions are tried")
+    free = places.reachable(bank.camera, reach, clearance_mm)
+    turned = _directions(bank, yaws)
+    terrain = _terrain(bank, first, goal, jnp.array([yaw for _, yaw in turned]),
+                       moves=tuple((a, yaw != 0) for a, yaw in turned))  # fmt: skip
+    if stride is None:
+        where = places.placed_positions(bank, positions, clip)
+    else:
+        where = _at_nodes(terrain, bank, places.dense_positions(bank, stride))
+    where = places.within(where, free)
+    task = Task(
+        terrain=terrain,
+        candidates=candidates_at(terrain, bank, where, _strengths(strengths), free),
+        limits=_limits(bank, min_gain, tolerance, caution, most),
+        max_steps=int(max_steps),
+        budget=_budget(seconds, evaluations),
+        fine=_rounds(terrain, stride),
+        key=jax.random.key(seed),
+        start=None if start is None else _as_found(start, terrain, bank, int(max_steps)),
+        how=how,
     )
+    found = jax.device_get(PLANNERS[planner](task))
+    return _carried_out(found, task, bank, first, goal, float(tolerance))
 
-    steps = int(found.steps)
-    chosen = [candidates.locate(int(index)) for index in found.chosen[:steps]]
-    names = tuple(bank.actions[action] for action, _ in chosen)
-    centres = [where[bank.actions[action]][index] for action, index in chosen]
+
+def _carried_out(
+    found: Found, task: Task, bank: Bank, first: np.ndarray, goal: np.ndarray, tolerance: float
+) -> Plan:
+    """The plan of what a search found: its predictions made again on whole images.
+
+    The search's own distances are sums of changes, which drift by rounding, and on the ground.
+    """
+    terrain, steps = task.terrain, int(found.steps)
+    image = jnp.asarray(first)
+    names, centres, rois, offsets, patches, clipped, yaws = [], [], [], [], [], [], []
+    for k in range(steps):
+        number = int(found.move[k])
+        move = terrain.moves[number]
+        exact = terrain.pixel(found.node[k])[::-1]
+        known = np.asarray(task.candidates.first[number]) + move.middle
+        same = np.flatnonzero((known == found.node[k]).all(1))
+        if same.size:  # a given place, not the node beside it
+            exact = np.asarray(task.candidates.pixels[number][same[0]])
+        yaw = float(move.yaw)
+        w, h = move.roi
+        low = np.array([w // 2, h // 2])
+        room = np.array([bank.camera.width - w, bank.camera.height - h])
+        centre = np.clip(np.rint(exact).astype(np.int32), low, low + room)
+        offset = (exact - centre).astype(np.float32)
+        offset[np.abs(offset) < 1e-3] = 0
+        corner = (centre - low)[::-1]
+        patch, share = after_action(
+            bank, image, jnp.asarray(corner, jnp.int32), float(found.strength[k]), yaw,
+            jnp.asarray(offset[::-1]), action=move.action, turned=yaw != 0,
+            moved=bool(offset.any()),
+        )  # fmt: skip
+        image = jax.lax.dynamic_update_slice(image, patch, tuple(jnp.asarray(corner, jnp.int32)))
+        names.append(bank.actions[move.action])
+        centres.append(centre)
+        rois.append(move.roi)
+        offsets.append(offset)
+        yaws.append(yaw)
+        patches.append(np.asarray(patch))
+        clipped.append(float(share))
     positions = np.array(centres, np.int32).reshape(-1, 2)
-    rois = np.array([bank.roi(name) for name in names], np.int32).reshape(-1, 2)
-    patches = tuple(found.patches[k, :h, :w] for k, (w, h) in enumerate(rois))
-    # The search adds up changes of ROIs, which drifts by rounding: measure again on whole images.
-    images = _successive(first, patches, places.first_pixels(positions, rois))
+    sizes = np.array(rois, np.int32).reshape(-1, 2)
+    images = successive(first, tuple(patches), rectangles.first_pixels(positions, sizes))
     distances = np.array([metric.distance(image, goal) for image in images], np.float32)
     return Plan(
         camera=bank.camera,
-        actions=names,
+        actions=tuple(names),
         positions=positions,
-        rois=rois,
+        rois=sizes,
         distances=distances,
         status=Status.CONVERGED if distances[-1] <= tolerance else Status(int(found.status)),
         evaluations=int(found.evaluations),
-        clipped=found.clipped[:steps],
+        seconds=task.budget.elapsed,
+        strengths=np.array(found.strength[:steps], np.float32),
+        yaws=np.array(yaws, np.float32),
+        offsets=np.array(offsets, np.float32).reshape(-1, 2),
+        clipped=np.array(clipped, np.float32),
         initial=first,
         goal=goal,
-        patches=patches,
+        patches=tuple(patches),
     )
 
 
-def _successive(
-    initial: np.ndarray, patches: tuple[np.ndarray, ...], firsts: np.ndarray
-) -> Iterator[np.ndarray]:
-    """I0 and the image after each patch; one buffer, so copy what you keep."""
-    image = np.array(initial)
-    yield image
-    for (left, top), patch in zip(firsts, patches, strict=True):
-        h, w = patch.shape
-        image[top : top + h, left : left + w] = patch
-        yield image
+@partial(jax.jit, static_argnames=["moves"])
+def _terrain(
+    bank: Bank, image: Array, goal: Array, yaws: Array, *, moves: tuple[tuple[int, bool], ...]
+) -> Terrain:
+    turned = [(a, yaws[k] if turn else None) for k, (a, turn) in enumerate(moves)]
+    return terrain_of(bank, image, goal, turned)
+
+
+def _directions(bank: Bank, yaws: int | Mapping[str, int]) -> list[tuple[int, float]]:
+    """(action number, yaw) of every move, the trained direction first."""
+    if not isinstance(yaws, Mapping):
+        yaws = dict.fromkeys(bank.actions, yaws)
+    for name, count in yaws.items():
+        if name not in bank.actions:
+            raise UnknownName("action", name, bank.actions)
+        whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
+        if not whole or not 1 <= count <= 64:
+            raise JShapeError(f"yaws is {count!r}; it must be a whole number from 1 to 64")
+        if count > 1 and not bank.turns:
+            raise BadBank(f"a bank of kind {bank.kind!r} cannot turn the hand; yaws must be 1")
+    moves = []
+    for number, name in enumerate(bank.actions):
+        count = yaws.get(name, 1)
+        if max(bank.turned_roi(name)) > min(bank.camera.shape):
+            count = 1  # a turned hand's square does not fit into the image
+        angles = [math.pi * k / count for k in range(count)]
+        moves += [(number, a if a <= math.pi / 2 else a - math.pi) for a in angles]
+    return moves
+
+
+def _at_nodes(
+    terrain: Terrain, bank: Bank, where: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Places moved to the nearest nodes, if their ROIs stay inside."""
+    found = {}
+    for name, at in where.items():
+        moved = np.rint(terrain.pixel(terrain.node(at[:, ::-1]))).astype(np.int32)[:, ::-1]
+        inside = rectangles.fits(bank.camera, moved, bank.roi(name))
+        found[name] = np.where(inside[:, None], moved, at)
+    return found
+
+
+def _rounds(terrain: Terrain, stride: int | None) -> int:
+    """Rounds of polishing that lead from a stride of pixels down to one node."""
+    if stride is None:
+        return 0
+    return max(math.ceil(math.log2(max(stride / float(min(terrain.pitch)), 1.0))), 0)
+
+
+def _strengths(strengths: Sequence[float]) -> list[float]:
+    values = np.asarray(strengths)
+    if values.ndim != 1 or not values.size or values.dtype.kind not in "iuf":
+        raise JShapeError(f"strengths is {strengths!r}; it must be numbers above 0, at least one")
+    if not (np.isfinite(values).all() and (values > 0).all() and values.size <= 64):
+        raise JShapeError(f"strengths is {strengths!r}; they must be numbers above 0, at most 64")
+    return sorted(set(values.astype(float).tolist()))
+
+
+def _limits(
+    bank: Bank, min_gain: float, tolerance: float, caution: float, most: Mapping[str, int] | None
+) -> Limits:
+    allowed = np.full(len(bank.actions), EVER, np.int32)
+    for name, count in (most or {}).items():
+        if name not in bank.actions:
+            raise UnknownName("action", name, bank.actions)
+        if not isinstance(count, int | np.integer) or isinstance(count, bool) or count < 0:
+            raise JShapeError(f"most of {name} is {count!r}; it must be a whole number from 0")
+        allowed[bank.actions.index(name)] = min(count, EVER)
+    return Limits(
+        min_gain=float(min_gain),
+        tolerance=float(tolerance),
+        errors=float(caution) * bank.error_of_d(),
+        most=jnp.asarray(allowed),
+    )
+
+
+def _budget(seconds: float | None, evaluations: int | None) -> Budget:
+    for name, value in (("seconds", seconds), ("evaluations", evaluations)):
+        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        if value is not None and not (number and 0 < value < np.inf):
+            raise JShapeError(f"{name} is {value!r}; it must be a number above 0")
+    whole = None if evaluations is None else math.ceil(evaluations)
+    return Budget(seconds, whole, time.monotonic)
+
+
+def _as_found(plan: Plan, terrain: Terrain, bank: Bank, max_steps: int) -> Found | None:
+    """An earlier plan as a sequence on this terrain; None if it has nothing to begin with."""
+    steps = min(len(plan), max_steps)
+    if not steps or any(name not in bank.actions for name in plan.actions):
+        return None
+    room = room_for(max_steps)
+    move, node = np.full(room, -1, np.int32), np.zeros((room, 2), np.float32)
+    strength = np.zeros(room, np.float32)
+    for k in range(steps):
+        action, yaw = bank.actions.index(plan.actions[k]), float(plan.yaws[k])
+        mine = [m for m, one in enumerate(terrain.moves) if one.action == action]
+        if not mine:
+            return None
+        move[k] = min(mine, key=lambda m: abs(float(terrain.moves[m].yaw) - yaw))
+        exact = plan.positions[k] + plan.offsets[k]
+        node[k] = (exact[::-1] - np.asarray(terrain.origin)) / np.asarray(terrain.pitch)
+        strength[k] = plan.strengths[k]
+    return Found(
+        steps=np.int32(steps), move=move, node=node, strength=strength,
+        distance=np.float32(np.inf), status=np.int32(-1), evaluations=np.int32(0),
+    )  # fmt: skip
 
 
 def plan_depth(
@@ -283,51 +390,6 @@ def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:
     if low < 0 or high > 1 + 1e-5:
         raise BadImage(f"{where} has values from {low:g} to {high:g}; a weighed image is in [0, 1]")
     return np.ascontiguousarray(array, np.float32)
-
-
-def placed_positions(
-    bank: Bank, positions: ArrayLike | Mapping[str, ArrayLike] | str | None, clip: str = "refuse"
-) -> dict[str, np.ndarray]:
-    """Positions (N_a, 2) per action of a bank, all ROIs inside the image (host).
-
-    None is the paper's 5 x 3 grid, laid so that the bank's largest ROI fits everywhere; "21x15"
-    is a grid as wide as each action's own ROI allows.
-    """
-    rois = bank.rois
-    if positions is None:
-        per_action = dict.fromkeys(bank.actions, places.grid(bank.camera, margin=bank.largest_roi))
-    elif isinstance(positions, str):
-        size = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", positions)
-        if not size:
-            raise BadPosition(f"positions {positions!r}: a grid is written COLUMNSxROWS")
-        columns, rows = int(size[1]), int(size[2])
-        per_action = {
-            name: places.grid(bank.camera, columns, rows, margin=roi) for name, roi in rois.items()
-        }
-    elif isinstance(positions, Mapping):
-        unknown = [name for name in positions if name not in bank.actions]
-        if unknown:
-            raise UnknownName("action", unknown[0], bank.actions)
-        per_action = {name: _as_positions(where) for name, where in positions.items()}
-    else:
-        per_action = dict.fromkeys(bank.actions, _as_positions(positions))
-    return places.place(bank.camera, per_action, rois, clip)
-
-
-def _as_positions(positions: ArrayLike) -> np.ndarray:
-    try:
-        array = np.asarray(positions)
-    except ValueError:
-        raise BadPosition("positions are not (N, 2): they have rows of different length") from None
-    if array.size == 0:
-        return np.zeros((0, 2), np.int32)
-    whole = array.dtype.kind in "iuf" and np.all(np.abs(array) < 2**31)
-    if array.ndim != 2 or array.shape[1] != 2 or not whole or np.any(array != np.rint(array)):
-        raise BadPosition(
-            f"positions have shape {array.shape} and type {array.dtype}; "
-            "they must be (N, 2) whole pixels (u, v)"
-        )
-    return array.astype(np.int32)
 
 
 def _as_bank(bank: Bank | str | Path | None) -> Bank:

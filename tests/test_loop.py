@@ -120,3 +120,20 @@ def test_the_simulated_world_changes_where_it_is_pressed():
     deeper_mm = np.where(seen, after - before, 0) * 1e3
     assert deeper_mm[187:207, 230:250].mean() > 4  # a crater: farther from the camera
     assert abs(deeper_mm[:50, :50].mean()) < 0.2
+
+
+def test_the_simulated_hand_goes_deeper_and_turns():
+    """A press 1.5 times as deep is deeper; a quarter turn swaps the sides of its crater."""
+    deepest, sides = [], []
+    for strength, yaw in ((1.0, 0.0), (1.5, 0.0), (1.0, np.pi / 2)):
+        world = SimulatedWorld(jax.random.key(3), sim.flat_bed(), spread=0.0)
+        world.act("press", (240.0, 197.5), strength=strength, yaw=yaw)
+        deeper_mm = (np.asarray(sim.render(world.bed, PAPER_BOX)) - sim.SURFACE) * 1e3
+        deepest.append(deeper_mm.max())
+        v, u = np.nonzero(deeper_mm > 3)
+        sides.append((np.ptp(u), np.ptp(v)))
+    assert deepest[1] == pytest.approx(1.5 * deepest[0], rel=0.1)
+    assert sides[0][1] > 1.5 * sides[0][0]
+    assert sides[2] == pytest.approx(sides[0][::-1], abs=3)
+    with pytest.raises(JShapeError, match="depth_scale is 0"):
+        world.act("press", (240, 197), strength=0.0)

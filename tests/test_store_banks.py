@@ -98,6 +98,35 @@ def test_the_manifest_says_what_the_bank_is(tmp_path, bank):
     assert sorted(os.listdir(folder)) == ["effects.npz", "manifest.json"]
 
 
+def test_errors_are_kept(tmp_path, bank, folder):
+    """As the manifest has them, there and back; where they are not known, NaN or None."""
+    assert load_bank(folder).errors_mm is None and "errors" not in bank_manifest(folder)
+    rows = [{"action": "poke/ é", "mm": 1, "f_D_mm": 2.5}]
+    named = save_bank(bank, tmp_path / "named", info={"errors": rows})
+    assert bank_manifest(named)["errors"] == rows
+    found = load_bank(named)
+    assert found.errors_mm.dtype == jnp.float32
+    np.testing.assert_array_equal(found.errors_mm, [np.nan, 1.0])
+    again = save_bank(found, tmp_path / "again")
+    assert bank_manifest(again)["errors"] == [{"action": "poke/ é", "mm": 1.0}]
+    np.testing.assert_array_equal(load_bank(again).errors_mm, [np.nan, 1.0])
+    both = replace(bank, errors_mm=jnp.array([0.7407529, 0.0], jnp.float32))
+    save_bank(both, again, overwrite=True)
+    np.testing.assert_array_equal(load_bank(again).errors_mm, both.errors_mm)
+    save_bank(both, again, info={"errors": rows}, overwrite=True)  # told otherwise
+    np.testing.assert_array_equal(load_bank(again).errors_mm, [np.nan, 1.0])
+    save_bank(replace(bank, errors_mm=jnp.full(2, np.nan)), again, overwrite=True)
+    assert load_bank(again).errors_mm is None
+
+
+@pytest.mark.parametrize("name", [n for n in list_banks() if n.startswith("pressed")])
+def test_bundled_banks_know_their_errors(name):
+    rows = {row["action"]: row["mm"] for row in bank_manifest(name)["errors"]}
+    found = load_bank(name)
+    np.testing.assert_allclose(found.errors_mm, [rows[a] for a in found.actions], rtol=1e-6)
+    assert (np.asarray(found.error_of_d()) > 0).all()
+
+
 def test_an_existing_bank_is_replaced_only_on_demand(tmp_path, bank, folder):
     other = replace(bank, actions=("a", "b"))
     with pytest.raises(BadFile, match="exists"):
@@ -186,6 +215,9 @@ def test_what_could_not_be_loaded_again_is_not_saved(tmp_path, bank):
         (replace(bank, predictors=(broken, broken)), "delta of grasp holds NaN"),
         (replace(bank, predictors=(), actions=()), "actions must be names, at least one"),
         (replace(bank, actions=("a", "")), "actions must be names"),
+        (replace(bank, errors_mm=jnp.ones(3)), r"errors_mm has shape \(3,\)"),
+        (replace(bank, errors_mm=jnp.array([1.0, -1.0])), "error of poke/ é is -1.0"),
+        (replace(bank, errors_mm=jnp.array([jnp.inf, 1.0])), "error of grasp is inf"),
         (replace(bank, camera=replace(CAMERA, width=11)), r"ROI of grasp is \[12, 9\].*11x30"),
     ):
         with pytest.raises(BadBank, match=match):
@@ -308,6 +340,18 @@ def test_a_missing_file_is_named(folder):
         ({"checksums": {}}, "checksums lacks effects.npz"),
         ({"checksums": {"effects.npz": 3}}, "checksum differs"),
         ({"checksums": {"effects.npz": "", "../x": ""}}, "checksum differs"),
+        ({"errors": {"grasp": 1.0}}, "errors must be a list of rows"),
+        ({"errors": [1.0, 2.0]}, "errors must be a list of rows"),
+        ({"errors": [{"action": "knock", "mm": 1}]}, "row of 'knock'; expected each action once"),
+        ({"errors": [{"mm": 1}]}, "row of None"),
+        ({"errors": [{"action": ["grasp"], "mm": 1}]}, "row of ['grasp']"),
+        ({"errors": [{"action": "grasp", "mm": 1}] * 2}, "row of 'grasp'; expected each"),
+        ({"errors": [{"action": "grasp"}]}, "error of grasp is None; expected mm"),
+        ({"errors": [{"action": "grasp", "mm": "1"}]}, "error of grasp is '1'"),
+        ({"errors": [{"action": "grasp", "mm": True}]}, "error of grasp is True"),
+        ({"errors": [{"action": "grasp", "mm": -0.1}]}, "error of grasp is -0.1"),
+        ({"errors": [{"action": "grasp", "mm": 1e300}]}, "error of grasp is 1e+300"),
+        ({"errors": [{"action": "grasp", "mm": 10**400}]}, "error of grasp is 1000"),
         ({"checksums": {"../../etc/passwd": "", "effects.npz": ""}}, "must not contain '..'"),
     ],
     ids=str,

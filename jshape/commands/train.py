@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from jshape.commands import arguments
@@ -22,6 +23,7 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
     from jshape import metric
     from jshape.learn.fit import fit
+    from jshape.learn.held_out import LEAST_PAIRS
     from jshape.viz import curves as drawings
     from jshape.viz import pictures
 
@@ -39,7 +41,8 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
         )
     start = banks.load_bank(options.start) if options.start is not None else None
     pairs = datasets.load_pairs(options.dataset)
-    given = {name: getattr(options, name) for name in (*arguments.TRAINING, "morphology")}
+    settings = {name: getattr(options, name) for name in (*arguments.TRAINING, "morphology")}
+    settings = {name: value for name, value in settings.items() if value is not None}
     to_mm = float(metric.to_mm(1.0, pairs.camera))
     going_on = f"going on from {kept} (--restart starts again)"
     watch = _Watch(to_mm, going_on if resumed and not options.json else "")
@@ -50,7 +53,7 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
             start=start,
             report=watch,
             keep=(lambda action: checkpoints.Checkpoints(kept, action)) if keeps else None,
-            **{name: value for name, value in given.items() if value is not None},
+            **settings,
         )
     except KeyboardInterrupt:
         watch.close()
@@ -66,7 +69,13 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
         "agents": list(dict.fromkeys(pairs.agent.tolist())),
         "materials": list(dict.fromkeys(pairs.material.tolist())),
     }
-    info: dict[str, Any] = {"data": data, "licence": options.licence}
+    if keeps:
+        errors = watch.errors_mm()
+    else:
+        errors = _held_out(bank, pairs, start, settings)
+    errors = {name: mm for name, mm in errors.items() if data["pairs"][name] >= LEAST_PAIRS}
+    rows = [{"action": name, "mm": mm} for name, mm in errors.items() if not np.isnan(mm)]
+    info: dict[str, Any] = {"data": data, "errors": rows, "licence": options.licence}
     if watch.curves:
         info["training"] = watch.summary()
     curves = {
@@ -78,9 +87,13 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
         checkpoints.discard(kept)
     if not options.json:
         print(f"bank of kind {bank.kind}: {options.out}")
+        known = {row["action"]: f"{row['mm']:.2f}" for row in rows}
         print_table(
-            ("action", "pairs", "ROI (w x h)"),
-            [(name, data["pairs"][name], "{}x{}".format(*bank.roi(name))) for name in bank.actions],
+            ("action", "pairs", "ROI (w x h)", "error (mm)"),
+            [
+                (name, data["pairs"][name], "{}x{}".format(*bank.roi(name)), known.get(name, "—"))
+                for name in bank.actions
+            ],
         )
         for name, found in info.get("training", {}).items():
             print(
@@ -88,7 +101,26 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
                 f"{found['best_epoch']} with {found['best_mm']:.3f} mm"
             )
     result = {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
-    return result | {"training": info.get("training", {})}
+    return result | {"errors": rows, "training": info.get("training", {})}
+
+
+def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> dict[str, float]:
+    """The errors of a bank that is fitted in seconds: by fitting it again to some of the pairs."""
+    from jshape.learn.held_out import held_out_errors
+
+    # It says nothing of what is done before a person wonders.
+    with tqdm(
+        desc="errors on held-out pairs", unit="fit", delay=2.0, leave=False,
+        disable=not sys.stderr.isatty(),
+    ) as bar:  # fmt: skip
+
+        def tell(action: str, made: int, total: int) -> None:
+            bar.total = total
+            bar.set_postfix_str(action, refresh=False)
+            bar.update(made - bar.n)
+
+        errors = held_out_errors(bank, pairs, start=start, report=tell, **settings)
+    return dict(zip(bank.actions, errors.tolist(), strict=True))
 
 
 def _refuse_unused(options: argparse.Namespace) -> None:
@@ -137,6 +169,10 @@ class _Watch:
         if self.bar is not None:
             self.bar.close()
             self.bar = None
+
+    def errors_mm(self) -> dict[str, float]:
+        """On the pairs kept out for validation, per action; NaN where none were."""
+        return {name: row.validation * self.to_mm for name, row in self.best.items()}
 
     def summary(self) -> dict[str, dict[str, int | float]]:
         """What training came to, per action, for the manifest."""

@@ -1,10 +1,17 @@
 """Searches for the best sequence of actions: siblings with one signature.
 
-    search(bank, image, goal, candidates, limits, *, max_steps) -> Found
+    search(task: Task) -> Found
 
 A new planner is one file beside `greedy.py` and one row here.
 """
 
-from jshape.planners import greedy
+from jshape.planners import beam, greedy, improve, mcts, refine
 
-PLANNERS = {"greedy": greedy.search}
+PLANNERS = {
+    "greedy": greedy.search,
+    "beam": beam.search,
+    "improve": improve.search,
+    "refine": refine.search,
+    "mcts": mcts.search,
+}
+"""By name."""

@@ -8,10 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jshape import metric
 from jshape._typing import Array, ArrayLike, Float
 from jshape.actions import first_pixels, fits
 from jshape.camera import STATIC, Camera, check_camera
 from jshape.errors import BadBank, BadCamera, BadImage, BadPosition, JShapeError, UnknownName
+from jshape.predict.turn import square
 
 
 @runtime_checkable
@@ -49,6 +51,10 @@ class Bank:
     """Names of the actions."""
     kind: str = field(default="D", metadata=STATIC)
     """The predictors' kind: "D", "C", "CR", "DC", "DCR", ..."""
+    errors_mm: Float[Array, "A"] | None = None
+    """How wrong each action's prediction usually is: the mean |true - predicted| over its ROI on
+    pairs that it was not fitted to, mm.  NaN: not known for that action; None: for none of them.
+    In mm, so that it stays true below another camera."""
 
     def predictor(self, name: str) -> Predictor:
         """The predictor of one action.
@@ -74,6 +80,36 @@ class Bank:
         """The largest (w, h) over the actions, pixels; (1, 1) if there are none."""
         w, h = (max((roi[k] for roi in self.rois.values()), default=1) for k in (0, 1))
         return w, h
+
+    @property
+    def turns(self) -> bool:
+        """Whether the hand can be turned: every predictor knows what it then does."""
+        return all(hasattr(predictor, "turned") for predictor in self.predictors)
+
+    def turned_roi(self, name: str) -> tuple[int, int]:
+        """ROI size (w, h) of one action with a turned hand, pixels: a square."""
+        return square(self.roi(name))
+
+    def error_of_d(self) -> Float[Array, "A"]:
+        """By how much d of the whole image is usually wrong because one action was predicted.
+
+        Only the action's ROI (w, h) is predicted, and a difference of absolute values is at most
+        the absolute value of the difference, pixel by pixel.  So, whatever the goal,
+
+            |d(true, goal) - d(predicted, goal)| <= mean |true - predicted| over the image
+                                                  = its mean over the ROI * (w h) / (H W),
+
+        and the mean over the ROI is `errors_mm` in units of I.  A gain below this may be none.
+
+        Returns:
+          Per action, in units of d; 0 where the error is not known.
+        """
+        if self.errors_mm is None:
+            return jnp.zeros(len(self.actions))
+        sizes = [self.roi(name) for name in self.actions]
+        share = np.array([w * h for w, h in sizes]) / (self.camera.height * self.camera.width)
+        known = jnp.where(jnp.isnan(self.errors_mm), 0.0, self.errors_mm)
+        return known / metric.to_mm(1.0, self.camera) * share.astype(np.float32)
 
     def seen_by(self, camera: Camera, depth: float) -> "Bank":
         """The same actions for another camera, of another resolution or height over the bed.

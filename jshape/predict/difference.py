@@ -1,6 +1,6 @@
 """f_D: the effect of an action is its average effect (Eq. DiffImage and Eq. Doutput)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +8,7 @@ import numpy as np
 
 from jshape._typing import Array, Float
 from jshape.errors import BadDataset
+from jshape.predict.turn import square, turn
 
 
 @jax.tree_util.register_dataclass
@@ -31,6 +32,14 @@ class Difference:
         An action of another strength changes that many times as much: f_D knows no better.
         """
         return roi + jnp.asarray(strength)[..., None, None] * self.delta
+
+    def turned(self, yaw: float | Array) -> "Difference":
+        """The same change turned by `yaw` radians from u towards v; its ROI becomes a square.
+
+        As seen from straight above: f_D knows nothing of the view from the side.
+        """
+        w, h = square(self.roi)
+        return replace(self, delta=turn(self.delta, yaw, (h, w)))
 
 
 def fit_difference(

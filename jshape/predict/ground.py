@@ -55,7 +55,7 @@ class Ground:
           depth: of the ROI's pixels, metres, without gaps.
           place: first pixel (v, u) of the ROI in the image.
         """
-        camera, (x, y) = self.camera, self._nodes(place)
+        camera, (x, y) = self.camera, self.nodes(place)
 
         def look(z):
             u = camera.fx * x / z + camera.u0 - place[1]
@@ -71,7 +71,7 @@ class Ground:
 
         All are looked at with the same planes, so that what is equal in them is seen equal.
         """
-        camera, (x, y) = self.camera, self._nodes(place)
+        camera, (x, y) = self.camera, self.nodes(place)
         w, h = self.roi
         across = (place[1] + jnp.arange(w) - camera.u0) / camera.fx
         along = (place[0] + jnp.arange(h) - camera.v0) / camera.fy
@@ -97,9 +97,7 @@ class Ground:
         camera = self.camera
         return metric.roi_weight(camera, place, self.roi) / (camera.z_max - camera.z_min)
 
-    def _nodes(
-        self, place: Int[Array, "2"]
-    ) -> tuple[Float[Array, "columns"], Float[Array, "rows"]]:
+    def nodes(self, place: Int[Array, "2"]) -> tuple[Float[Array, "columns"], Float[Array, "rows"]]:
         """X of the columns and y of the rows in the camera's frame, metres."""
         camera, (w, h), (rows, columns) = self.camera, self.roi, self.shape
         x = (place[1] + w // 2 - camera.u0) / camera.fx * self.depth

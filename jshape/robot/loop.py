@@ -28,8 +28,20 @@ class World(Protocol):
         """Depth (H, W) in metres of the bed, nothing in front of it; 0 or NaN = no reading."""
         ...
 
-    def act(self, action: str, position: tuple[int, int]) -> None:
-        """Apply an action at pixel (u, v) and leave the camera's view."""
+    def act(
+        self, action: str, position: tuple[float, float], strength: float = 1.0, yaw: float = 0.0
+    ) -> None:
+        """Apply an action at pixel (u, v) and leave the camera's view.
+
+        Args:
+          action: its name.
+          position: (u, v); whole pixels unless a plan was refined.
+          strength: how many times as deep as the trained action.
+          yaw: turn of the hand from u towards v, radians.
+
+        A hand of one strength and direction may leave the last two out: they are passed only where
+        they are not 1 and 0.
+        """
         ...
 
 
@@ -40,6 +52,7 @@ class Stop(StrEnum):
     NO_IMPROVEMENT = "no action is predicted to help by more than the least gain"
     MAX_STEPS = "as many actions as allowed"
     WORSE = "the last action did not lower the distance"
+    BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"
     PLAN_ENDED = "the plan is at its end, and it was not to be made anew"
 
 
@@ -55,6 +68,10 @@ class Step(NamedTuple):
     """Distance predicted after this action."""
     obtained_mm: float
     """Distance measured after it."""
+    strength: float = 1.0
+    """How many times as deep as the trained action."""
+    yaw: float = 0.0
+    """Turn of the hand from u towards v, radians."""
 
 
 @dataclass
@@ -84,9 +101,11 @@ def mold(
     goal: np.ndarray,
     bank: Bank,
     *,
+    planner: str = "greedy",
     max_steps: int = 16,
     min_gain: float = 0.0,
     tolerance: float = 0.0,
+    patience: int = 1,
     max_missing: float = 0.1,
     replan: bool = True,
     on_step: Callable[[Step, np.ndarray], None] | None = None,
@@ -94,17 +113,24 @@ def mold(
 ) -> Molding:
     """Mold the world towards a goal, looking again after every action.
 
+    Every plan is made for all the actions that are left and begins with what is left of the one
+    before (receding horizon); greedy, whose first action does not depend on the later ones, plans
+    only that.
+
     Args:
       world: to look at and act in; its camera is the bank's.
       goal: (H, W) the weighed image wanted.
       bank: predicts the actions.
+      planner: which search.
       max_steps: most actions.
       min_gain: an action must be predicted to lower d by more than this.
       tolerance: stop when d is at most this.
+      patience: stop when so many actions one after the other did not lower the distance.
       max_missing: largest share of a look's pixels that may be filled.
       replan: False applies the first plan to its end, blindly, as the paper does.
       on_step: called after each action with what it did and the depth (H, W) seen after it.
-      **options: passed on to `jshape.plan`.
+      **options: passed on to `jshape.plan`: with `caution`, the loop stops when no action is
+        predicted to help by more than the measured error of its prediction.
 
     Raises:
       BadCamera: the bank is for another camera than the world's.
@@ -112,7 +138,7 @@ def mold(
     """
     check_same_camera(bank.camera, world.camera, "the world's")
     goal = check_image(goal, bank.camera, "goal")
-    options |= {"bank": bank, "min_gain": min_gain, "tolerance": tolerance}
+    options |= {"bank": bank, "planner": planner, "min_gain": min_gain, "tolerance": tolerance}
 
     def look() -> tuple[np.ndarray, np.ndarray]:
         depth = world.look()
@@ -122,13 +148,15 @@ def mold(
     depth, image = look()
     ahead = plan(image, goal, max_steps=max_steps, **options)
     run = Molding(goal, ahead, [image], [depth])
-    next_ = 0
+    next_ = failures = 0
     while True:
         if next_ == len(ahead):
             run.stop = Stop[ahead.status.name] if replan or not run.steps else Stop.PLAN_ENDED
             return run
-        action, (u, v) = ahead.actions[next_], ahead.positions[next_].tolist()
-        world.act(action, (u, v))
+        action, (u, v) = ahead.actions[next_], ahead.exact_positions[next_].tolist()
+        strength, yaw = float(ahead.strengths[next_]), float(ahead.yaws[next_])
+        more = {} if (strength, yaw) == (1.0, 0.0) else {"strength": strength, "yaw": yaw}
+        world.act(action, (u, v), **more)
         depth, image = look()
         run.depths.append(depth)
         run.images.append(image)
@@ -136,19 +164,22 @@ def mold(
         obtained = float(metric.to_mm(d, bank.camera))
         before, predicted = (float(x) for x in ahead.distances_mm[next_ : next_ + 2])
         before = run.steps[-1].obtained_mm if run.steps else before
-        step = Step(action, (u, v), before, predicted, obtained)
+        at = (round(u), round(v))
+        step = Step(action, at, before, predicted, obtained, strength, yaw)
         run.steps.append(step)
         if on_step is not None:
             on_step(step, depth)
         if not replan:
             next_ += 1
             continue
-        if obtained >= before:
+        failures = 0 if obtained < before else failures + 1
+        if failures >= patience:
             run.stop = Stop.WORSE
             return run
-        if len(run.steps) == max_steps:
+        left = max_steps - len(run.steps)
+        if left == 0:
             run.stop = Stop.CONVERGED if d <= tolerance else Stop.MAX_STEPS
             return run
-        # Only the next action is needed, but a plan of the rest takes a few ms, and its length
-        # is a static shape: always the same one, so that nothing is compiled again.
-        ahead = plan(image, goal, max_steps=max_steps, **options)
+        steps = 1 if planner == "greedy" else left
+        ahead = plan(image, goal, max_steps=steps, start=ahead.rest(1), **options)
+        next_ = 0

@@ -23,8 +23,11 @@ class SimulatedWorld:
         camera: Camera = PAPER_BOX,
         frames: int = 5,
         noise: float = 0.00045,
+        spread: float = 1.0,
     ):
         """A world that starts with `bed`; `frames` frames are averaged into each look.
+
+        `spread` is a factor on the agent's variability: 0 repeats its nominal actions exactly.
 
         Raises:
           UnknownName: no such material or agent.
@@ -42,6 +45,7 @@ class SimulatedWorld:
         self._agent = agent
         self._frames = frames
         self._noise = noise
+        self._spread = spread
 
     def _next_key(self) -> Key[Array, ""]:
         self._key, key = jax.random.split(self._key)
@@ -51,9 +55,34 @@ class SimulatedWorld:
         """Depth (H, W) in metres; 0 = no reading."""
         return look(self._next_key(), self.bed, self.camera, frames=self._frames, noise=self._noise)
 
-    def act(self, action: str, position: tuple[int, int]) -> None:
-        """Apply an action at pixel (u, v)."""
+    def act(
+        self,
+        action: str,
+        position: tuple[float | int, float | int],
+        strength: float | int = 1.0,
+        yaw: float | int = 0.0,
+    ) -> None:
+        """Apply an action at pixel (u, v), which need not be a whole one.
+
+        Args:
+          action: its name.
+          position: (u, v) pixels.
+          strength: how many times as deep as the agent's nominal action, above 0.
+          yaw: turn of the hand from u towards v, radians.
+
+        Raises:
+          UnknownName: no such action.
+          BadPosition: a place outside the box.
+          JShapeError: a strength or a yaw that makes no sense.
+        """
         xy = sim.position_to_xy(self.camera, np.asarray(position))
         self.bed = sim.apply_action(
-            self._next_key(), self.bed, self._material, (action, self._agent), xy
+            self._next_key(),
+            self.bed,
+            self._material,
+            (action, self._agent),
+            xy,
+            depth_scale=strength,
+            yaw=yaw,
+            spread=self._spread,
         )

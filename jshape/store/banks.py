@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from jshape.errors import BadBank, BadCamera, BadFile, UnknownName
@@ -40,6 +41,8 @@ CONTENTS = (MANIFEST, EFFECTS, *EXTRAS)
 """What a bank's folder holds."""
 FILE_LIMIT = 1024 * 2**20
 """Largest array file that is read, and largest that it may unpack to, bytes."""
+LARGEST_ERROR_MM = 1e6
+"""Larger errors of prediction are refused: no bed is that deep."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
@@ -58,7 +61,9 @@ def save_bank(
       bank: what to save.
       folder: where; it must not hold anything unless `overwrite`.
       info: more for the manifest: `data` (what it was fitted to), `licence`, or anything else that
-        JSON can hold and that is not a name of the manifest's own.
+        JSON can hold and that is not a name of the manifest's own.  `errors` is a list of
+        {"action": its name, "mm": the mean error over its ROI, ...}, from which `load_bank` fills
+        the bank's `errors_mm`; without it, it is written from them.
       extras: contents of files named in `EXTRAS`.
       overwrite: replace the bank that is there.
 
@@ -94,6 +99,8 @@ def save_bank(
         "licence": "",
     }
     taken = set(manifest) - {"data", "licence"} | {"checksums"}
+    if errors := _error_rows(bank, where):
+        manifest["errors"] = errors  # unless `info` has its own, which may say more
     clash = sorted(taken & set(info or {}))
     if clash:
         raise BadBank(f"{where}: info must not set {', '.join(clash)}")
@@ -141,7 +148,10 @@ def load_bank(name_or_folder: str | os.PathLike) -> Bank:
             raise BadBank(f"{where}: {EFFECTS} has no {missing.args[0]} of {name}") from None
         except BadBank as problem:
             raise BadBank(f"{where}: action {name}: {problem}") from None
-    return Bank(camera, tuple(predictors), tuple(manifest["actions"]), manifest["kind"])
+    actions = tuple(manifest["actions"])
+    known = {row["action"]: row["mm"] for row in manifest.get("errors", ())}
+    errors = jnp.array([known.get(name, np.nan) for name in actions], jnp.float32)
+    return Bank(camera, tuple(predictors), actions, manifest["kind"], errors if known else None)
 
 
 def list_banks() -> tuple[str, ...]:
@@ -252,6 +262,31 @@ def _check_manifest(manifest: dict[str, Any], where: str) -> None:
             )
     if EFFECTS not in manifest["checksums"]:
         raise BadBank(f"{where}: checksums lacks {EFFECTS}")
+    _check_errors(manifest.get("errors", []), actions, where)
+
+
+def _check_errors(rows: Any, actions: list[str], where: str) -> None:
+    """Rows of an action's name and its usual error; actions may be missing, as not known."""
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise BadBank(f"{where}: errors must be a list of rows with action and mm")
+    names = [row.get("action") for row in rows]
+    for name, row in zip(names, rows, strict=True):
+        if name not in actions or names.count(name) > 1:
+            raise BadBank(f"{where}: errors has a row of {name!r}; expected each action once")
+        mm = row.get("mm")
+        number = isinstance(mm, int | float) and not isinstance(mm, bool)
+        if not number or not 0 <= mm <= LARGEST_ERROR_MM:
+            raise BadBank(f"{where}: error of {name} is {mm!r}; expected mm, a number from 0")
+
+
+def _error_rows(bank: Bank, where: str) -> list[dict[str, Any]]:
+    """The errors of a bank that are known, for its manifest."""
+    if bank.errors_mm is None:
+        return []
+    if np.shape(bank.errors_mm) != (len(bank.actions),):
+        raise BadBank(f"{where}: errors_mm has shape {np.shape(bank.errors_mm)}, not one an action")
+    known = zip(bank.actions, np.asarray(bank.errors_mm, np.float64).tolist(), strict=True)
+    return [{"action": name, "mm": mm} for name, mm in known if not np.isnan(mm)]
 
 
 def _kind(name: str, where: str) -> Kind:

@@ -20,7 +20,7 @@ from jshape.store.cameras import camera_fields, camera_from
 from jshape.store.files import one_line, read_json, write_json
 
 if TYPE_CHECKING:
-    from jshape.planning import Plan
+    from jshape.planned import Plan
 
 FORMAT = "jshape-plan"
 VERSION = 1
@@ -84,7 +84,7 @@ def read_plan(path: str | os.PathLike) -> "Plan":
     Raises:
       BadFile: not a plan, from a newer version, or damaged.
     """
-    from jshape.planning import Plan
+    from jshape.planned import Plan
 
     where = str(path)
     fields = read_json(path)

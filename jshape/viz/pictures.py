@@ -14,7 +14,7 @@ from jshape import metric
 from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.errors import JShapeError
-from jshape.planning import Plan
+from jshape.planned import Plan
 
 COLOURS = {
     "grasp": "tab:red",

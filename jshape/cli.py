@@ -6,10 +6,10 @@ import os
 import sys
 from collections.abc import Sequence
 
-from jshape.commands import arguments, dataset, demo, evaluate, plan, train
+from jshape.commands import arguments, dataset, demo, evaluate, experiment, plan, train
 from jshape.errors import JShapeError
 
-COMMANDS = (demo, plan, dataset, train, evaluate)
+COMMANDS = (demo, plan, dataset, train, evaluate, experiment)
 """Each adds its parser; a new command is one file and its name here."""
 
 

@@ -11,14 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape import PAPER_BOX, Pairs, save_pairs
+from jshape import PAPER_BOX, Pairs, fit, load_bank, load_pairs, save_bank, save_pairs
 from jshape.cli import main
 from jshape.data.pairs import Examples
 from jshape.errors import BadDataset, BadFile, JShapeError
 from jshape.learn import training
+from jshape.learn.evaluate import cross_validate
+from jshape.learn.held_out import held_out_errors
 from jshape.learn.settings import Training, settings_from
 from jshape.learn.training import Hooks, roi_loss, split, train
 from jshape.predict.difference import Difference
+from jshape.store.banks import bank_manifest
 
 QUICK = Training(epochs=12, batch=4, learning_rate=0.01, patience=0, save_every=3)
 
@@ -292,6 +295,65 @@ def test_kinds_without_a_network(tmp_path, capsys):
     assert (tmp_path / "bank.training" / "action-poke").is_dir()
     assert main([*call, "--restart", "--json"]) == 0
     assert not (tmp_path / "bank.training").exists() and capsys.readouterr().err == ""
+
+
+def test_a_trained_bank_knows_its_error(tmp_path, capsys):
+    """As cross-validation measures it; from networks' validation; unknown with too few pairs."""
+    data, out = _small_dataset(tmp_path), tmp_path / "bank"
+    pairs = load_pairs(data)
+    save_pairs(pairs.select(np.arange(3)), tmp_path / "few")
+
+    def trained(*options, data=data):
+        """What was printed as the action's error, and the errors of the result and the bank."""
+        call = ["train", str(data), "--out", str(out), "--overwrite", "--kind", *options]
+        assert main(call) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[1].endswith("error (mm)")
+        assert main([*call, "--json"]) == 0
+        result = json.loads(capsys.readouterr().out)
+        assert bank_manifest(out)["errors"] == result["errors"]
+        return lines[2].split()[-1], result, load_bank(out).errors_mm
+
+    printed, result, errors = trained("D")
+    expected = cross_validate(pairs, "D")[0].mean_mm
+    assert result["errors"] == [{"action": "poke", "mm": pytest.approx(expected, rel=1e-5)}]
+    np.testing.assert_allclose(errors, [expected], rtol=1e-5)
+    assert printed == f"{expected:.2f}"
+    save_bank(fit(pairs), tmp_path / "start")
+    assert trained("D", "--start", str(tmp_path / "start"))[1]["errors"] == result["errors"]
+
+    quick = ["C", "--width", "2", "--epochs", "3", "--batch", "4"]
+    _, result, _ = trained(*quick)
+    assert result["errors"] == [{"action": "poke", "mm": result["training"]["poke"]["best_mm"]}]
+    printed, result, errors = trained(*quick, "--validation", "0")
+    assert (printed, result["errors"], errors) == ("—", [], None)  # nothing was kept out
+    printed, result, errors = trained("D", data=tmp_path / "few")
+    assert (printed, result["errors"], errors) == ("—", [], None)
+
+
+def test_errors_are_of_the_bank_that_was_trained(tmp_path):
+    """All agents together, over its ROIs, from its start; unknown where no pair can be spared."""
+    pairs = load_pairs(_small_dataset(tmp_path))
+    bank, told = fit(pairs), []
+    errors = held_out_errors(bank, pairs, report=lambda *what: told.append(what))
+    assert told == [("poke", k, 4) for k in range(1, 5)]
+    two = replace(pairs, agent=np.array(["robot", "human"] * 3))
+    np.testing.assert_array_equal(held_out_errors(bank, two), errors)
+    # Around the pits nothing is wrong: over twice the pixels it is half as much.
+    wide = fit(replace(pairs, size=np.array([[32, 16]] * 6)))
+    np.testing.assert_allclose(held_out_errors(wide, pairs), errors / 2, rtol=1e-3)
+    np.testing.assert_array_equal(held_out_errors(replace(bank, kind="C"), pairs), [np.nan])
+
+    tool = fit(pairs, "P")
+    apart = held_out_errors(tool, pairs)
+    assert 0 < apart[0] < 2.0  # of a change of 4 mm
+    assert held_out_errors(tool, pairs, start=tool)[0] < apart[0]  # which knows these pairs
+
+    holed = pairs.posterior.copy()
+    for k, (u, v) in enumerate(pairs.centre):
+        holed[k, v, u : u + 6] *= np.arange(6) == k  # each has seen what no other has
+    alone = replace(pairs, posterior=holed)
+    np.testing.assert_array_equal(held_out_errors(fit(alone), alone), [np.nan])
 
 
 def _small_dataset(folder):

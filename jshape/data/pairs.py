@@ -1,7 +1,7 @@
 """Pairs of depth frames before and after an action: what predictors are fitted to."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +20,24 @@ class Examples(NamedTuple):
     """(n, h, w) float32 of I after."""
     place: np.ndarray
     """(n, 2) int32, first pixel (v, u) of each ROI in the image."""
+    strength: np.ndarray | float = 1.0
+    """(n,) float32, how many times as deep as the trained action; one number is that of all."""
+
+    @property
+    def strengths(self) -> np.ndarray:
+        """(n,) float32 strengths, also if one number stands for all."""
+        return np.broadcast_to(np.float32(self.strength), (len(self.prior),))
 
     def select(self, keep: np.ndarray) -> "Examples":
         """The examples where `keep` (a mask or indices) says so."""
-        return Examples(*(part[keep] for part in self))
+        kept = (part[keep] for part in self[:3])
+        return Examples(*kept, self.strengths[keep])  # pyright: ignore
+
+
+PER_PAIR = (
+    "prior", "posterior", "action", "agent", "material", "centre", "size", "id", "strength"
+)  # fmt: skip
+"""The arrays of `Pairs` with one entry for each pair."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +63,12 @@ class Pairs:
     """(N, 2) ROI sizes (w, h), pixels."""
     id: np.ndarray
     """(N,) names of the pairs."""
+    strength: np.ndarray = field(default_factory=lambda: np.ones(0, np.float32))
+    """(N,) float32, how many times as deep as the trained action; empty: 1 for all."""
+
+    def __post_init__(self):
+        if self.strength.size == 0:
+            object.__setattr__(self, "strength", np.ones(len(self.action), np.float32))
 
     def __len__(self) -> int:
         return len(self.action)
@@ -60,8 +80,7 @@ class Pairs:
 
     def select(self, keep: np.ndarray) -> "Pairs":
         """The pairs where `keep` (a mask or indices) says so."""
-        per_pair = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id")
-        return replace(self, **{name: getattr(self, name)[keep] for name in per_pair})
+        return replace(self, **{name: getattr(self, name)[keep] for name in PER_PAIR})
 
     def of(self, action: str | None = None, agent: str | None = None) -> "Pairs":
         """The pairs of one action and/or agent.
@@ -125,4 +144,5 @@ class Pairs:
                 v, u = max(-top, 0), max(-left, 0)
                 roi[v : v + seen.shape[0], u : u + seen.shape[1]] = seen
                 out.append(roi)
-        return Examples(np.stack(found[0]), np.stack(found[1]), first[:, ::-1].astype(np.int32))
+        place = first[:, ::-1].astype(np.int32)
+        return Examples(np.stack(found[0]), np.stack(found[1]), place, mine.strength)

@@ -10,7 +10,7 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Array, Key
 from jshape.camera import PAPER_BOX, Camera
-from jshape.errors import UnknownName
+from jshape.errors import JShapeError, UnknownName
 
 ROIS = {
     "grasp": (183, 183),
@@ -42,6 +42,7 @@ class SimulatedPair(NamedTuple):
     roi: tuple[int, int]
     prior: np.ndarray
     posterior: np.ndarray
+    strength: float = 1.0
 
 
 def random_bed(key: Key[Array, ""], kind: str, std: float = 0.008) -> sim.Bed:
@@ -87,6 +88,7 @@ def simulate_pairs(
     rois: Mapping[str, tuple[int, int]] = ROIS,
     frames: int = 1,
     noise: float = 0.00045,
+    strengths: tuple[float, float] = (1.0, 1.0),
 ) -> Iterator[SimulatedPair]:
     """`count` pairs per action and agent, at random places where the whole ROI is visible.
 
@@ -101,10 +103,16 @@ def simulate_pairs(
       rois: ROI size (w, h) of each action, pixels.
       frames: frames averaged into each look.
       noise: standard deviation of one frame at 0.45 m, metres.
+      strengths: least and greatest of how many times as deep as the agent's own each action goes;
+        drawn for each pair so that halves are as frequent as doubles (log-uniformly).
 
     Raises:
       UnknownName: no such action, agent, material or kind of bed.
+      JShapeError: strengths that are not two rising numbers above 0.
     """
+    low_high = np.asarray(strengths, np.float64)
+    if not (np.isfinite(low_high).all() and 0 < low_high[0] <= low_high[1]):
+        raise JShapeError(f"strengths are {tuple(strengths)}; expected two rising numbers above 0")
     for what, names, allowed in (
         ("action", actions, sim.ACTIONS),
         ("agent", agents, sim.AGENTS),
@@ -126,7 +134,10 @@ def simulate_pairs(
                 high = low + jnp.array([camera.width - w, camera.height - h])
                 place = jax.random.randint(for_place, (2,), low, high + 1)
                 xy = sim.position_to_xy(camera, place)
-                after = sim.apply_action(for_act, bed, material, (action, agent), xy)
+                # Of its own key, so that the beds and places are those of strength 1.
+                share = jax.random.uniform(jax.random.fold_in(for_act, 1))
+                strength = float(low_high[0] * (low_high[1] / low_high[0]) ** float(share))
+                after = sim.apply_action(for_act, bed, material, (action, agent), xy, strength)
                 prior, posterior = (
                     np.asarray(
                         sim.to_uint16(look(k, b, camera, frames=frames, noise=noise), DEPTH_UNIT)
@@ -134,4 +145,6 @@ def simulate_pairs(
                     for k, b in ((for_prior, bed), (for_posterior, after))
                 )
                 u, v = (int(x) for x in place)
-                yield SimulatedPair(action, agent, material, (u, v), (w, h), prior, posterior)
+                yield SimulatedPair(
+                    action, agent, material, (u, v), (w, h), prior, posterior, strength
+                )

@@ -29,7 +29,7 @@ def _difference(
     examples: Examples, camera: Camera, settings: Training, start: Predictor | None, hooks: Hooks
 ) -> Predictor:
     """f_D: there is nothing to train, and another bank has nothing to add."""
-    return fit_difference(examples.prior, examples.posterior)
+    return fit_difference(examples.prior, examples.posterior, examples.strengths)
 
 
 def _pressed(
@@ -41,12 +41,30 @@ def _pressed(
     return fit_pressed(examples, camera, start, seed=settings.seed)
 
 
+def _of_one_strength(fitter: Fitter) -> Fitter:
+    """A fitter of networks, which know one depth only and would average over several."""
+
+    def checked(
+        examples: Examples, camera: Camera, settings: Training, start: Predictor | None,
+        hooks: Hooks,
+    ) -> Predictor:  # fmt: skip
+        least, most = examples.strengths.min(initial=1.0), examples.strengths.max(initial=1.0)
+        if least != 1.0 or most != 1.0:
+            raise BadDataset(
+                f"pairs of strengths from {least:g} to {most:g}; networks are trained at a "
+                "strength of 1 only, banks of kind P and D at any"
+            )
+        return fitter(examples, camera, settings, start, hooks)
+
+    return checked
+
+
 FITTERS: dict[str, Fitter] = {
     "D": _difference,
-    "C": networks.fit_network,
-    "CR": networks.fit_refined,
-    "DC": networks.fit_after_difference,
-    "DCR": networks.fit_after_difference_refined,
+    "C": _of_one_strength(networks.fit_network),
+    "CR": _of_one_strength(networks.fit_refined),
+    "DC": _of_one_strength(networks.fit_after_difference),
+    "DCR": _of_one_strength(networks.fit_after_difference_refined),
     "P": _pressed,
 }
 """Kind of bank -> what fits the predictor of one action.  Another kind is one more entry, and one
@@ -77,7 +95,8 @@ def fit(
 
     Raises:
       UnknownName: no such kind.
-      BadDataset: no pairs, a ROI outside the image, pixels that no pair has seen, or too few pairs.
+      BadDataset: no pairs, a ROI outside the image, pixels that no pair has seen, too few pairs, or
+        strengths other than 1 for a network.
       BadBank: `start` is of another kind, or lacks an action.
       BadCamera: `start` is for another camera.
       JShapeError: an unknown option, or one out of its range.

@@ -92,7 +92,7 @@ def _flat_beds(pairs: Pairs, rois: Examples) -> list[float]:
     camera = pairs.camera
     blank = Ground(camera, 1.0, 1.0, (1, 1), rois.prior.shape[:0:-1])
     depths, levels, flat = [], [], []
-    for before, after, place in zip(*rois, strict=True):
+    for before, after, place in zip(*rois[:3], strict=True):
         per_metre = np.asarray(blank.per_metre(jnp.asarray(place)))
         height = before / per_metre
         seen = np.isfinite(before).any() and np.isfinite(after).any()

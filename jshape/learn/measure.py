@@ -100,7 +100,7 @@ def roi_errors_mm(
       action: the one to test.
       size: (w, h) pixels to take the mean over; None is the bank's ROI.  Predictors with other
         ROIs are compared over the same pixels with it: outside its ROI a bank predicts no change.
-      strength: how many times as deep as the trained action the pairs' is.
+      strength: a factor on the pairs' own strengths.
 
     Raises:
       BadCamera: bank and pairs have different cameras.
@@ -195,14 +195,14 @@ def _compiled(predictor: Predictor, roi: Array, place: Array, strength: Array) -
     return jnp.clip(predictor(roi, place, strength), 0.0, 1.0)
 
 
-def _predict(predictor: Predictor, examples: Examples, strength: float) -> np.ndarray:
+def _predict(predictor: Predictor, examples: Examples, factor: float) -> np.ndarray:
     """(n, h, w) of I after, in batches of one size."""
+    strength = jnp.asarray(factor * examples.strengths, jnp.float32)
     prior = np.stack([fill_nan(roi) if np.isfinite(roi).any() else roi for roi in examples.prior])
     found = []
     for start in range(0, len(prior), BATCH):
         rows = np.minimum(np.arange(start, start + BATCH), len(prior) - 1)
-        strengths = jnp.full(BATCH, strength, jnp.float32)
-        found.append(_compiled(predictor, prior[rows], examples.place[rows], strengths))
+        found.append(_compiled(predictor, prior[rows], examples.place[rows], strength[rows]))
     return np.concatenate([np.asarray(part) for part in found])[: len(prior)]
 
 

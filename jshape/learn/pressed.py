@@ -1,6 +1,7 @@
 """Fitting f_P: the maps of a pressed tool from the ground before and after."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -32,8 +33,24 @@ DEPTHS = range(-10, 11, 2)
 """How far from the median depth of the ground the depth of the places is looked for, mm."""
 DOUBT = 4.0
 """How much more alike they must look per metre off the median: 0.4 % per millimetre."""
-SCALES = {"reference": 10.0, "tool": 1e-2, "give": 1.0, "rest": 1e-2, "swell": 1e-2, "follow": 1.0}
-"""The maps that are fitted, and what 1 is to the optimiser."""
+SCALES = {
+    "reference": 10.0, "tool": 1e-2, "give": 1.0, "rest": 1e-2, "swell": 1e-2, "follow": 1.0,
+    "deep": 1e-2, "stroke": 1e-2,
+}  # fmt: skip
+"""What is fitted, and what 1 is to the optimiser."""
+EDGE = 2e-4
+"""A surface this near to the end of the camera's range may lie beyond it, metres."""
+
+
+class Shown(NamedTuple):
+    """What n pairs show on a grid of the ground."""
+
+    before: Float[Array, "n rows columns"]
+    """Surfaces as depth, metres."""
+    after: Float[Array, "n rows columns"]
+    counted: Float[Array, "n rows columns"]
+    """1 where the node was seen before and after, else 0."""
+    strength: Float[Array, "n"]
 
 
 def fit_pressed(
@@ -41,10 +58,12 @@ def fit_pressed(
 ) -> Pressed:
     """f_P of one action from its pairs, or from another bank's f_P and few pairs.
 
-    Lowers the mean |predicted - true| over the grid's nodes that were seen before and after.
+    Lowers the mean |predicted - true| / strength over the grid's nodes that were seen before and
+    after.  From nothing and with pairs of strength 1 only, other strengths are a guess: the tool
+    goes as much deeper as its greatest lowering, and all beside it grows in proportion.
 
     Args:
-      examples: ROIs of the pairs.
+      examples: ROIs of the pairs, of one strength or several.
       camera: theirs.
       start: what to adapt; None fits from nothing.
       seed: of the order of the pairs.
@@ -66,25 +85,27 @@ def fit_pressed(
             f"{len(seen)} pairs"
         )
     prior, posterior = (np.stack([fill_nan(roi) for roi in rois]) for rois in examples[:2])
-    filled = Examples(prior, posterior, examples.place)
+    filled = Examples(prior, posterior, examples.place, examples.strengths)
     ground = _ground(filled, camera) if start is None else start.ground
-    before, after = _surfaces(ground, filled)
     counted = jnp.asarray(_at_nodes(seen, ground), jnp.float32)
-    if start is None:
-        first = _first_guess(ground, before, after, counted)
-    else:
-        first = _corrected(start, before, after, counted)
+    before, after = _surfaces(ground, filled)
+    shown = Shown(before, after, counted, jnp.asarray(filled.strengths))
+    first = _first_guess(ground, shown) if start is None else _corrected(start, shown)
     steps, step = int(np.clip(PER_PAIR * len(seen), *STEPS)), STEP
     if start is not None:
         steps, step = ADAPT_STEPS, ADAPT_STEP
-    return _descend(first, before, after, counted, jax.random.key(seed), steps, step)
+    found = _descend(first, shown, jax.random.key(seed), steps, step)
+    if start is None and (filled.strengths == 1.0).all():
+        found = replace(found, stroke=found.deepest)  # pairs of one strength say nothing about it
+    return found
 
 
 def _ground(examples: Examples, camera: Camera) -> Ground:
     """A grid over the ROI, at the depth where places are meant.
 
     That is not known: of depths around the median of what was seen, it is the one from which the
-    changes of all pairs look most alike.  On flat ground all do, and the median is right.
+    changes of all pairs look most alike, per strength.  On flat ground all do, and the median is
+    right.
     """
     h, w = examples.prior.shape[1:]
     blank = Ground(camera, 1.0, 1.0, (1, 1), (w, h))
@@ -97,10 +118,12 @@ def _ground(examples: Examples, camera: Camera) -> Ground:
         pitch = jnp.float32(PIXELS * depth / float(camera.fx))
         return replace(blank, depth=jnp.float32(depth), pitch=pitch, shape=shape)
 
+    strength = examples.strengths[:, None, None]
+
     def unlike(depth: float) -> float:
         before, after = _surfaces(at(depth), examples)
         change = np.asarray(after - before)
-        return float(np.abs(change - np.median(change, 0)).mean())
+        return float(np.abs(change - strength * np.median(change / strength, 0)).mean())
 
     found = {1e-3 * mm: unlike(middle + 1e-3 * mm) for mm in DEPTHS}
     least = max(found[0.0], 1e-9)  # one pair is like itself from everywhere
@@ -119,7 +142,7 @@ def _surfaces(
         before, after = (ground.camera.z_max - roi / per_metre for roi in (prior, posterior))
         return ground.from_roi(before, place), ground.from_roi(after, place)
 
-    return jax.lax.map(one, tuple(map(jnp.asarray, examples)))
+    return jax.lax.map(one, tuple(map(jnp.asarray, examples[:3])))
 
 
 def _at_nodes(seen: np.ndarray, ground: Ground) -> np.ndarray:
@@ -135,9 +158,12 @@ def _at_nodes(seen: np.ndarray, ground: Ground) -> np.ndarray:
     return seen[:, picked[0]][:, :, picked[1]]
 
 
-def _first_guess(ground: Ground, before: Array, after: Array, counted: Array) -> Pressed:
+def _first_guess(ground: Ground, shown: Shown) -> Pressed:
     """A tool as deep as the mean change, which is the prediction on flat ground."""
-    mean = ((after - before) * counted).sum(0) / jnp.maximum(counted.sum(0), 1.0)
+    # The change that is nearest to all, each being its strength times as much.
+    weight = shown.counted * shown.strength[:, None, None]
+    whole = (weight * shown.strength[:, None, None]).sum(0)
+    mean = ((shown.after - shown.before) * weight).sum(0) / jnp.where(whole > 0, whole, 1.0)
     touched = mean > CONTACT * jnp.maximum(mean.max(), 1e-9)
     rest = jnp.where(touched, 0.0, mean)
     return Pressed(
@@ -149,30 +175,39 @@ def _first_guess(ground: Ground, before: Array, after: Array, counted: Array) ->
         rest=rest,
         swell=rest,
         follow=jnp.zeros_like(mean),
+        deep=jnp.zeros_like(mean),
+        stroke=mean.max(),
     )
 
 
-def _corrected(start: Pressed, before: Array, after: Array, counted: Array) -> Pressed:
+def _corrected(start: Pressed, shown: Shown) -> Pressed:
     """`start` with what it is wrong by on all pairs alike, as far as they are many."""
-    left = jnp.where(counted > 0, after - before - start.change(before), jnp.nan)
-    share = len(before) / (len(before) + TRUST)
+    left = -_gap(start, shown) / shown.strength[:, None, None]
+    left = jnp.where(shown.counted > 0, left, jnp.nan)
+    share = len(left) / (len(left) + TRUST)
     return replace(start, rest=start.rest + share * jnp.nan_to_num(jnp.nanmedian(left, 0)))
+
+
+def _gap(predictor: Pressed, shown: Shown) -> Float[Array, "n rows columns"]:
+    """Predicted minus true surfaces, metres.
+
+    Where the true one is at the end of the camera's range, all that lies beyond is right: a knock
+    of twice the depth leaves the paper's range over a tenth of its ROI.
+    """
+    gap = shown.before + predictor.change(shown.before, shown.strength) - shown.after
+    camera = predictor.ground.camera
+    gap = jnp.where(shown.after > camera.z_max - EDGE, jnp.minimum(gap, 0.0), gap)
+    return jnp.where(shown.after < camera.z_min + EDGE, jnp.maximum(gap, 0.0), gap)
 
 
 @jax.jit
 def _descend(
-    start: Pressed,
-    before: Float[Array, "n rows columns"],
-    after: Float[Array, "n rows columns"],
-    counted: Float[Array, "n rows columns"],
-    key: Key[Array, ""],
-    steps: int | Array,
-    step: float | Array,
+    start: Pressed, shown: Shown, key: Key[Array, ""], steps: int | Array, step: float | Array
 ) -> Pressed:
     """`start` after `steps` steps of Adam, the first of length `step`, falling by half a cosine."""
     import optax
 
-    count = before.shape[0]
+    count = shown.before.shape[0]
     adam = optax.scale_by_adam()
     zero = {name: jnp.zeros_like(getattr(start, name)) for name in SCALES}
 
@@ -181,9 +216,11 @@ def _descend(
         return replace(start, **maps)
 
     def loss(shift, chosen):
-        gap = jnp.abs(before[chosen] + moved(shift).change(before[chosen]) - after[chosen])
+        some = Shown(*(part[chosen] for part in shown))
+        # Per strength: plans mostly use shallow strokes, and deep ones would outweigh them.
+        gap = jnp.abs(_gap(moved(shift), some)) / some.strength[:, None, None] * some.counted
         # In units of 10 mm, that of the maps: Adam's epsilon is then far below the gradients.
-        return 100.0 * (gap * counted[chosen]).sum() / jnp.maximum(counted[chosen].sum(), 1.0)
+        return 100.0 * gap.sum() / jnp.maximum(some.counted.sum(), 1.0)
 
     def one(number, state):
         shift, memory = state

@@ -124,7 +124,10 @@ class Budget:
         """Evaluations so far."""
         self._clock = clock
         self._start = clock()
-        self._pace = 2000.0
+        self._pace = 100.0
+        """Evaluations per second: few until some were timed, so that the first look comes soon."""
+        self._timed = 0
+        self._compiled = False
 
     @property
     def elapsed(self) -> float:
@@ -135,7 +138,20 @@ class Budget:
     def over(self) -> bool:
         """Nothing is left."""
         late = self.seconds is not None and self.elapsed >= self.seconds
-        return late or (self.evaluations is not None and self.spent >= self.evaluations)
+        return late or self.left == 0
+
+    @property
+    def left(self) -> int:
+        """Evaluations left, whatever the clock says."""
+        if self.evaluations is None:
+            return EVER
+        return min(max(self.evaluations - self.spent, 0), EVER)
+
+    def holds(self, evaluations: int) -> bool:
+        """Whether there is still enough for so many."""
+        if self.seconds is not None and evaluations > self._pace * (self.seconds - self.elapsed):
+            return False
+        return evaluations <= self.left
 
     def call(self, function: Callable, *args: Any, **static: Any) -> Any:
         """The result of a jitted function, ready.  A call that compiled it first is not counted."""
@@ -143,19 +159,21 @@ class Budget:
         result = jax.block_until_ready(function(*args, **static))
         if function._cache_size() > known:  # pyright: ignore
             self._start += self._clock() - began
+            self._compiled = True
         return result
 
     def spend(self, evaluations: int) -> None:
         """Note what was evaluated; learn how fast it goes."""
         self.spent += int(evaluations)
-        if self.elapsed > 0:
-            self._pace = max(self.spent / self.elapsed, 100.0)
+        if not self._compiled:  # otherwise these took time that is not counted
+            self._timed += int(evaluations)
+        self._compiled = False
+        if self._timed and self.elapsed > 0:
+            self._pace = self._timed / self.elapsed
 
     def room(self) -> int:
         """Evaluations until the clock should be looked at again."""
-        room = EVER
-        if self.evaluations is not None:
-            room = max(self.evaluations - self.spent, 0)
+        room = self.left
         if self.seconds is not None:
             left = max(self.seconds - self.elapsed, 0.0)
             # A twentieth of all the time, so that it is kept within 10 %.
@@ -196,4 +214,6 @@ def better(one: Found, other: Found) -> Found:
 def ended(task: Task, found: Found, status: Status | None) -> Found:
     """What a search gives back: with all that was spent, and why it ended if that is new."""
     found = replace(found, evaluations=jnp.int32(min(task.budget.spent, EVER)))
-    return found if status is None else replace(found, status=jnp.int32(status))
+    if status is None or int(found.status) == Status.CONVERGED:
+        return found
+    return replace(found, status=jnp.int32(status))

@@ -32,6 +32,7 @@ def search(task: Task) -> Found:
             if task.budget.over:
                 return ended(task, best, Status.BUDGET)
             for child in _children(task, state):
+                best = better(best, replace(child.found, status=best.status))
                 key = _as_set(child.found)
                 known = children.get(key)
                 if known is None or float(child.found.distance) < float(known.found.distance):
@@ -39,10 +40,9 @@ def search(task: Task) -> Found:
         beam = sorted(children.values(), key=lambda child: float(child.found.distance))[:WIDTH]
         if not beam:
             break
-        best = better(best, replace(beam[0].found, status=best.status))
         if float(best.distance) <= float(task.limits.tolerance):
             return ended(task, best, Status.CONVERGED)
-    return ended(task, best, None)
+    return ended(task, best, Status.BUDGET if task.budget.over else None)
 
 
 def _children(task: Task, state: State) -> list[State]:
@@ -57,8 +57,9 @@ def _children(task: Task, state: State) -> list[State]:
         if task.budget.over:
             return []
     chosen, firsts, strengths, gains, more = task.budget.call(
-        options, state, task.terrain, task.candidates, task.limits, fine=task.fine
-    )
+        options, state, task.terrain, task.candidates, task.limits,
+        jnp.int32(task.budget.left), fine=task.fine,
+    )  # fmt: skip
     task.budget.spend(int(more))
     return [
         task.budget.call(
@@ -78,11 +79,21 @@ def look(state: State, terrain: Terrain, candidates: Candidates, room: Array, ho
 
 
 @jax.jit(static_argnames=["fine"])
-def options(state: State, terrain: Terrain, candidates: Candidates, limits: Limits, fine: int):
+def options(
+    state: State,
+    terrain: Terrain,
+    candidates: Candidates,
+    limits: Limits,
+    left: Array,
+    *,
+    fine: int,
+):
     """The best candidates of the `WIDTH` best moves; none after convergence."""
     gains, firsts, strengths = greedy.best_of_moves(state, terrain, candidates, limits)
     gains = jnp.where(state.found.distance > limits.tolerance, gains, 0.0)
-    return polished(terrain, state.now, candidates, gains, firsts, strengths, limits, fine, WIDTH)
+    return polished(
+        terrain, state.now, candidates, gains, firsts, strengths, limits, fine, WIDTH, left
+    )
 
 
 def _as_set(found: Found) -> tuple:

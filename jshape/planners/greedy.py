@@ -38,9 +38,9 @@ def search(task: Task) -> Found:
     state = begin(terrain, candidates, task.max_steps)
     while True:
         before = int(state.found.evaluations)
-        room = jnp.int32(task.budget.room())
+        room, left = jnp.int32(task.budget.room()), jnp.int32(task.budget.left)
         state = task.budget.call(
-            advance, state, terrain, candidates, task.limits, room, fine=task.fine, how=how
+            advance, state, terrain, candidates, task.limits, room, left, fine=task.fine, how=how
         )
         task.budget.spend(int(state.found.evaluations) - before)
         if int(state.found.status) >= 0:
@@ -68,7 +68,8 @@ def run(
     """
     state = begin(terrain, candidates, max_steps)
     limits = replace(limits, max_steps=max_steps)
-    return advance(state, terrain, candidates, limits, jnp.int32(EVER), fine, how).found
+    ever = jnp.int32(EVER)
+    return advance(state, terrain, candidates, limits, ever, ever, fine, how).found
 
 
 @jax.jit(static_argnames=["fine", "how"])
@@ -78,18 +79,19 @@ def advance(
     candidates: Candidates,
     limits: Limits,
     room: Int[Array, ""],
+    left: Int[Array, ""],
     fine: int = 0,
     how: How = ONE_BY_ONE,
 ) -> State:
-    """Go on until the search ends or about `room` candidates were evaluated."""
+    """Go on until the search ends or about `room` candidates were evaluated, of `left` at most."""
     began = state.found.evaluations
 
     def go_on(state: State) -> Array:
         return (state.found.status < 0) & (state.found.evaluations - began < room)
 
     def step(state: State) -> State:
-        left = room - (state.found.evaluations - began)
-        board, spent = refresh(terrain, state.now, candidates, state.board, left, how)
+        rest = room - (state.found.evaluations - began)
+        board, spent = refresh(terrain, state.now, candidates, state.board, rest, how)
         found = replace(state.found, evaluations=state.found.evaluations + spent)
         state = replace(state, board=board, found=found)
         waiting = jnp.stack([stale.any() for stale in board.stale]).any()
@@ -97,8 +99,9 @@ def advance(
 
     def decide(state: State) -> State:
         best_ones = best_of_moves(state, terrain, candidates, limits)
+        rest = left - (state.found.evaluations - began)
         chosen, firsts, strengths, gains, more = polished(
-            terrain, state.now, candidates, *best_ones, limits, fine
+            terrain, state.now, candidates, *best_ones, limits, fine, left=rest
         )
         best = jnp.argmax(gains)
         gain, first, strength = gains[best], firsts[best], strengths[best]

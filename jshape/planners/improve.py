@@ -14,7 +14,7 @@ from jshape._typing import Array
 from jshape.planners import greedy
 from jshape.planners.base import Found, Status, Task, better, ended
 from jshape.planners.greedy import State
-from jshape.planners.sequence import measured, without
+from jshape.planners.sequence import begun, measured, without
 from jshape.predict.sweep import Board, Candidates, fresh_board
 from jshape.predict.terrain import Terrain
 
@@ -27,16 +27,15 @@ LEAST = 1e-7
 def search(task: Task) -> Found:
     """What greedy finds, or what was to begin with, improved; never worse than either."""
     best = greedy.search(task)
-    if task.start is not None and not task.budget.over:
-        start, _, _ = task.budget.call(measured, task.terrain, task.start)
-        task.budget.spend(int(start.steps))
+    start = begun(task)
+    if start is not None:
         best = better(best, replace(start, status=best.status))
     return improved(task, best)
 
 
 def improved(task: Task, found: Found) -> Found:
     """A sequence after exchanges and swaps until none helps or the budget is spent."""
-    if not int(found.steps):
+    if not int(found.steps) or float(found.distance) <= float(task.limits.tolerance):
         return found
     board, seen = fresh_board(task.candidates), task.terrain.now
     for _ in range(PASSES):
@@ -67,7 +66,8 @@ def _exchanged(
         limits = replace(task.limits, max_steps=fewer.steps + 1)
         state = task.budget.call(
             greedy.advance, state, task.terrain, task.candidates, limits,
-            jnp.int32(task.budget.room()), fine=task.fine, how=task.how,
+            jnp.int32(task.budget.room()), jnp.int32(task.budget.left),
+            fine=task.fine, how=task.how,
         )  # fmt: skip
         task.budget.spend(int(state.found.evaluations) - spent)
         whole = int(state.found.steps) > int(fewer.steps) or int(state.found.status) >= 0

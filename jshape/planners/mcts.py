@@ -47,8 +47,8 @@ def search(task: Task) -> Found:
         if listed is None:
             break
         key, mine = jax.random.split(key)
-        work = SIMULATIONS * (LISTED + DEPTH)
-        if task.budget.over or task.budget.room() < work:
+        work = SIMULATIONS * (LISTED + DEPTH + 1)
+        if task.budget.over or not task.budget.holds(work):
             return ended(task, best, Status.BUDGET)
         choice = task.budget.call(
             _policy, mine, task.terrain, state.now, state.found.distance, *listed, mctx=mctx
@@ -62,7 +62,7 @@ def search(task: Task) -> Found:
         best = better(best, replace(state.found, status=best.status))
         if float(best.distance) <= float(task.limits.tolerance):
             return ended(task, best, Status.CONVERGED)
-    return ended(task, best, None)
+    return ended(task, best, Status.BUDGET if task.budget.over else None)
 
 
 def _mctx():
@@ -87,8 +87,9 @@ def _list(task: Task, state: State) -> tuple[tuple[Array, Array, Array] | None, 
         if task.budget.over:
             return None, state
     moves, firsts, strengths, gains, more = task.budget.call(
-        _polished, state, task.terrain, task.candidates, task.limits, fine=task.fine
-    )
+        _polished, state, task.terrain, task.candidates, task.limits,
+        jnp.int32(task.budget.left), fine=task.fine,
+    )  # fmt: skip
     task.budget.spend(int(more))
     if not float(gains.max()) > 0:
         return None, state
@@ -98,9 +99,17 @@ def _list(task: Task, state: State) -> tuple[tuple[Array, Array, Array] | None, 
 
 
 @jax.jit(static_argnames=["fine"])
-def _polished(state: State, terrain: Terrain, candidates: Candidates, limits: Limits, fine: int):
+def _polished(
+    state: State,
+    terrain: Terrain,
+    candidates: Candidates,
+    limits: Limits,
+    left: Array,
+    *,
+    fine: int,
+):
     ones = greedy.best_of_moves(state, terrain, candidates, limits)
-    return polished(terrain, state.now, candidates, *ones, limits, fine, LISTED)
+    return polished(terrain, state.now, candidates, *ones, limits, fine, LISTED, left)
 
 
 @jax.jit(static_argnames=["mctx"])
@@ -127,20 +136,20 @@ def _policy(
     acts = [acting(n) for n in range(len(terrain.moves))]
     changes = [change(n) for n in range(len(terrain.moves))]
 
+    def acted(m: Array, k: Array) -> Array:
+        return lax.switch(moves[k], acts, m, firsts[k], strengths[k])
+
+    def gain(m: Array, k: Array) -> Array:
+        return -lax.switch(moves[k], changes, m, firsts[k], strengths[k]) / unit
+
     def map_after(history: Int[Array, "D"]) -> Array:
         def one(m, entry):
-            def act(m):
-                return lax.switch(moves[entry], acts, m, firsts[entry], strengths[entry])
-
-            return lax.cond(entry >= 0, act, lambda m: m, m), None
+            return lax.cond(entry >= 0, lambda m: acted(m, entry), lambda m: m, m), None
 
         return lax.scan(one, now, history)[0]
 
     def gains_on(m: Array) -> Array:
-        def one(k):
-            return -lax.switch(moves[k], changes, m, firsts[k], strengths[k])
-
-        return lax.map(one, jnp.arange(len(moves))) / unit
+        return lax.map(lambda k: gain(m, k), jnp.arange(len(moves)))
 
     def judged(gains: Array) -> tuple[Array, Array]:
         """Prior logits, and the value: what the best single action would still gain."""
@@ -151,10 +160,10 @@ def _policy(
         history, depth = embedding
 
         def one(history, depth, action):
-            m = map_after(history)
-            reward = gains_on(m)[action]
+            before = map_after(history)
+            reward = gain(before, action)
+            logits, value = judged(gains_on(acted(before, action)))
             history = history.at[jnp.minimum(depth, DEPTH - 1)].set(action)
-            logits, value = judged(gains_on(map_after(history)))
             ended = depth + 1 >= DEPTH
             return reward, jnp.where(ended, 0.0, 1.0), logits, value, history, depth + 1
 

@@ -13,7 +13,7 @@ import optax
 from jshape._typing import Array
 from jshape.planners import greedy
 from jshape.planners.base import Found, Limits, Status, Task, better, ended
-from jshape.planners.sequence import bounds, carry_out, measured
+from jshape.planners.sequence import begun, bounds, carry_out
 from jshape.predict.sweep import Candidates
 from jshape.predict.terrain import Terrain
 
@@ -32,21 +32,20 @@ LEAST = 0.002
 def search(task: Task) -> Found:
     """What greedy finds, or what was to begin with, refined; never worse than either."""
     best = greedy.search(task)
-    if task.start is not None and not task.budget.over:
-        start, _, _ = task.budget.call(measured, task.terrain, task.start)
-        task.budget.spend(int(start.steps))
+    start = begun(task)
+    if start is not None:
         best = better(best, replace(start, status=best.status))
     return refined(task, best)
 
 
 def refined(task: Task, found: Found) -> Found:
     """A sequence after as many rounds of descent as gain something and the budget allows."""
-    if not int(found.steps):
+    if not int(found.steps) or float(found.distance) <= float(task.limits.tolerance):
         return found
     rate = 1.0
     for _ in range(ROUNDS):
         work = 3 * STEPS * int(found.steps)  # a gradient costs about two evaluations more
-        if task.budget.over or task.budget.room() < work:
+        if task.budget.over or not task.budget.holds(work):
             return ended(task, found, Status.BUDGET)
         before = float(found.distance)
         found = task.budget.call(

@@ -1,13 +1,15 @@
 """A whole sequence carried out on the terrain, at places between nodes too: differentiable."""
 
+from collections import Counter
 from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jshape._typing import Array, Float
-from jshape.planners.base import Found
+from jshape.planners.base import Found, Task, nothing
 from jshape.predict.sweep import Candidates
 from jshape.predict.terrain import Move, Terrain
 
@@ -21,11 +23,16 @@ def act_between(
     on a node that is `Terrain.act`.
     """
     rows, columns = move.shape
-    room = jnp.array(now.shape) - jnp.array(move.shape) - 1
+    room = jnp.array(now.shape) - jnp.array(move.shape)
     first = jnp.clip(node - jnp.asarray(move.middle), 0.0, room)
+    # At the map's end from the last node but one, with a share of 1.
     base = jnp.floor(lax.stop_gradient(first)).astype(jnp.int32)
+    base = jnp.clip(base, 0, jnp.maximum(room - 1, 0))
     down, right = first - base
-    larger = lax.dynamic_slice(now, base, (rows + 1, columns + 1))
+    whole = now
+    if rows == now.shape[0] or columns == now.shape[1]:  # a window as large as the map
+        whole = jnp.pad(now, ((0, 1), (0, 1)), mode="edge")
+    larger = lax.dynamic_slice(whole, base, (rows + 1, columns + 1))
     seen = _between(_between(larger, down, 0), right, 1)
     after = jnp.clip(move(seen, base, strength), terrain.limits[0], terrain.limits[1])
     change = after - seen
@@ -33,7 +40,8 @@ def act_between(
         before, behind = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
         before[axis], behind[axis] = (0, 1), (1, 0)
         change = (1 - share) * jnp.pad(change, before) + share * jnp.pad(change, behind)
-    return lax.dynamic_update_slice(now, larger + change, base)
+    after = lax.dynamic_update_slice(whole, larger + change, base)
+    return after[: now.shape[0], : now.shape[1]]
 
 
 def _between(window: Array, share: Array, axis: int) -> Array:
@@ -72,6 +80,44 @@ def measured(terrain: Terrain, found: Found) -> tuple[Found, Array, Array]:
     """A sequence with its distance, the map after it, and d before and after each entry."""
     now, distances = carry_out(terrain, found)
     return replace(found, distance=distances[-1]), now, distances
+
+
+def begun(task: Task) -> Found | None:
+    """The sequence to begin with, measured; None if there is none, or no budget for it (host).
+
+    Its places and strengths are moved into the candidates' bounds.  Left out is what is farther
+    from them than a place may be from its node, out of reach, used too often, or one too many.
+    """
+    if task.start is None or task.budget.over:
+        return None
+    terrain, candidates, start = task.terrain, task.candidates, jax.device_get(task.start)
+    low, high = jax.device_get(bounds(terrain, candidates))
+    known, most = np.asarray(candidates.strengths), np.asarray(task.limits.most)
+    moves, nodes, strengths, used = [], [], [], Counter()
+    for move, node, strength in zip(start.move, start.node, start.strength, strict=True):
+        if move < 0 or not candidates.counts[move] or len(moves) == task.max_steps:
+            continue
+        inside = np.clip(node, low[move], high[move])
+        row, column = np.rint(inside).astype(int)
+        free = candidates.reach is None or bool(candidates.reach[row, column])
+        action = terrain.moves[move].action
+        allowed = used[action] < (most[action] if most.ndim else most)
+        if np.abs(inside - node).max() < 0.51 and free and allowed:
+            used[action] += 1
+            moves.append(move)
+            nodes.append(inside)
+            strengths.append(np.clip(strength, known.min(), known.max()))
+    found, steps = nothing(terrain, task.max_steps), len(moves)
+    if steps:
+        found = replace(
+            found,
+            steps=jnp.int32(steps),
+            move=found.move.at[:steps].set(np.array(moves)),
+            node=found.node.at[:steps].set(np.array(nodes)),
+            strength=found.strength.at[:steps].set(np.array(strengths)),
+        )
+    task.budget.spend(steps)
+    return task.budget.call(measured, terrain, found)[0]
 
 
 def without(found: Found, k: int | Array) -> Found:

@@ -43,11 +43,15 @@ class Difference:
 
 
 def fit_difference(
-    prior: Float[np.ndarray, "N h w"], posterior: Float[np.ndarray, "N h w"]
+    prior: Float[np.ndarray, "N h w"],
+    posterior: Float[np.ndarray, "N h w"],
+    strength: Float[np.ndarray, "N"] | None = None,
 ) -> Difference:
     """f_D from N pairs of ROIs of I.  Eq. DiffImage.
 
     A pixel without a reading (NaN) in either image of a pair is left out of that pixel's mean.
+    With pairs of several strengths x, ΔI is that for which x·ΔI is nearest to the changes, by least
+    squares: Σ x·change / Σ x².  Without, x is 1 and that is the mean.
 
     Raises:
       BadDataset: no pairs, or a pixel that no pair has seen.
@@ -62,5 +66,9 @@ def fit_difference(
             f"{int((count == 0).sum())} of {count.size} ROI pixels have no depth reading in any "
             f"of the {len(prior)} pairs"
         )
-    delta = np.where(seen, change, 0.0).sum(0) / count
+    if strength is None:
+        delta = np.where(seen, change, 0.0).sum(0) / count
+    else:
+        times = np.asarray(strength, np.float64)[:, None, None]
+        delta = np.where(seen, times * change, 0.0).sum(0) / (seen * times**2).sum(0)
     return Difference(jnp.asarray(delta, jnp.float32))

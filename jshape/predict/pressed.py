@@ -4,13 +4,14 @@ The paper closes with a coarse physical model refined by data; this is one.  On 
 from above (`predict.ground`), with surfaces s as depth (positive is lower):
 
     r      = s - Σ reference·s              relief against the mean of the ground below the tool
-    cut    = max(tool - r, 0), softly       what stands above the tool's underside
-    change = give·cut + rest + swell·(volume - 1) + follow·r
+    cut    = max(tool + (x - 1)·stroke - r, 0), softly    what stands above the tool's underside
+    change = give·cut + x·rest + (x - 1)·min(x, 1)·deep + swell·(volume - x) + min(x, 1)·follow·r
 
-`tool`, `give`, `rest`, `swell` and `follow` are maps over the grid, fitted to pairs together with
-the weights of the reference.  f_D is the special case tool = -infinity, swell = follow = 0; what it
-misses is that a tool levels the ground below it: where it presses, the surface after does not
-depend on the one before.
+where x is the strength: how many times as deep as the trained action.  `tool`, `give`, `rest`,
+`deep`, `swell` and `follow` are maps over the grid, fitted to pairs together with the number
+`stroke` and the weights of the reference.  f_D is the special case tool = -infinity, deep = swell =
+follow = 0; what it misses is that a tool levels the ground below it: where it presses, the surface
+after does not depend on the one before.
 """
 
 from dataclasses import dataclass, replace
@@ -47,6 +48,11 @@ class Pressed:
     """Change when twice as much is displaced as on flat ground, metres."""
     follow: Float[Array, "rows columns"]
     """Change per metre of relief."""
+    deep: Float[Array, "rows columns"]
+    """How much more than in proportion `rest` grows with strength, metres: a hand that closes
+    heaps up more than twice as much when it is twice as deep."""
+    stroke: Float[Array, ""]
+    """How much farther down the underside is at a strength of 2, metres."""
 
     @property
     def roi(self) -> tuple[int, int]:
@@ -62,7 +68,7 @@ class Pressed:
     ) -> Float[Array, "*B h w"]:
         """ROIs after the action, not yet clipped to [0, 1].  Replaces Eq. Doutput.
 
-        A stronger action lowers the tool by its depth times (strength - 1): one deeper knock, not
+        A stronger action lowers the tool by `stroke` times (strength - 1): one deeper knock, not
         several.  Below a strength of 0.2 all of it fades to nothing.
         """
         one = jnp.vectorize(self._of_one, signature="(h,w),(n),()->(h,w)")
@@ -90,26 +96,33 @@ class Pressed:
         """How much lower the ground is after the action, metres."""
         return self.ready().change(surface, strength)
 
+    @property
+    def deepest(self) -> Float[Array, ""]:
+        """Greatest lowering of flat ground at strength 1, metres: a stroke where none is known."""
+        return (jnp.maximum(self.give, 0.0) * _soft(self.tool) + self.rest).max()
+
     def ready(self) -> "Press":
         """What of a change does not depend on the ground, computed once for many grounds."""
         give = jnp.maximum(self.give, 0.0)
-        flat = _soft(self.tool)
         least = 1e-6 * give.size  # 1 µm over the grid against 0 / 0
         return Press(
             weights=jax.nn.softmax(self.reference.reshape(-1)).reshape(self.reference.shape),
             tool=self.tool,
             give=self.give,
-            raised=jnp.minimum(self.rest, 0.0),
-            lowered=jnp.maximum(self.rest, 0.0),
+            rest=self.rest,
             swell=self.swell,
             follow=self.follow,
-            deepest=(give * flat + self.rest).max(),
-            volume=_sum(give * flat) + least,
+            deep=self.deep,
+            stroke=self.stroke,
+            volume=_sum(give * _soft(self.tool)) + least,
             least=jnp.asarray(least, jnp.float32),
         )
 
 
-_OUTSIDE = {"reference": -50.0, "tool": -0.1, "give": 0.0, "rest": 0.0, "swell": 0.0, "follow": 0.0}
+_OUTSIDE = {
+    "reference": -50.0, "tool": -0.1, "give": 0.0, "rest": 0.0, "swell": 0.0, "follow": 0.0,
+    "deep": 0.0,
+}  # fmt: skip
 """Beyond a turned map: not below the tool, 100 mm above all ground, no change."""
 
 
@@ -121,14 +134,13 @@ class Press:
     weights: Float[Array, "rows columns"]
     tool: Float[Array, "rows columns"]
     give: Float[Array, "rows columns"]
-    raised: Float[Array, "rows columns"]
-    lowered: Float[Array, "rows columns"]
+    rest: Float[Array, "rows columns"]
     swell: Float[Array, "rows columns"]
     follow: Float[Array, "rows columns"]
-    deepest: Float[Array, ""]
-    """Greatest lowering on flat ground, metres."""
+    deep: Float[Array, "rows columns"]
+    stroke: Float[Array, ""]
     volume: Float[Array, "1 1"]
-    """Displaced on flat ground, metres times nodes."""
+    """Displaced on flat ground at strength 1, metres times nodes."""
     least: Float[Array, ""]
 
     def change(
@@ -136,15 +148,14 @@ class Press:
     ) -> Float[Array, "*C rows columns"]:
         """How much lower the ground is after the action, metres; batched over both arguments."""
         strength = jnp.asarray(strength)[..., None, None]
+        shallow = jnp.minimum(strength, 1.0)
         relief = surface - _sum(surface * self.weights)
-        give = jnp.maximum(self.give, 0.0)
-        displaced = _sum(give * _soft(self.tool - relief))
-        deeper = _soft(self.tool + (strength - 1.0) * self.deepest - relief)
+        cut = _soft(self.tool + (strength - 1.0) * self.stroke - relief)
         # Rims hold what was displaced: more of it, higher rims.
-        more = (_sum(give * deeper) + self.least) / (displaced + self.least)
-        swell = self.swell * (displaced / self.volume - 1.0)
-        beside = self.raised * more + self.lowered + swell + self.follow * relief
-        whole = self.give * deeper + jnp.clip(strength, 0.0, 1.0) * beside
+        volume = (_sum(jnp.maximum(self.give, 0.0) * cut) + self.least) / self.volume
+        beside = strength * self.rest + (strength - 1.0) * shallow * self.deep
+        swell = self.swell * (volume - strength)
+        whole = self.give * cut + beside + swell + shallow * self.follow * relief
         return jnp.clip(5.0 * strength, 0.0, 1.0) * whole
 
 

@@ -162,15 +162,17 @@ def refresh(
     """
     per_place = len(candidates.strengths)
     waiting = sum(stale.sum() for stale in board.stale)
-    changes, stale, spent = [], [], jnp.int32(0)
+    places = waiting if room is None else jnp.minimum(room / per_place, waiting)
+    portion = places / jnp.maximum(waiting, 1)
+    changes, stale, spent, before = [], [], jnp.int32(0), jnp.int32(0)
     for number, first in enumerate(candidates.first):
         old, old_stale = board.changes[number], board.stale[number]
         count = first.shape[0]
         if count:
-            most = jnp.int32(count)
-            if room is not None:
-                share = old_stale.sum() / jnp.maximum(waiting, 1) * (room / per_place)
-                most = jnp.clip(jnp.ceil(share), 0, count).astype(jnp.int32)
+            # Rounded up for the moves so far together: in all, by less than one place.
+            earlier, before = before, before + old_stale.sum()
+            most = jnp.ceil(before * portion) - jnp.ceil(earlier * portion)
+            most = jnp.clip(most, 0, count).astype(jnp.int32)
             work = partial(_refresh_move, number, how.chunk)
             if how.mesh is not None:
                 work = _shared(work, how.mesh)

@@ -121,7 +121,7 @@ class Terrain:
             # A product with ones sums the rows in the CPU's vector units.
             return jnp.dot(jnp.ones(move.shape[0], closer.dtype), closer * weight).sum()
 
-        return jnp.stack([one(s) for s in strengths]) / self.size
+        return lax.map(one, strengths) / self.size
 
     def node(self, pixel: np.ndarray) -> np.ndarray:
         """Nodes (N, 2) nearest to pixels (N, 2), both (v, u) (host)."""

@@ -6,6 +6,7 @@ file with one checksum is checked before a byte of it is read.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -25,6 +26,8 @@ Arrays = Mapping[str, np.ndarray]
 LARGEST_GRID = 4096
 """Most nodes of a ground's grid that are read, per side."""
 _MAPS = ("reference", "tool", "give", "rest", "swell", "follow")
+_LATER = ("deep", "stroke")
+"""What banks of f_P that were made for one strength only do not have."""
 WIDEST = 256
 """Largest width of a U-Net that is read: 0.5 billion parameters."""
 
@@ -118,7 +121,7 @@ def _refined(arrays: Arrays, roi: tuple[int, int], after_difference: bool) -> Re
 
 def _pack_pressed(predictor: Pressed) -> dict[str, np.ndarray]:
     ground = np.array([predictor.ground.depth, predictor.ground.pitch], np.float32)
-    maps = {name: np.asarray(getattr(predictor, name), np.float32) for name in _MAPS}
+    maps = {name: np.asarray(getattr(predictor, name), np.float32) for name in (*_MAPS, *_LATER)}
     return {"ground": ground, **maps}
 
 
@@ -130,7 +133,16 @@ def _unpack_pressed(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Pre
     if not (depth > 0 and pitch > 0):
         raise BadBank(f"ground is at {depth} m with nodes {pitch} m apart; both must be positive")
     maps = {name: jnp.asarray(checked(arrays[name], shape, name)) for name in _MAPS}
-    return Pressed(Ground(camera, jnp.asarray(depth), jnp.asarray(pitch), shape, roi), **maps)
+    shapes = {"deep": shape, "stroke": ()}
+    later = {
+        name: jnp.asarray(checked(arrays[name], shapes[name], name))
+        for name in _LATER
+        if name in arrays
+    }
+    maps = {"deep": jnp.zeros(shape), "stroke": jnp.float32(0), **maps, **later}
+    found = Pressed(Ground(camera, jnp.asarray(depth), jnp.asarray(pitch), shape, roi), **maps)
+    # Without it the tool goes as much deeper as the greatest lowering.
+    return found if "stroke" in later else replace(found, stroke=found.deepest)
 
 
 KINDS: dict[str, Kind] = {

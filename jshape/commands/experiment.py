@@ -1,0 +1,71 @@
+"""`jshape experiment NAME`: what was measured for the documentation, to be measured again."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from jshape.commands import arguments
+from jshape.commands.tables import print_table, progress
+
+
+def planning(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape experiment planning`: planners against problems that nobody can game."""
+    from jshape.experiments import planning as benchmark
+    from jshape.viz.planning import tables
+
+    kinds = options.kinds
+    if kinds is None:
+        recorded = options.data is not None and (options.data / "mpm").is_dir()
+        kinds = benchmark.KINDS if recorded else benchmark.KINDS[:2]
+    named = {"entries": options.entries, "kinds": kinds, "loops": options.loops}
+    given: dict[str, Any] = {name: tuple(dict.fromkeys(n)) for name, n in named.items() if n}
+    for name in ("problems", "max_steps", "seconds", "seed"):
+        given[name] = getattr(options, name)
+    settings = benchmark.Settings(**given)
+    result = benchmark.run_planning(
+        options.out,
+        settings,
+        data=options.data,
+        overwrite=options.overwrite,
+        say=(lambda line: None) if options.json else lambda line: print(line, flush=True),
+        progress=progress,
+    )
+    if not options.json:
+        for title, head, rows in tables(result["rows"]):
+            print(f"\n{title}:")
+            print_table(head, rows)
+        for note in result["notes"]:
+            print(f"\n{note}")
+        print(f"\ntables and pictures: {options.out}")
+    return result
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape experiment`."""
+    experiment = commands.add_parser("experiment", help="measure planners on simulated problems")
+    experiment.set_defaults(help_of=experiment)
+    experiments = experiment.add_subparsers(
+        dest="subcommand", metavar="WHAT", parser_class=arguments.Parser
+    )
+    parser = arguments.command(
+        experiments,
+        "planning",
+        planning,
+        "planners on goals that another hand or no action made; goes on where it was stopped",
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder for runs and tables")
+    parser.add_argument(
+        "--problems", type=arguments.positive_count, default=20, help="of each kind (default: 20)"
+    )
+    parser.add_argument("--entries", nargs="+", metavar="ENTRY", help="who takes part (all)")
+    parser.add_argument(
+        "--kinds", nargs="+", metavar="KIND",
+        help="applied, shape, mpm (default: the first two, and mpm where --data has it)",
+    )  # fmt: skip
+    parser.add_argument("--loops", nargs="+", metavar="LOOP", help="open, closed (both)")
+    parser.add_argument("--data", type=Path, help="folder that may hold real/ and mpm/")
+    parser.add_argument("--seed", type=arguments.seed, default=0, help="other problems")
+    parser.add_argument(
+        "--max-steps", type=arguments.positive_count, default=16, help="most actions (default: 16)"
+    )
+    parser.add_argument("--seconds", type=arguments.positive, help="for each plan (no limit)")

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jshape import actions as rectangles
@@ -102,14 +101,15 @@ def plan(
         raise UnknownName("planner", planner, PLANNERS)
     if not isinstance(max_steps, int | np.integer) or not 0 <= max_steps <= MAX_STEPS:
         raise JShapeError(f"max_steps is {max_steps!r}; it must be a whole number to {MAX_STEPS}")
-    for name, value in (("min_gain", min_gain), ("tolerance", tolerance), ("caution", caution)):
+    numbers = {"min_gain": min_gain, "tolerance": tolerance, "caution": caution}
+    for name, value in numbers.items():
         if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
             raise JShapeError(f"{name} is {value!r}; it must be a number from 0")
     if positions is not None and stride is not None:
         raise JShapeError("positions and stride are both given; one says where actions are tried")
     free = places.reachable(bank.camera, reach, clearance_mm)
     turned = tasks.directions(bank, yaws)
-    terrain = _terrain(bank, first, goal, jnp.array([yaw for _, yaw in turned]),
+    terrain = _terrain(bank, first, goal, np.array([yaw for _, yaw in turned], np.float32),
                        moves=tuple((a, yaw != 0) for a, yaw in turned))  # fmt: skip
     if stride is None:
         where = places.placed_positions(bank, positions, clip)
@@ -139,7 +139,7 @@ def _carried_out(
     The search's own distances are sums of changes, which drift by rounding, and on the ground.
     """
     terrain, steps = task.terrain, int(found.steps)
-    image = jnp.asarray(first)
+    image = first.copy()
     names, centres, rois, offsets, patches, clipped, yaws = [], [], [], [], [], [], []
     for k in range(steps):
         number = int(found.move[k])
@@ -148,7 +148,7 @@ def _carried_out(
         known = np.asarray(task.candidates.first[number]) + move.middle
         same = np.flatnonzero((known == found.node[k]).all(1))
         if same.size:  # a given place, not the node beside it
-            exact = np.asarray(task.candidates.pixels[number][same[0]])
+            exact = np.asarray(task.candidates.pixels[number])[same[0]]
         yaw = float(move.yaw)
         w, h = move.roi
         low = np.array([w // 2, h // 2])
@@ -156,19 +156,19 @@ def _carried_out(
         centre = np.clip(np.rint(exact).astype(np.int32), low, low + room)
         offset = (exact - centre).astype(np.float32)
         offset[np.abs(offset) < 1e-3] = 0
-        corner = (centre - low)[::-1]
-        patch, share = after_action(
-            bank, image, jnp.asarray(corner, jnp.int32), float(found.strength[k]), yaw,
-            jnp.asarray(offset[::-1]), action=move.action, turned=yaw != 0,
-            moved=bool(offset.any()),
+        top, left = corner = (centre - low)[::-1].astype(np.int32)
+        after = after_action(
+            bank, image, corner, found.strength[k], yaw, offset[::-1].copy(),
+            action=move.action, turned=yaw != 0, moved=bool(offset.any()),
         )  # fmt: skip
-        image = jax.lax.dynamic_update_slice(image, patch, tuple(jnp.asarray(corner, jnp.int32)))
+        patch, share = jax.device_get(after)
+        image[top : top + h, left : left + w] = patch
         names.append(bank.actions[move.action])
         centres.append(centre)
         rois.append(move.roi)
         offsets.append(offset)
         yaws.append(yaw)
-        patches.append(np.asarray(patch))
+        patches.append(patch)
         clipped.append(float(share))
     positions = np.array(centres, np.int32).reshape(-1, 2)
     sizes = np.array(rois, np.int32).reshape(-1, 2)

@@ -55,6 +55,30 @@ def test_the_effect_is_the_mean_difference(pairs):
         np.testing.assert_allclose(bank.predictor(name).delta, np.mean(changes, 0), atol=1e-6)
 
 
+def test_pairs_of_several_strengths(pairs):
+    """f_D divides by them, predictions are told them, and networks refuse them."""
+    strength = np.linspace(0.5, 2.0, len(pairs)).astype(np.float32)
+    several = replace(pairs, strength=strength)
+    delta = np.asarray(fit(several).predictor("poke").delta)
+    mine = several.of(action="poke")
+    examples = mine.rois("poke")
+    np.testing.assert_array_equal(examples.strength, strength[1::2])
+    np.testing.assert_array_equal(examples.select(np.array([2])).strength, strength[[5]])
+    change = (examples.posterior - examples.prior).astype(np.float64)
+    best = np.tensordot(mine.strength, change, 1) / (mine.strength.astype(float) ** 2).sum()
+    np.testing.assert_allclose(delta, best, atol=1e-6)
+    bank = fit(several)
+    error, _ = roi_errors_mm(bank, several, "poke")
+    expected = np.abs(
+        np.clip(examples.prior + mine.strength[:, None, None] * delta, 0, 1) - examples.posterior
+    ).mean((1, 2)) * float(metric.to_mm(1.0, PAPER_BOX))
+    np.testing.assert_allclose(error, expected, rtol=1e-4)
+    twice, _ = roi_errors_mm(bank, replace(pairs, strength=strength / 2), "poke", strength=2.0)
+    np.testing.assert_allclose(twice, error, rtol=1e-6)
+    with pytest.raises(BadDataset, match="knock: pairs of strengths from 0.5 to .*; networks"):
+        fit(several, "CR")
+
+
 def test_missing_pixels_are_left_out_of_the_mean(pairs):
     whole = fit(pairs)
     u, v = pairs.centre[0]

@@ -11,11 +11,14 @@ from hypothesis import strategies as st
 
 from jshape import Camera, Status, distance
 from jshape.actions import grid
-from jshape.planners import PLANNERS
+from jshape.planners import greedy
 from jshape.planners.base import Limits
+from jshape.planners.sequence import carry_out
 from jshape.predict.bank import Bank
 from jshape.predict.difference import Difference
-from jshape.predict.sweep import candidates_at, predict_at, refresh, sweep
+from jshape.predict.rollout import after_action
+from jshape.predict.sweep import Board, candidates_at, refresh, sweep
+from jshape.predict.terrain import terrain_of
 from tests.reference import greedy as twin
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
@@ -60,16 +63,29 @@ def problem(seed, exact=True):
     return bank_of(deltas), deltas, image, goal, positions
 
 
-def run(bank, image, goal, positions, max_steps=6, **limits):
-    candidates = candidates_at(bank, dict(zip(bank.actions, positions, strict=True)))
-    return candidates, PLANNERS["greedy"](
-        bank,
-        jnp.asarray(image, jnp.float32),
-        jnp.asarray(goal, jnp.float32),
-        candidates,
-        Limits(**limits),
-        max_steps=max_steps,
-    )
+def ready(bank, image, goal, positions, strengths=(1.0,)):
+    """(terrain, candidates)."""
+    terrain = terrain_of(bank, np.float32(image), np.float32(goal))
+    where = dict(zip(bank.actions, positions, strict=True))
+    return terrain, candidates_at(terrain, bank, where, strengths)
+
+
+def run(bank, image, goal, positions, max_steps=6, strengths=(1.0,), **limits):
+    terrain, candidates = ready(bank, image, goal, positions, strengths)
+    return greedy.run(terrain, candidates, Limits(**limits), max_steps=max_steps)
+
+
+def steps_of(found):
+    """What a search chose: (action, (u, v), strength) each."""
+    return [
+        (int(found.move[k]), tuple(int(n) for n in found.node[k][::-1]), float(found.strength[k]))
+        for k in range(int(found.steps))
+    ]
+
+
+def placed(steps, positions, strengths=(1.0,)):
+    """A twin's steps, likewise."""
+    return [(i, tuple(positions[i][j].tolist()), strengths[k]) for i, j, k in steps]
 
 
 @settings(max_examples=40, deadline=None)
@@ -77,16 +93,28 @@ def run(bank, image, goal, positions, max_steps=6, **limits):
 def test_greedy_equals_the_transcription(seed, max_steps):
     bank, deltas, image, goal, positions = problem(seed)
     steps, distances, status = twin.greedy(image, goal, deltas, positions, max_steps)
-    candidates, found = run(bank, image, goal, positions, max_steps)
-    assert int(found.steps) == len(steps)
-    assert [candidates.locate(int(c)) for c in found.chosen[: len(steps)]] == steps
+    terrain, candidates = ready(bank, image, goal, positions)
+    found = greedy.run(terrain, candidates, Limits(), max_steps=max_steps)
+    assert steps_of(found) == placed(steps, positions)
     assert Status(int(found.status)).name == status
-    # The patches rebuild the transcription's last image.
-    end = np.array(image)
-    for k, (action, place) in enumerate(steps):
-        (w, h), (u, v) = ROIS[action], positions[action][place]
-        end[v - h // 2 : v - h // 2 + h, u - w // 2 : u - w // 2 + w] = found.patches[k, :h, :w]
-    np.testing.assert_allclose(twin.distance(end, goal), distances[-1], atol=1e-7)
+    assert (found.move[len(steps) :] == -1).all()
+    np.testing.assert_allclose(found.distance, distances[-1], atol=1e-7)
+    np.testing.assert_allclose(
+        carry_out(terrain, found)[1][: len(steps) + 1], distances, atol=1e-7
+    )
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_strengths_are_tried_in_their_order(seed):
+    strengths = (0.5, 1.0, 2.0)
+    bank, deltas, image, goal, positions = problem(seed)
+    goal = twin.inject(goal, deltas[2], positions[2][0], 0.5)
+    steps, distances, status = twin.greedy(image, goal, deltas, positions, 6, strengths=strengths)
+    found = run(bank, image, goal, positions, strengths=strengths)
+    assert steps_of(found) == placed(steps, positions, strengths)
+    assert Status(int(found.status)).name == status
+    np.testing.assert_allclose(found.distance, distances[-1], atol=1e-7)
 
 
 @settings(max_examples=15, deadline=None)
@@ -95,42 +123,37 @@ def test_greedy_equals_the_transcription_on_real_numbers(seed, min_gain):
     bank, deltas, image, goal, positions = problem(seed, exact=False)
     steps, distances, _ = twin.greedy(image, goal, deltas, positions, 6, min_gain=min_gain)
     gains = -np.diff(distances)
-    candidates, found = run(bank, image, goal, positions, min_gain=min_gain)
-    chosen = [candidates.locate(int(c)) for c in found.chosen[: int(found.steps)]]
+    found = run(bank, image, goal, positions, min_gain=min_gain)
     # A gain within rounding of the least gain may fall on either side of it.
     close = np.flatnonzero(np.abs(gains - min_gain) < 1e-6)
     sure = int(close[0]) if close.size else len(steps)
-    assert [_place(positions, c) for c in chosen[:sure]] == [
-        _place(positions, c) for c in steps[:sure]
-    ]
-
-
-def _place(positions, step):
-    """The same action at the same place counts as the same step, whatever its number."""
-    return step[0], tuple(positions[step[0]][step[1]])
+    assert steps_of(found)[:sure] == placed(steps, positions)[:sure]
 
 
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_the_change_on_the_roi_equals_that_on_the_full_image(seed):
     bank, deltas, image, goal, positions = problem(seed, exact=False)
-    candidates = candidates_at(bank, dict(zip(bank.actions, positions, strict=True)))
+    strengths = (0.5, 2.0)
+    found = sweep(*ready(bank, image, goal, positions, strengths))
     before = twin.distance(image, goal)
-    full = [
-        twin.distance(twin.inject(image, delta, centre), goal) - before
-        for delta, centres in zip(deltas, positions, strict=True)
-        for centre in centres
-    ]
-    changes = sweep(
-        bank, jnp.asarray(image, jnp.float32), jnp.asarray(goal, jnp.float32), candidates
-    )
-    np.testing.assert_allclose(changes, full, atol=1e-6)
+    for delta, centres, changes in zip(deltas, positions, found, strict=True):
+        full = [
+            [twin.distance(twin.inject(image, delta, at, s), goal) - before for s in strengths]
+            for at in centres
+        ]
+        np.testing.assert_allclose(changes, full, atol=1e-6)
 
 
 def test_prediction_is_clipped_when_it_is_put_back():
     bank = problem(1)[0]
-    roi = predict_at(bank, 0, jnp.ones(CAMERA.shape), jnp.array([2, 3]))
-    np.testing.assert_array_equal(roi, 1 + bank.predictors[0].delta)
+    delta = np.asarray(bank.predictors[0].delta)
+    ones, first = jnp.ones(CAMERA.shape), jnp.array([2, 3])
+    after, share = after_action(bank, ones, first, action=0)
+    np.testing.assert_array_equal(after, np.minimum(1 + delta, 1))
+    assert float(share) == pytest.approx((delta > 0).mean())
+    terrain = terrain_of(bank, ones, ones)
+    np.testing.assert_array_equal(terrain.after(terrain.moves[0], ones, first, 1.0), after)
     clipped = np.asarray(bank.predict("a0", np.ones((2, 6, 7), np.float32)))
     assert clipped.shape == (2, 6, 7) and clipped.max() <= 1
 
@@ -141,53 +164,83 @@ def test_untouched_candidates_are_not_evaluated_again():
     positions = [np.array([[4, 4], [19, 4], [4, 13], [19, 13]])] * 3
     image = np.zeros(CAMERA.shape)
     goal = twin.inject(twin.inject(image, deltas[0], [4, 4]), deltas[0], [19, 13])
-    _, found = run(bank, image, goal, positions)
+    found = run(bank, image, goal, positions)
     assert Status(int(found.status)) == Status.CONVERGED
     # 12 at the start, then after each of two actions only the 3 candidates of that place.
     assert int(found.evaluations) == 12 + 3 + 3
+    # With four strengths, four times as many; the 5 of an action are all that differs.
+    found = run(bank, image, goal, positions, strengths=(0.5, 1.0, 1.5, 2.0))
+    assert int(found.evaluations) == 4 * (12 + 3 + 3)
 
 
 def test_refresh_leaves_fresh_values_alone():
     bank, _, image, goal, positions = problem(3)
-    candidates = candidates_at(bank, dict(zip(bank.actions, positions, strict=True)))
-    image, goal = jnp.asarray(image, jnp.float32), jnp.asarray(goal, jnp.float32)
-    all_new = np.asarray(sweep(bank, image, goal, candidates)) * image.size
-    stale = np.arange(len(candidates)) % 3 == 0
-    mixed = refresh(bank, image, goal, candidates, jnp.full(15, 7.0), jnp.asarray(stale))
-    np.testing.assert_allclose(mixed, np.where(stale, all_new, 7.0), rtol=1e-5, atol=1e-5)
+    terrain, candidates = ready(bank, image, goal, positions)
+    every = sweep(terrain, candidates)
+    stale = [np.arange(5) % 3 == number % 3 for number in range(3)]
+    board = Board(tuple(jnp.full((5, 1), 7.0) for _ in ROIS), tuple(map(jnp.asarray, stale)))
+    mixed, spent = refresh(terrain, terrain.now, candidates, board)
+    assert int(spent) == sum(mine.sum() for mine in stale)
+    for number in range(3):
+        expected = np.where(stale[number][:, None], every[number], 7.0)
+        np.testing.assert_array_equal(mixed.changes[number], expected)
+        assert not mixed.stale[number].any()
 
 
 def test_limits_stop_the_search():
     bank, deltas, image, _, positions = problem(5)
     goal = twin.inject(image, deltas[0], positions[0][0])
     start = float(distance(np.float32(image), np.float32(goal)))
-    _, found = run(bank, image, goal, positions, tolerance=start)
+    found = run(bank, image, goal, positions, tolerance=start)
     assert (int(found.steps), Status(int(found.status))) == (0, Status.CONVERGED)
-    _, found = run(bank, image, goal, positions, min_gain=start * 1.01)
+    found = run(bank, image, goal, positions, min_gain=start * 1.01)
     assert (int(found.steps), Status(int(found.status))) == (0, Status.NO_IMPROVEMENT)
+    found = run(bank, image, goal, positions, errors=jnp.array([2.0, 0.0, 2.0]) * start)
+    assert set(steps_of(found)) <= {(1, tuple(at.tolist()), 1.0) for at in positions[1]}
+    deeper = run(bank, image, goal, positions, strengths=(2.0, 3.0), errors=start / 1.9)
+    assert int(deeper.steps) == 0  # a deeper action must gain as many times more
 
 
-def test_no_candidates_is_an_empty_plan():
-    bank, _, image, goal, _ = problem(5)
-    _, found = run(bank, image, 1 - image, [np.zeros((0, 2), np.int32)] * 3)
-    assert (int(found.steps), Status(int(found.status))) == (0, Status.NO_IMPROVEMENT)
+def test_each_action_is_used_as_often_as_allowed():
+    bank, _, image, _, positions = problem(7)
+    free = run(bank, image, 1 - image, positions, max_steps=12)
+    used = np.bincount([step[0] for step in steps_of(free)], minlength=3)
+    most = np.maximum(used - 1, 0)
+    found = run(bank, image, 1 - image, positions, max_steps=12, most=jnp.asarray(most))
+    assert used.max() > 1
+    assert (np.bincount([step[0] for step in steps_of(found)], minlength=3) <= most).all()
+    none = run(bank, image, 1 - image, positions, most=jnp.zeros(3, jnp.int32))
+    assert (int(none.steps), Status(int(none.status))) == (0, Status.NO_IMPROVEMENT)
+
+
+@pytest.mark.parametrize("there_is", ["no place", "a place for one action"])
+def test_no_candidates_is_an_empty_plan(there_is):
+    bank, _, image, goal, positions = problem(5)
+    none = np.zeros((0, 2), np.int32)
+    if there_is == "no place":
+        found = run(bank, image, 1 - image, [none] * 3)
+        assert (int(found.steps), Status(int(found.status))) == (0, Status.NO_IMPROVEMENT)
+        found = run(bank, image, image, [none] * 3)
+        assert (int(found.steps), Status(int(found.status))) == (0, Status.CONVERGED)
+    else:
+        found = run(bank, image, 1 - image, [none, positions[1], none])
+        assert {step[0] for step in steps_of(found)} == {1}
 
 
 def test_vmap_over_goals_equals_a_loop():
     bank, _, image, _, positions = problem(11)
-    candidates = candidates_at(bank, dict(zip(bank.actions, positions, strict=True)))
     goals = jnp.asarray(np.stack([problem(s)[3] for s in range(11, 16)]), jnp.float32)
-    image = jnp.asarray(image, jnp.float32)
-    limits = Limits()
+    terrain, candidates = ready(bank, image, goals[0], positions)
 
     def one(goal):
-        return PLANNERS["greedy"](bank, image, goal, candidates, limits, max_steps=6)
+        return greedy.run(replace(terrain, goal=goal), candidates, Limits(), max_steps=6)
 
     many = jax.vmap(one)(goals)
     for k, goal in enumerate(goals):
         alone = one(goal)
-        np.testing.assert_array_equal(many.chosen[k], alone.chosen)
-        assert int(many.status[k]) == int(alone.status)
+        for name in ("steps", "move", "node", "strength", "status"):
+            np.testing.assert_array_equal(getattr(many, name)[k], getattr(alone, name))
+    assert len(np.unique(many.steps)) > 1  # they end at different times
 
 
 TRACED = []
@@ -214,6 +267,7 @@ def test_one_trace_per_shape():
     other = problem(9)
     moved = [p[::-1] for p in positions]
     run(spied(other[0]), other[2], other[3], moved, min_gain=0.01, tolerance=0.02)
+    run(spied(bank), image, goal, positions, strengths=(0.7,))
     camera = replace(CAMERA, fx=31.0, z_max=0.48)
     run(replace(spied(bank), camera=camera), image, goal, positions)
     assert not TRACED  # another image, goal, place, limit, effect or camera: nothing compiled

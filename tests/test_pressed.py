@@ -18,6 +18,7 @@ from jshape.predict import sweep
 from jshape.predict.difference import fit_difference
 from jshape.predict.ground import Ground
 from jshape.predict.pressed import Pressed
+from jshape.store.kinds import KINDS
 from tests.reference import ground as twin
 
 CAMERA = PAPER_BOX
@@ -45,6 +46,8 @@ def tool(give=1.0, depth=0.012):
         "rest": rim,
         "swell": rim,
         "follow": 0 * rim,
+        "deep": 0 * rim,
+        "stroke": depth,
     }
     return Pressed(GROUND, **{name: jnp.asarray(a, jnp.float32) for name, a in maps.items()})
 
@@ -61,21 +64,26 @@ def image_of(depth, place):
     return (CAMERA.z_max - depth) / (CAMERA.z_max - CAMERA.z_min) * weight
 
 
-def examples_of(predictor, count, seed=0, noise=0.0, std=0.006):
+def examples_of(predictor, count, seed=0, noise=0.0, std=0.006, strengths=None):
     rng = np.random.default_rng(seed)
     place = np.stack([rng.integers(0, 360, count), rng.integers(0, 440, count)], -1)
     place = place.astype(np.int32)
     prior = np.stack([
         np.asarray(image_of(hills(seed + 100 + k, std=std), place[k])) for k in range(count)
     ])  # fmt: skip
-    posterior = np.array(predictor(jnp.asarray(prior), jnp.asarray(place)))
-    posterior += noise * rng.normal(size=posterior.shape).astype(np.float32)
-    return Examples(prior, posterior, place)
+    strength = np.ones(count, np.float32)
+    if strengths is not None:
+        strength = np.geomspace(*strengths, count).astype(np.float32)
+    after = predictor(jnp.asarray(prior), jnp.asarray(place), jnp.asarray(strength))
+    posterior = np.clip(after, 0.0, 1.0)  # what lies beyond its range a camera does not see
+    posterior = posterior + noise * rng.normal(size=posterior.shape).astype(np.float32)
+    return Examples(prior, posterior.astype(np.float32), place, strength)
 
 
 def error(predictor, examples):
-    after = predictor(jnp.asarray(examples.prior), jnp.asarray(examples.place))
-    return float(np.abs(np.asarray(after) - examples.posterior).mean())
+    parts = (examples.prior, examples.place, examples.strengths)
+    after = np.clip(predictor(*map(jnp.asarray, parts)), 0.0, 1.0)
+    return float(np.abs(after - examples.posterior).mean())
 
 
 @pytest.mark.parametrize("place", [MIDDLE, CORNER], ids=["middle", "corner"])
@@ -108,7 +116,7 @@ def test_the_same_hole_looks_different_elsewhere_and_is_the_same_on_the_ground()
     # Without walls, behind which a camera sees nothing.
     hollow = jnp.asarray(0.015 * np.exp(-(x**2 + y**2) / 18), jnp.float32)
     none = jnp.zeros_like(hollow)
-    hollow = Pressed(GROUND, none, none, none, hollow, none, none)
+    hollow = replace(tool(0.0), tool=none, swell=none, rest=hollow)
 
     def of(place):
         flat = jnp.asarray(image_of(jnp.full((30, 36), 0.45), place))
@@ -144,6 +152,28 @@ def test_strength_lowers_the_tool():
     assert deeper.min() == pytest.approx(2.5 * once.min(), rel=0.05)  # rims hold what left
     assert nothing.max() < 1e-3
     np.testing.assert_allclose(tool().change(flat), once)
+
+
+def test_what_is_beside_the_tool_grows_as_told():
+    flat = jnp.full(GROUND.shape, 0.45)
+    deep = jnp.full(GROUND.shape, -0.002)
+    plain, heaping = tool(), replace(tool(), deep=deep)
+    for strength, share in ((0.25, -0.75 * 0.25), (1.0, 0.0), (2.0, 1.0), (3.0, 2.0)):
+        more = heaping.change(flat, strength) - plain.change(flat, strength)
+        np.testing.assert_allclose(more, share * deep, atol=1e-7)
+    farther = replace(tool(), stroke=jnp.float32(0.02))
+    assert float(farther.change(flat, 2.0).max()) == pytest.approx(0.032, abs=1e-4)
+    np.testing.assert_array_equal(farther.change(flat), plain.change(flat))
+
+
+def test_many_strengths_of_one_ground():
+    bent = replace(tool(), deep=tool().rest, follow=jnp.full(GROUND.shape, 0.1))
+    surface = jnp.asarray(hills(9, GROUND.shape))
+    strengths = jnp.array([0.2, 1.0, 2.0])
+    together = bent.ready().change(surface, strengths)
+    assert together.shape == (3, *GROUND.shape)
+    for one, strength in zip(together, strengths, strict=True):
+        np.testing.assert_allclose(one, bent.change(surface, strength), atol=1e-7)
 
 
 def test_no_tool_changes_nothing():
@@ -190,6 +220,38 @@ def test_fitting_finds_the_tool():
         np.testing.assert_array_equal(getattr(fitted, name), getattr(same, name))
     other = fit_pressed(training, CAMERA, seed=1)
     assert not np.array_equal(fitted.tool, other.tool)
+
+
+def test_fitting_finds_how_strength_acts():
+    true = replace(tool(), deep=1.5 * tool().rest, stroke=jnp.float32(0.017))
+    options = {"strengths": (0.2, 2.0), "noise": 0.001}
+    training = examples_of(true, 24, seed=1, **options)
+    assert (training.posterior <= 0.005).any()  # deeper than the camera can see
+    fitted = fit_pressed(training, CAMERA)
+    assert float(fitted.stroke) == pytest.approx(0.017, abs=0.002)
+    once = fit_pressed(examples_of(true, 24, seed=1, noise=0.001), CAMERA)
+    assert float(once.stroke) == float(once.deepest)  # one strength says nothing about others
+    np.testing.assert_array_equal(once.deep, 0.0)
+    for strength in (0.3, 2.0):
+        testing = examples_of(true, 6, seed=2, strengths=(strength, strength))
+        assert error(fitted, testing) < 0.6 * error(once, testing)
+
+
+def test_adapting_with_pairs_of_any_strength():
+    known = fit_pressed(examples_of(tool(), 24, seed=1, strengths=(0.2, 2.0)), CAMERA)
+    other = replace(tool(), rest=1.5 * tool().rest)
+    few = examples_of(other, 6, seed=5, strengths=(0.3, 0.6))
+    testing = examples_of(other, 6, seed=6, strengths=(0.3, 0.6))
+    assert error(fit_pressed(few, CAMERA, known), testing) < error(known, testing)
+
+
+def test_what_the_camera_cannot_see_is_not_learned():
+    shallow = examples_of(tool(), 12, seed=1)
+    deeper = tool(depth=0.03)  # 0.47 m is the end of the camera's range
+    fitted = fit_pressed(examples_of(deeper, 12, seed=1), CAMERA)
+    flat = jnp.full(GROUND.shape, 0.45)
+    assert float(fitted.change(flat).max()) > 0.019
+    assert error(fit_pressed(shallow, CAMERA), shallow) < 0.005
 
 
 def test_few_pairs_do_better_from_a_bank():
@@ -243,6 +305,20 @@ def test_saved_and_loaded_is_the_same(tmp_path):
         np.testing.assert_array_equal(
             found.predict(name, roi, position=position), bank.predict(name, roi, position=position)
         )
+
+
+def test_banks_made_for_one_strength_still_load():
+    made = replace(tool(), deep=tool().rest, stroke=jnp.float32(0.02))
+    arrays = KINDS["P"].pack(made)
+    old = {name: array for name, array in arrays.items() if name not in ("deep", "stroke")}
+    found = KINDS["P"].unpack(old, ROI, CAMERA)
+    surface = jnp.asarray(hills(9, GROUND.shape))
+    np.testing.assert_array_equal(found.change(surface), made.change(surface))
+    assert float(found.stroke) == pytest.approx(0.012, abs=1e-5)  # its own greatest lowering
+    np.testing.assert_array_equal(found.deep, 0.0)
+    for broken in ({"deep": np.zeros((2, 2))}, {"stroke": np.float32(np.nan)}):
+        with pytest.raises(BadBank):
+            KINDS["P"].unpack(arrays | broken, ROI, CAMERA)
 
 
 def test_another_camera_uses_the_same_bank():

@@ -16,7 +16,7 @@ from jshape.store import datasets
 from jshape.store.datasets import COLUMNS, dataset_writer
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
-FIELDS = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id")
+FIELDS = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id", "strength")
 
 
 def make_pairs(rng, count=4, camera=SMALL):
@@ -58,7 +58,7 @@ def rewrite(folder, change):
 
 def cell(row, column, value):
     def change(rows):
-        rows[row][COLUMNS.index(column)] = value
+        rows[row][rows[0].index(column)] = value
 
     return change
 
@@ -229,6 +229,37 @@ def test_columns_in_another_order_and_others_besides(folder):
     same(load_pairs(folder), before)
 
 
+def test_strengths_are_a_column_if_there_are_several(tmp_path, rng):
+    pairs = make_pairs(rng)
+    table = save_pairs(pairs, tmp_path / "one") / "pairs.csv"
+    assert table.read_text().splitlines()[0] == ",".join(COLUMNS)
+    np.testing.assert_array_equal(load_pairs(tmp_path / "one").strength, np.ones(4, np.float32))
+    strength = np.array([0.3, 1.0, 2.0, 1 / 3], np.float32)
+    several = replace(pairs, strength=strength)
+    table = save_pairs(several, tmp_path / "several") / "pairs.csv"
+    assert table.read_text().splitlines()[0] == ",".join((*COLUMNS, "strength"))
+    assert table.read_text().splitlines()[1].endswith(",0.3")
+    found = load_pairs(tmp_path / "several")
+    same(found, several)
+    assert found.strength.dtype == np.float32
+    np.testing.assert_array_equal(found.of(action="knock").strength, strength[1::2])
+
+
+@pytest.mark.parametrize("text", ["", "x", "-1", "0", "nan", "inf", "1e1", "101", "0.00001", "٣"])
+def test_a_bad_strength_is_named(tmp_path, rng, text):
+    pairs = replace(make_pairs(rng), strength=np.full(4, 0.5, np.float32))
+    folder = save_pairs(pairs, tmp_path / "set")
+    rewrite(folder, cell(3, "strength", text))
+    refused(folder, f"line 4: strength is {text!r}; it must be a number from 0.001 to 100")
+
+
+def test_strengths_that_could_not_be_read_again(tmp_path, rng):
+    for bad in (0.0, -1.0, np.nan, np.inf, 1000.0):
+        with pytest.raises(BadDataset, match="strength is .*; it must be a number from"):
+            with dataset_writer(tmp_path / "set", SMALL, 1e-4) as add:
+                add(**pair(rng), strength=bad)
+
+
 def test_the_table_itself(folder):
     text = (folder / "pairs.csv").read_text()
     head, *rows = text.splitlines()
@@ -330,7 +361,7 @@ def test_every_group_of_shared_pairs(shared_data, noise):
         assert found.camera == PAPER_BOX and found.depth_unit == 0.0001
         assert found.actions == ("grasp", "knock", "pinch", "poke", "press")
         assert (found.prior > 0).any((1, 2)).all()
-        prior, posterior, _ = found.rois("poke")
+        prior, posterior, *_ = found.rois("poke")
         assert prior.shape == posterior.shape and np.isfinite(prior).mean() > 0.9
 
 

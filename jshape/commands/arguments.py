@@ -4,6 +4,11 @@ import argparse
 from collections.abc import Callable
 from typing import Any, NoReturn
 
+from jshape.planners import PLANNERS
+
+STRENGTHS = (0.25, 0.5, 1.0, 1.6)
+"""How deep actions are tried where places are dense, unless one says otherwise."""
+
 
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line."""
@@ -38,7 +43,7 @@ def command(
     return parser
 
 
-def _number(text: str, kind: type, ok: Any, allowed: str) -> Any:
+def _number(text: str, kind: Callable[[str], Any], ok: Any, allowed: str) -> Any:
     try:
         value = kind(text)
         if ok(value):
@@ -76,6 +81,56 @@ def nonnegative(text: str) -> float:
 def share(text: str) -> float:
     """A number from 0 to 1."""
     return _number(text, float, lambda x: 0 <= x <= 1, "a share from 0 to 1")
+
+
+def positives(text: str) -> list[float]:
+    """Finite numbers above 0 with commas between."""
+    return [positive(part) for part in text.split(",")]
+
+
+def duration(text: str) -> float:
+    """A time above 0 in seconds: "5", "5s", "500ms" or "2min"."""
+    number, unit = text, "s"
+    for name in ("ms", "min", "s"):
+        if text.endswith(name):
+            number, unit = text.removesuffix(name), name
+            break
+    size = {"ms": 1e-3, "s": 1.0, "min": 60.0}[unit]
+    allowed = "a time above 0, such as 5s, 500ms or 2min"
+    try:
+        return size * positive(number)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {allowed}") from None
+
+
+def use(text: str) -> tuple[str, int]:
+    """An action and how often: "knock=2"."""
+    name, _, number = text.rpartition("=")
+    if not name or not number.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not an action and a number, like knock=2")
+    return name, int(number)
+
+
+def devices(text: str) -> int:
+    """A number of devices."""
+    return _number(text, int, lambda x: 0 < x <= 64, "a number of devices from 1 to 64")
+
+
+def add_search(parser: argparse.ArgumentParser) -> None:
+    """The options that say which search, and what it runs on."""
+    parser.add_argument(
+        "--planner",
+        choices=tuple(PLANNERS),
+        default="greedy",
+        metavar="NAME",
+        help=f"which search: {', '.join(PLANNERS)} (default: greedy, the quickest)",
+    )
+    parser.add_argument(
+        "--devices",
+        type=devices,
+        metavar="N",
+        help="CPU devices that share the work (default: one per core, at most 8)",
+    )
 
 
 # Options that are fields of `learn.training.Training`, with how they are read; None is its default.

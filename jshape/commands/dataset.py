@@ -27,6 +27,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         material=options.material,
         beds=options.beds,
         frames=options.frames,
+        strengths=tuple(options.strengths),
     )
     with datasets.dataset_writer(
         options.out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite
@@ -43,6 +44,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
                 v=pair.position[1],
                 width=pair.roi[0],
                 height=pair.roi[1],
+                strength=pair.strength,
             )
     if not options.json:
         print(f"{total} pairs: {options.out}")
@@ -63,6 +65,7 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
                 "material": "/".join(dict.fromkeys(theirs.material.tolist())),
                 "pairs": len(theirs),
                 "roi": list(pairs.roi_size(action)),
+                "strength": [float(theirs.strength.min()), float(theirs.strength.max())],
             })  # fmt: skip
     result = {
         "pairs": len(pairs),
@@ -74,9 +77,11 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
     if not options.json:
         _print_camera(pairs.camera, pairs.depth_unit)
         print(f"without depth: {missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels")
+        several = any(row["strength"] != [1.0, 1.0] for row in rows)
         print_table(
-            ("action", "agent", "material", "pairs", "ROI (w x h)"),
-            [(r["action"], r["agent"], r["material"], r["pairs"], "{}x{}".format(*r["roi"]))
+            ("action", "agent", "material", "pairs", "ROI (w x h)", "strength")[: 5 + several],
+            [(r["action"], r["agent"], r["material"], r["pairs"], "{}x{}".format(*r["roi"]),
+              "{:.2g} to {:.2g}".format(*r["strength"]))[: 5 + several]
              for r in rows],
         )  # fmt: skip
     return result
@@ -110,6 +115,11 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--frames", type=arguments.positive_count, default=5, help="averaged per look"
     )
+    parser.add_argument(
+        "--strengths", nargs=2, type=arguments.positive, default=[1.0, 1.0],
+        metavar=("LOW", "HIGH"),
+        help="how many times as deep as the agent's own, drawn between these (default: 1 1)",
+    )  # fmt: skip
     parser.add_argument("--seed", type=arguments.seed, default=0)
     parser = arguments.command(datasets, "info", info, "what a data set holds", writes=False)
     parser.add_argument("dataset", type=Path)

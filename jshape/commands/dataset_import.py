@@ -122,13 +122,7 @@ def merge(options: argparse.Namespace) -> dict[str, Any]:
                 if name in seen:
                     raise BadDataset(f"{folder}: pair {name!r} is there twice")
                 seen.add(name)
-                (u, v), (w, h) = pairs.centre[k].tolist(), pairs.size[k].tolist()
-                add(
-                    by_hand=bool(by_hand[k]), id=name, action=str(pairs.action[k]),
-                    agent=str(pairs.agent[k]), material=str(pairs.material[k]),
-                    prior=pairs.prior[k], posterior=pairs.posterior[k],
-                    u=u, v=v, width=w, height=h,
-                )  # fmt: skip
+                add(by_hand=bool(by_hand[k]), **datasets.row_of(pairs, k) | {"id": name})
     if not options.json:
         print(f"{len(seen)} pairs of {len(parts)} data sets: {options.out}")
     return {"out": str(options.out), "pairs": len(seen)}

@@ -10,11 +10,16 @@ from jshape import metric
 from jshape.camera import PRESETS, Camera, check_camera, window_of
 from jshape.commands import arguments
 from jshape.commands.tables import print_table
+from jshape.data.view import View, view_of
+from jshape.devices import over_devices
 from jshape.errors import BadCamera, BadImage, BadPosition
 from jshape.planners.base import Status
 from jshape.planning import DEFAULT_BANK, Plan, plan_depth
 from jshape.predict.bank import Bank
 from jshape.store import banks, cameras, files, formats, images, plans, points
+
+POSITIONS = "21x15"
+"""Where actions are tried unless one says otherwise."""
 
 CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
 """Files of a plan's folder."""
@@ -22,6 +27,7 @@ CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
 
 def plan(options: argparse.Namespace) -> dict[str, Any]:
     """Read two images, plan, print and write."""
+    how = over_devices(options.devices)  # first of all: what loads a bank starts JAX
     bank_name = options.bank or DEFAULT_BANK
     bank = banks.load_bank(bank_name)
     if options.out is not None:
@@ -35,29 +41,39 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
         # it is what tells a wrong unit.
         "check_range": source.stated or not options.reproject,
     }
+    first = images.depth_of_array(raw, str(options.initial), **reading)
     found = plan_depth(
-        images.depth_of_array(raw, str(options.initial), **reading),
+        first,
         points.read_goal(options.desired, **reading),
         bank=bank,
         camera=source.camera,
         reproject=options.reproject,
         planner=options.planner,
-        positions=_positions(options.positions),
+        **_tried(options),
         clip=options.clip,
         max_steps=options.max_steps,
         min_gain=options.min_gain_mm / float(metric.to_mm(1.0, bank.camera)),
         tolerance=options.tolerance_mm / float(metric.to_mm(1.0, bank.camera)),
+        caution=options.caution,
+        reach=_reach(options, source, bank, first),
+        clearance_mm=options.clearance_mm,
+        most=dict(options.most),
+        seconds=options.time,
+        evaluations=options.evaluations,
+        seed=options.seed,
+        how=how,
         max_missing=options.max_missing,
         names=(str(options.initial), str(options.desired)),
     )
-    result = {"bank": str(bank_name), "source": source.said} | plans.plan_fields(found)
+    said = {"bank": str(bank_name), "source": source.said, "planner": options.planner}
+    result = said | plans.plan_fields(found)
     if options.out is not None:
         with files.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
             plans.write_plan(folder / "plan.json", found)
             _draw(folder, found)
         result["out"] = str(options.out)
     if not options.json:
-        _print(found, str(bank_name), source)
+        _print(found, said)
         if options.out is not None:
             print(f"plan and pictures: {options.out}")
     return result
@@ -96,6 +112,50 @@ def _source(initial: Path, shape: tuple[int, ...], given: str | None, bank: Bank
     )
 
 
+def _tried(options: argparse.Namespace) -> dict[str, Any]:
+    """Where, how deep and in which directions actions are tried, as `jshape.plan` takes it."""
+    if options.stride is None:
+        usual: tuple[float, ...] = (1.0,)
+        where: dict[str, Any] = {"positions": _positions(options.positions or POSITIONS)}
+    else:
+        usual, where = arguments.STRENGTHS, {"stride": options.stride}
+    return where | {"strengths": options.strengths or usual, "yaws": options.yaws}
+
+
+def _reach(
+    options: argparse.Namespace, source: Source, bank: Bank, first: np.ndarray
+) -> np.ndarray | None:
+    """Pixels of the bank's image that the hand can reach; None: all.
+
+    A mask of the size of the frames is looked at as they are, else it is the bank's image.
+    """
+    if options.reach is None:
+        return None
+    mask = formats.read_array(options.reach)
+    if mask.dtype.kind == "f" and not np.isfinite(mask).all():
+        raise BadImage(f"{options.reach}: has pixels that are NaN or infinite")
+    if mask.shape == source.camera.shape:
+        view = view_of(source.camera, bank.camera, first, reproject=options.reproject)
+        return _seen(mask != 0, view)
+    if mask.shape == bank.camera.shape:
+        return mask != 0
+    raise BadImage(
+        f"{options.reach}: has {mask.shape} (rows, columns); the camera makes "
+        f"{source.camera.shape}, the bank's {bank.camera.shape}"
+    )
+
+
+def _seen(mask: np.ndarray, view: View) -> np.ndarray:
+    """A mask of the source's image (H, W) in the target's (h, w); nothing is beyond its edge."""
+    (height, width), (rows, columns) = view.source.shape, view.target.shape
+    pixels = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2)
+    u, v = view.pixels(pixels).T
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    free = np.zeros(rows * columns, bool)
+    free[inside] = mask[v[inside], u[inside]]
+    return free.reshape(rows, columns)
+
+
 def _positions(text: str) -> np.ndarray | str:
     """Positions named on the command line: a grid as for `jshape.plan`, or a JSON file."""
     if Path(text).suffix != ".json":
@@ -125,20 +185,26 @@ def _draw(folder: Path, found: Plan) -> None:
         files.write_atomic(folder / name, pictures.png(figure))
 
 
-def _print(found: Plan, bank: str, source: Source) -> None:
-    print(f"bank: {bank}; camera: {source.said}")
+def _print(found: Plan, said: dict[str, Any]) -> None:
+    print(f"bank: {said['bank']}; camera: {said['source']}")
     filled, clamped = found.filled, found.clamped
     print(f"pixels without depth, filled: {filled[0]} now, {filled[1]} in the goal; "
           f"beyond the depth range: {clamped[0]} now, {clamped[1]} in the goal")  # fmt: skip
     d = found.distances_mm
-    rows: list[tuple[Any, ...]] = [("", "start", "", "", f"{d[0]:.3f}", "")]
+    head = ("step", "action", "u", "v", "strength", "yaw (°)", "to the goal (mm)", "gain (mm)")
+    rows: list[tuple[Any, ...]] = [("", "start", "", "", "", "", f"{d[0]:.3f}", "")]
     for k, name in enumerate(found.actions):
-        u, v = found.camera_positions[k]
-        rows.append((k + 1, name, u, v, f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"))
-    print_table(("step", "action", "u", "v", "to the goal (mm)", "gain (mm)"), rows)
-    print(f"{found.status.name}: {found.status.meaning} ({found.evaluations} predictions)")
+        hand = f"{found.strengths[k]:.2f}", f"{np.degrees(found.yaws[k]):.0f}"
+        left = f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"
+        rows.append((k + 1, name, *found.camera_positions[k], *hand, *left))
+    if not found.yaws.any():  # a column of zeros says nothing
+        head, *rows = (row[:5] + row[6:] for row in (head, *rows))
+    print_table(head, rows)
+    spent = f"{said['planner']}, {found.seconds:.2f} s, {found.evaluations} predictions"
+    print(f"{found.status.name}: {found.status.meaning} ({spent})")
     if not found.actions and found.status is Status.NO_IMPROVEMENT:
-        print("nothing of the bank helps at these places: try more of them with --positions")
+        print("nothing of the bank helps at these places: try more of them with --positions "
+              "or --stride")  # fmt: skip
 
 
 def add(commands: Any) -> None:
@@ -164,12 +230,75 @@ def add(commands: Any) -> None:
         "--depth-unit", type=arguments.positive, help="metres per count of 16-bit images"
     )
     parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
-    parser.add_argument("--planner", default="greedy", help="which search (default: greedy)")
-    parser.add_argument(
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
         "--positions",
-        default="21x15",
         metavar="CxR|FILE",
-        help="a grid of places for each action (default: 21x15), or a JSON file with positions",
+        help=f"a grid of places for each action (default: {POSITIONS}), or a JSON file with "
+        "positions",
+    )
+    where.add_argument(
+        "--stride",
+        type=arguments.positive_count,
+        metavar="PIXELS",
+        help="instead: places so many pixels apart, the best of them moved further (8 is good)",
+    )
+    deep = ",".join(f"{x:g}" for x in arguments.STRENGTHS)
+    parser.add_argument(
+        "--strengths",
+        type=arguments.positives,
+        metavar="S,S,...",
+        help="how many times as deep as trained actions are tried "
+        f"(default: 1; with --stride {deep})",
+    )
+    parser.add_argument(
+        "--yaws",
+        type=arguments.positive_count,
+        default=1,
+        metavar="N",
+        help="directions of the hand over half a turn (default: 1, the trained one)",
+    )
+    arguments.add_search(parser)
+    parser.add_argument(
+        "--time",
+        type=arguments.duration,
+        metavar="TIME",
+        help="stop the search after 5s, 500ms or 2min with the best it has; compiling not counted",
+    )
+    parser.add_argument(
+        "--evaluations",
+        type=arguments.positive_count,
+        metavar="N",
+        help="stop the search after so many predictions with the best it has",
+    )
+    parser.add_argument("--seed", type=arguments.seed, default=0, help="for searches that draw")
+    parser.add_argument(
+        "--reach",
+        type=Path,
+        metavar="MASK",
+        help="image that is not 0 where the hand may be placed, of INITIAL's size or the bank's",
+    )
+    parser.add_argument(
+        "--clearance-mm",
+        type=arguments.nonnegative,
+        default=0.0,
+        metavar="MM",
+        help="least distance of places to the image's edge and to what --reach leaves out",
+    )
+    parser.add_argument(
+        "--most",
+        type=arguments.use,
+        action="append",
+        default=[],
+        metavar="ACTION=N",
+        help="use an action at most so often; may be given again for another",
+    )
+    parser.add_argument(
+        "--caution",
+        type=arguments.nonnegative,
+        default=0.0,
+        metavar="X",
+        help="an action must also gain more than X times its usual error (default: 0)",
     )
     parser.add_argument(
         "--clip",

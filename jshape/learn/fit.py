@@ -48,8 +48,8 @@ def _of_one_strength(fitter: Fitter) -> Fitter:
         examples: Examples, camera: Camera, settings: Training, start: Predictor | None,
         hooks: Hooks,
     ) -> Predictor:  # fmt: skip
-        least, most = examples.strengths.min(initial=1.0), examples.strengths.max(initial=1.0)
-        if least != 1.0 or most != 1.0:
+        if (examples.strengths != 1.0).any():
+            least, most = examples.strengths.min(), examples.strengths.max()
             raise BadDataset(
                 f"pairs of strengths from {least:g} to {most:g}; networks are trained at a "
                 "strength of 1 only, banks of kind P and D at any"

@@ -46,9 +46,9 @@ class Floor(NamedTuple):
 def noise_floor(pairs: Pairs) -> dict[tuple[str, str], Floor]:
     """(action, agent) -> floor, for those whose pairs allow it; the others are not in it.
 
-    Repetitions are pairs of one material and place with equal beds before.  Without them, any two
-    flat beds of one material serve, if most are flat: seen from straight above and measured from
-    the bed's own level, the same action does the same to both.
+    Repetitions are pairs of one material, strength and place with equal beds before.  Without them,
+    any two flat beds of one material serve, if most are flat: seen from straight above and measured
+    from the bed's own level, the same action does the same to both.
     """
     found = {}
     for action, of_action in pairs.by_action():
@@ -124,11 +124,12 @@ def _from_above(ground: Ground, depth: Array, place: Array) -> Array:
 
 
 def _couples(pairs: Pairs) -> list[tuple[int, int]]:
-    """All two pairs of one material."""
+    """All two pairs of one material and strength."""
     return [
         (one, other)
         for one, other in combinations(range(len(pairs)), 2)
         if pairs.material[one] == pairs.material[other]
+        and pairs.strength[one] == pairs.strength[other]
     ]
 
 

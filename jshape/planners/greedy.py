@@ -25,6 +25,7 @@ class State:
     found: Found
 
 
+@jax.jit(static_argnames=["max_steps"])
 def begin(terrain: Terrain, candidates: Candidates, max_steps: int) -> State:
     """Nothing done, nothing known."""
     actions = 1 + max((move.action for move in terrain.moves), default=0)

@@ -14,6 +14,7 @@ import numpy as np
 from jshape import metric
 from jshape.camera import Camera, check_same_camera
 from jshape.data.view import image_of_depth
+from jshape.errors import JShapeError
 from jshape.planning import Plan, check_image, plan
 from jshape.predict.bank import Bank
 
@@ -103,6 +104,7 @@ def mold(
     *,
     planner: str = "greedy",
     max_steps: int = 16,
+    horizon: int | None = None,
     min_gain: float = 0.0,
     tolerance: float = 0.0,
     patience: int = 1,
@@ -113,8 +115,8 @@ def mold(
 ) -> Molding:
     """Mold the world towards a goal, looking again after every action.
 
-    Every plan is made for all the actions that are left and begins with what is left of the one
-    before (receding horizon); greedy, whose first action does not depend on the later ones, plans
+    Every plan is made for the actions that are left, at most `horizon`, and begins with what is
+    left of the one before; greedy, whose first action does not depend on the later ones, plans
     only that.
 
     Args:
@@ -123,6 +125,7 @@ def mold(
       bank: predicts the actions.
       planner: which search.
       max_steps: most actions.
+      horizon: how many actions ahead a new plan looks; None is all that are left.
       min_gain: an action must be predicted to lower d by more than this.
       tolerance: stop when d is at most this.
       patience: stop when so many actions one after the other did not lower the distance.
@@ -138,6 +141,8 @@ def mold(
     """
     check_same_camera(bank.camera, world.camera, "the world's")
     goal = check_image(goal, bank.camera, "goal")
+    if horizon is not None and horizon < 1:
+        raise JShapeError(f"horizon is {horizon!r}; it must be a whole number from 1")
     options |= {"bank": bank, "planner": planner, "min_gain": min_gain, "tolerance": tolerance}
 
     def look() -> tuple[np.ndarray, np.ndarray]:
@@ -180,6 +185,6 @@ def mold(
         if left == 0:
             run.stop = Stop.CONVERGED if d <= tolerance else Stop.MAX_STEPS
             return run
-        steps = 1 if planner == "greedy" else left
+        steps = 1 if planner == "greedy" else min(left, horizon or left)
         ahead = plan(image, goal, max_steps=steps, start=ahead.rest(1), **options)
         next_ = 0

@@ -60,12 +60,13 @@ def found_writer(
         yield adder
         if not adder.by_hand:
             raise BadDataset(f"{folder}: no pairs were added")
-        rows = list(csv.reader(io.StringIO(adder.pairs.table.getvalue(), newline="")))
+        rows = list(csv.reader(io.StringIO(adder.pairs.table(), newline="")))
         table = io.StringIO()
         writer = csv.writer(table, lineterminator="\n")
         writer.writerow([*rows[0], FOUND])
         for row, by_hand in zip(rows[1:], adder.by_hand, strict=True):
-            writer.writerow([*row, "" if by_hand else " ".join(row[-4:])])
+            box = row[len(COLUMNS) - 4 : len(COLUMNS)]
+            writer.writerow([*row, "" if by_hand else " ".join(box)])
         write_atomic(temp / TABLE, table.getvalue())
         for name, content in adder.pictures.items():
             write_atomic(temp / name, content)

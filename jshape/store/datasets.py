@@ -28,24 +28,31 @@ COLUMNS = (
     "id", "action", "agent", "material", "prior", "posterior", "u", "v", "width", "height"
 )  # fmt: skip
 """The header of pairs.csv."""
+STRENGTH = "strength"
+"""A column that is there if some pair is not of strength 1: how many times as deep as the trained
+action it goes."""
 CAMERA = "camera.json"
 TABLE = "pairs.csv"
 FRAMES = "frames"
 CONTENTS = (TABLE, CAMERA, FRAMES)
 """What a data set's folder holds, at the top."""
+STRENGTHS = (0.001, 100.0)
+"""Least and greatest strength of a pair."""
 TABLE_LIMIT = 64 * 2**20
 """Largest pairs.csv that is read, bytes."""
 
 _NAMES = ("id", "action", "agent", "material")
 _NUMBERS = ("u", "v", "width", "height")
 _WHOLE = re.compile(r"-?[0-9]{1,6}")
+_DECIMAL = re.compile(r"[0-9]{1,6}(\.[0-9]{1,17})?")
 _UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f]")
 
 
 def load_pairs(folder: str | os.PathLike) -> Pairs:
     """All pairs of a data set, in the order of `pairs.csv`.
 
-    Columns may come in any order; columns of other names are not read.
+    Columns may come in any order; columns of other names are not read.  Without the column
+    `strength` it is 1 for all.
 
     Raises:
       BadDataset: no such folder, a file or a column is missing, no rows, a bad number, a frame
@@ -80,6 +87,7 @@ def load_pairs(folder: str | os.PathLike) -> Pairs:
         centre=np.array([row.centre for row in rows], np.int32),
         size=np.array([row.size for row in rows], np.int32),
         id=names("id"),
+        strength=np.array([row.strength for row in rows], np.float32),
     )
 
 
@@ -109,7 +117,8 @@ def row_of(pairs: Pairs, k: int) -> dict[str, Any]:
     (u, v), (w, h) = pairs.centre[k].tolist(), pairs.size[k].tolist()
     names = {name: str(getattr(pairs, name)[k]) for name in _NAMES}
     frames = {"prior": pairs.prior[k], "posterior": pairs.posterior[k]}
-    return {**names, **frames, "u": u, "v": v, "width": w, "height": h}
+    numbers = {"u": u, "v": v, "width": w, "height": h, "strength": float(pairs.strength[k])}
+    return {**names, **frames, **numbers}
 
 
 @contextmanager
@@ -142,7 +151,7 @@ def dataset_writer(
         yield adder
         if not adder.ids:
             raise BadDataset(f"{folder}: no pairs were added")
-        write_atomic(temp / TABLE, adder.table.getvalue())
+        write_atomic(temp / TABLE, adder.table())
 
 
 @dataclass
@@ -152,7 +161,7 @@ class Adder:
     where: str
     folder: Path
     camera: Camera
-    table: io.StringIO = field(default_factory=io.StringIO)
+    rows: list[dict[str, Any]] = field(default_factory=list)
     ids: set[str] = field(default_factory=set)
 
     def __call__(
@@ -168,6 +177,7 @@ class Adder:
         v: int,
         width: int,
         height: int,
+        strength: float = 1.0,
     ) -> None:
         """Write the two frames of a pair, (H, W) uint16 counts, and remember its row.
 
@@ -184,6 +194,7 @@ class Adder:
         for column, number in numbers.items():
             if isinstance(number, bool) or not isinstance(number, int | np.integer):
                 raise BadDataset(f"{where}: {column} is {number!r}; it must be a whole number")
+        _check_strength(strength, repr(strength), where)
         if id in self.ids:
             raise BadDataset(f"{where}: the id is there twice")
         _check_roi(self.camera, (int(u), int(v)), (int(width), int(height)), where)
@@ -199,12 +210,23 @@ class Adder:
         paths = {c: f"{FRAMES}/{len(self.ids):05d}_{c}.png" for c in ("prior", "posterior")}
         for column, counts in (("prior", prior), ("posterior", posterior)):
             write_counts_png(self.folder / paths[column], counts)
-        writer = csv.writer(self.table, lineterminator="\n")
-        if not self.ids:
-            writer.writerow(COLUMNS)
-        row: dict[str, Any] = texts | paths | numbers
-        writer.writerow([row[column] for column in COLUMNS])
+        self.rows.append(texts | paths | numbers | {STRENGTH: _decimal(strength)})
         self.ids.add(id)
+
+    def table(self) -> str:
+        """The text of pairs.csv."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        all_one = all(row[STRENGTH] == "1" for row in self.rows)
+        columns = COLUMNS if all_one else (*COLUMNS, STRENGTH)
+        writer.writerow(columns)
+        writer.writerows([row[column] for column in columns] for row in self.rows)
+        return text.getvalue()
+
+
+def _decimal(number: float) -> str:
+    """As short as float32 allows: 0.3, not 0.300000012."""
+    return np.format_float_positional(np.float32(number), trim="-")
 
 
 @dataclass(frozen=True)
@@ -213,6 +235,7 @@ class _Row:
     texts: dict[str, str]
     centre: tuple[int, int]
     size: tuple[int, int]
+    strength: float
 
 
 def _read_camera(folder: Path) -> tuple[Camera, float]:
@@ -238,7 +261,7 @@ def _read_table(path: Path, camera: Camera) -> list[_Row]:
             raise BadDataset(
                 f"{path}: the header lacks {', '.join(missing)}; expected {','.join(COLUMNS)}"
             )
-        twice = [name for name in COLUMNS if header.count(name) > 1]
+        twice = [name for name in (*COLUMNS, STRENGTH) if header.count(name) > 1]
         if twice:
             raise BadDataset(f"{path}: the header names {', '.join(twice)} twice")
         rows, seen = [], {}
@@ -281,7 +304,23 @@ def _parse_row(cells: dict[str, str], where: str, camera: Camera) -> _Row:
         numbers.append(int(texts[column]))
     u, v, width, height = numbers
     _check_roi(camera, (u, v), (width, height), where)
-    return _Row(where, texts, (u, v), (width, height))
+    return _Row(where, texts, (u, v), (width, height), _parse_strength(cells, where))
+
+
+def _parse_strength(cells: dict[str, str], where: str) -> float:
+    """1 where there is no such column."""
+    text = cells.get(STRENGTH, "1").strip()
+    strength = float(text) if _DECIMAL.fullmatch(text) else np.nan
+    _check_strength(strength, repr(text), where)
+    return strength
+
+
+def _check_strength(strength: float, said: str, where: str) -> None:
+    least, most = STRENGTHS
+    if not least <= strength <= most:
+        raise BadDataset(
+            f"{where}: {STRENGTH} is {said}; it must be a number from {least:g} to {most:g}"
+        )
 
 
 def _check_roi(camera: Camera, centre: tuple[int, int], size: tuple[int, int], where: str) -> None:

@@ -11,20 +11,22 @@ def distance(a, b):
     return total / a.size
 
 
-def inject(image, delta, centre):
+def inject(image, delta, centre, strength=1.0):
     """The image after one action: Eq. predStep1, Doutput (clipped), predStep3."""
     h, w = delta.shape
     left, top = centre[0] - w // 2, centre[1] - h // 2
     after = image.astype(np.float64).copy()
     for v in range(h):
         for u in range(w):
-            moved = after[top + v, left + u] + np.float64(delta[v, u])
+            moved = after[top + v, left + u] + strength * np.float64(delta[v, u])
             after[top + v, left + u] = min(max(moved, 0.0), 1.0)
     return after
 
 
-def greedy(image, goal, deltas, positions, max_steps, min_gain=0.0, tolerance=0.0):
-    """Returns (steps as (action number, position number), distances, status name).
+def greedy(
+    image, goal, deltas, positions, max_steps, min_gain=0.0, tolerance=0.0, strengths=(1.0,)
+):
+    """Returns (steps as numbers of (action, position, strength), distances, status name).
 
     deltas: list of ΔI per action; positions: list per action of (u, v).
     """
@@ -35,10 +37,11 @@ def greedy(image, goal, deltas, positions, max_steps, min_gain=0.0, tolerance=0.
         best, best_d, best_image = None, None, None
         for i, delta in enumerate(deltas):
             for j, centre in enumerate(positions[i]):
-                after = inject(image, delta, centre)
-                d = distance(after, goal)
-                if best is None or d < best_d:
-                    best, best_d, best_image = (i, j), d, after
+                for k, strength in enumerate(strengths):
+                    after = inject(image, delta, centre, strength)
+                    d = distance(after, goal)
+                    if best is None or d < best_d:
+                        best, best_d, best_image = (i, j, k), d, after
         if best is None or not best_d < distances[-1] - min_gain:
             return steps, distances, "NO_IMPROVEMENT"
         if len(steps) == max_steps:

@@ -316,7 +316,7 @@ def test_banks_made_for_one_strength_still_load():
     np.testing.assert_array_equal(found.change(surface), made.change(surface))
     assert float(found.stroke) == pytest.approx(0.012, abs=1e-5)  # its own greatest lowering
     np.testing.assert_array_equal(found.deep, 0.0)
-    for broken in ({"deep": np.zeros((2, 2))}, {"stroke": np.float32(np.nan)}):
+    for broken in ({"deep": np.zeros((2, 2))}, {"stroke": np.array(np.nan, np.float32)}):
         with pytest.raises(BadBank):
             KINDS["P"].unpack(arrays | broken, ROI, CAMERA)
 

@@ -20,7 +20,10 @@ from jshape.store.plans import plan_fields, read_plan, write_plan
 CAMERA = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 WHOLE = Camera(60, 50, 50.0, 50.0, 29.5, 24.5, 0.4, 0.5)
 ROIS = [(12, 9), (4, 5)]
-STEP_NUMBERS = ("positions", "rois", "distances", "distances_mm", "clipped")
+STEP_NUMBERS = (
+    *("positions", "offsets", "exact_positions", "rois", "strengths", "yaws"),
+    *("distances", "distances_mm", "clipped"),
+)
 
 
 @pytest.fixture
@@ -36,6 +39,10 @@ def plan(rng):
         distances=np.array([0.3, 0.2, 0.1], np.float32),
         status=Status.NO_IMPROVEMENT,
         evaluations=60,
+        seconds=0.1 + 0.2,
+        strengths=np.array([0.1, 1.6], np.float32),
+        yaws=np.array([-np.pi, np.pi / 3], np.float32),
+        offsets=np.array([[-1.0, 0.3], [0.0, 1e-7]], np.float32),
         clipped=np.array([0.0, 0.25], np.float32),
         filled=(3, 4),
         clamped=(5, 0),
@@ -52,7 +59,16 @@ def path(plan, tmp_path):
 
 
 def same(a, b):
-    for name in ("actions", "status", "evaluations", "filled", "clamped", "camera", "view"):
+    for name in (
+        "actions",
+        "status",
+        "evaluations",
+        "seconds",
+        "filled",
+        "clamped",
+        "camera",
+        "view",
+    ):
         assert getattr(a, name) == getattr(b, name), name
     for name in STEP_NUMBERS:
         x, y = getattr(a, name), getattr(b, name)
@@ -103,7 +119,8 @@ def test_without_images_or_steps(plan, tmp_path):
     none = np.zeros((0, 2), np.int32)
     empty = replace(
         plan, actions=(), positions=none, rois=none, patches=(), clipped=np.zeros(0, np.float32),
-        distances=np.zeros(1, np.float32), goal=None,
+        distances=np.zeros(1, np.float32), goal=None, strengths=np.zeros(0, np.float32),
+        yaws=np.zeros(0, np.float32), offsets=np.zeros((0, 2), np.float32),
     )  # fmt: skip
     write_plan(path, empty)
     same(read_plan(path), empty)
@@ -111,11 +128,31 @@ def test_without_images_or_steps(plan, tmp_path):
 
 def test_a_plan_of_before_goals_and_views_is_read(plan, path):
     fields = json.loads(path.read_text())
-    del fields["clamped"], fields["view"]
+    del fields["clamped"], fields["view"], fields["seconds"]
     for step in fields["steps"]:
-        del step["camera_position"]
+        for name in ("camera_position", "strength", "yaw", "offset"):
+            del step[name]
     path.write_text(json.dumps(fields))
-    same(read_plan(path), replace(plan, clamped=(0, 0)))
+    usual = {"strengths": np.ones(2, np.float32), "yaws": np.zeros(2, np.float32)}
+    usual |= {"offsets": np.zeros((2, 2), np.float32), "seconds": 0.0}
+    same(read_plan(path), replace(plan, clamped=(0, 0), **usual))
+
+
+def test_the_least_and_greatest_numbers_come_back(plan, path):
+    """A half turn is more than pi in 32 bits; the least strength is hardly one."""
+    strengths = np.array([1e-45, np.finfo(np.float32).max], np.float32)
+    yaws = np.array([np.pi, -np.pi], np.float32)
+    extreme = replace(plan, strengths=strengths, yaws=yaws, offsets=np.ones((2, 2), np.float32))
+    write_plan(path, extreme)
+    same(read_plan(path), extreme)
+
+
+def test_the_square_of_a_turned_hand_is_inside_too(plan, path):
+    """The 12x9 ROI at (10, 5) is inside the image; the 12x12 one of the hand turned is not."""
+    square = replace(plan, rois=np.array([[12, 12], [4, 5]], np.int32))
+    square = replace(square, positions=np.array([[10, 5], [37, 27]], np.int32))
+    write_plan(path, square, images=False)
+    refused(path, "step 1: its ROI leaves the 40x30 image")
 
 
 def step(**change):
@@ -156,6 +193,25 @@ SPOILED = [
     (step(roi=[13, 9]), "images: patch_0 is float32 of shape (9, 12); expected float32 of (9, 13)"),
     (step(camera_position=[1.5, 2]), "camera_position is [1.5, 2]"),
     (step(camera_position="here"), "camera_position is 'here'"),
+    (step(strength=0), "step 1: strength is 0; expected a number above 0 to 3.4"),
+    (step(strength=-1.0), "strength is -1.0"),
+    (step(strength=1e-50), "strength is 1e-50"),
+    (step(strength=1e39), "strength is 1e+39"),
+    (step(strength=10**400), "strength is 1000"),
+    (step(strength="1"), "strength is '1'"),
+    (step(strength=True), "strength is True"),
+    (step(strength=None), "strength is None"),
+    (step(yaw=3.2), "step 1: yaw is 3.2; expected a number from -3.14159 to 3.14159"),
+    (step(yaw=-4), "yaw is -4"),
+    (step(yaw=[0]), "yaw is [0]"),
+    (step(yaw=None), "yaw is None"),
+    (step(offset=[0.0, 1.01]), "step 1: offset is 1.01; expected a number from -1 to 1"),
+    (step(offset=[-2, 0]), "offset is -2"),
+    (step(offset=[0.0]), "offset is [0.0]; expected two numbers"),
+    (step(offset=[0.0, 0.0, 0.0]), "offset is [0.0, 0.0, 0.0]"),
+    (step(offset=["0", 0.0]), "offset is '0'"),
+    (step(offset=0.0), "offset is 0.0"),
+    (step(offset=None), "offset is None"),
     (step(clipped=-0.1), "clipped is -0.1; expected a number from 0 to 1"),
     (step(clipped=BIG), "clipped is"),
     (step(clipped="0"), "clipped is '0'"),
@@ -170,6 +226,9 @@ SPOILED = [
     ({"status": ["CONVERGED"]}, "status is ['CONVERGED']"),
     ({"evaluations": 1.5}, "evaluations is 1.5"),
     ({"evaluations": -1}, "evaluations is -1"),
+    ({"seconds": -0.1}, "seconds is -0.1"),
+    ({"seconds": "1"}, "seconds is '1'"),
+    ({"seconds": None}, "seconds is None"),
     ({"filled": [1]}, "filled is [1]"),
     ({"filled": None}, "filled is None"),
     ({"filled": [1, -1]}, "filled is [1, -1]"),
@@ -194,6 +253,17 @@ SPOILED = [
     ({"images": "é"}, "images: not base64"),
     ({"images": "AAAA"}, "images: not a readable NPZ"),
 ]
+
+
+@pytest.mark.parametrize("name", ["strength", "yaw", "seconds", "clipped"])
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity"])
+def test_what_is_not_finite_is_refused(path, name, value):
+    text = path.read_text()
+    at = text.index(f'"{name}": ') + len(name) + 4
+    end = min(k for k in (text.find(mark, at) for mark in ",}\n") if k > 0)
+    path.write_text(text[:at] + value + text[end:])
+    with pytest.raises(BadFile, match=rf"^{path}: "):
+        read_plan(path)
 
 
 @pytest.mark.parametrize("change, match", SPOILED, ids=[match for _, match in SPOILED])

@@ -125,6 +125,11 @@ def add_search(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"which search: {', '.join(PLANNERS)} (default: greedy, the quickest)",
     )
+    add_devices(parser)
+
+
+def add_devices(parser: argparse.ArgumentParser) -> None:
+    """The option that says how many devices share the work."""
     parser.add_argument(
         "--devices",
         type=devices,

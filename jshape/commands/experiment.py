@@ -6,10 +6,12 @@ from typing import Any
 
 from jshape.commands import arguments
 from jshape.commands.tables import print_table, progress
+from jshape.devices import over_devices
 
 
 def planning(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape experiment planning`: planners against problems that nobody can game."""
+    how = over_devices(options.devices)  # first of all: what loads a bank starts JAX
     from jshape.experiments import planning as benchmark
     from jshape.viz.planning import tables
 
@@ -27,6 +29,7 @@ def planning(options: argparse.Namespace) -> dict[str, Any]:
         settings,
         data=options.data,
         overwrite=options.overwrite,
+        how=how,
         say=(lambda line: None) if options.json else lambda line: print(line, flush=True),
         progress=progress,
     )
@@ -68,4 +71,5 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--max-steps", type=arguments.positive_count, default=16, help="most actions (default: 16)"
     )
+    arguments.add_devices(parser)
     parser.add_argument("--seconds", type=arguments.positive, help="for each plan (no limit)")

@@ -15,30 +15,35 @@ Entry = dict[str, Any]
 """Options that JSON can hold.  `bank` is a name, `min_gain_mm` in mm, `patience` for closed loops;
 `positions` is a grid, for which recorded sequences have their own."""
 
-COMMON: Entry = {"planner": "greedy", "min_gain_mm": 0.005, "patience": 2}
+COMMON: Entry = {"planner": "greedy", "min_gain_mm": 0.005, "patience": 4}
 """What an entry does not say.  The least gain is `jshape plan`'s: below it noise decides."""
 DENSE: Entry = {
     "bank": DEFAULT_BANK,
-    "stride": 8,
-    "strengths": [0.2, 0.3, 0.45, 0.7, 1.0, 1.4, 2.0],
-    "yaws": 4,
+    "stride": 12,
+    "strengths": [0.2, 0.5, 1.0, 1.6, 2.3],
+    "yaws": {"press": 6, "pinch": 4},
+    "caution": 0.5,
 }
-"""Every action at every place, in four directions, from a fifth to twice as deep."""
-FLOOR: Entry = {"bank": "flour-robot", "stride": 8, "patience": 1000}
+"""Every action all over the bed, the long ones in several directions, from a fifth to 2.3 times
+as deep.  An action must gain more than half of its own usual error."""
+SEARCH: Entry = DENSE | {"horizon": 2, "seconds": {"open": 3.0, "closed": 0.6}}
+"""Searches that could go on for long: what they may spend on a plan."""
+FLOOR: Entry = {"bank": "flour-robot", "stride": 12, "patience": 1000}
 """Floors act whatever comes of it; of the bank they use the ROIs."""
 
 ENTRIES: dict[str, Entry] = {
     "paper": {"bank": "flour-robot", "positions": "7x3"},
-    "f_D-dense": {"bank": "flour-robot", "stride": 8},
+    "f_D-dense": {"bank": "flour-robot", "stride": 12},
     "greedy": DENSE,
-    "beam": DENSE | {"planner": "beam"},
-    "improve": DENSE | {"planner": "improve"},
-    "refine": DENSE | {"planner": "refine"},
-    "mcts": DENSE | {"planner": "mcts"},
     "random": FLOOR | {"planner": "random"},
     "surplus": FLOOR | {"planner": "surplus"},
+    "refine": SEARCH | {"planner": "refine"},
+    "mcts": SEARCH | {"planner": "mcts"},
+    "beam": SEARCH | {"planner": "beam"},
+    "improve": SEARCH | {"planner": "improve"},
 }
-"""From the paper's planner to ours, and the floors: a plan has to be worth more than those."""
+"""From the paper's planner to ours, the floors (a plan has to be worth more than those), and the
+searches beyond greedy."""
 EXTRAS = {"mcts": "mctx"}
 """Planners that need a package which jshape does not bring."""
 
@@ -65,8 +70,10 @@ def entries_of(names: Sequence[str]) -> tuple[dict[str, Entry], list[str]]:
     return found, notes
 
 
-def options_of(entry: Entry, bank: Bank) -> dict[str, Any]:
-    """Options of `mold` as the library takes them: the bank itself, and gains of d."""
+def options_of(entry: Entry, bank: Bank, loop: str) -> dict[str, Any]:
+    """Options of `mold` as the library takes them: the bank itself, gains of d, the loop's time."""
     options = {name: value for name, value in entry.items() if name != "min_gain_mm"}
     least = entry["min_gain_mm"] / float(metric.to_mm(1.0, bank.camera))
-    return options | {"bank": bank, "min_gain": least}
+    seconds = entry.get("seconds")
+    seconds = seconds[loop] if isinstance(seconds, dict) else seconds
+    return options | {"bank": bank, "min_gain": least, "seconds": seconds}

@@ -108,9 +108,9 @@ def run_planning(
     record = results.opened(out, meta, overwrite)
     cases = [
         Case(kind, number, loop, name)
+        for name in entries
         for kind, several in problems.items()
         for number in range(len(several))
-        for name in entries
         for loop in (settings.loops if kind != "mpm" else ("open",))
     ]
     done = {Case(*(step[field] for field in Case._fields)) for step in record.steps}
@@ -119,8 +119,10 @@ def run_planning(
     with floors():
         for case in progress(left, len(left), "planning"):
             entry, problem = entries[case.entry], problems[case.kind][case.number]
-            options = options_of(entry, known[entry["bank"]])
-            options |= {"seconds": settings.seconds, "seed": settings.seed + case.number}
+            options = options_of(entry, known[entry["bank"]], case.loop)
+            options |= {"seed": settings.seed + case.number}
+            if settings.seconds is not None:
+                options |= {"seconds": settings.seconds}
             found, bed = attempt(problem, case, options | {"how": how}, settings)
             shown = case.number < SHOWN.get(case.kind, 0) and case.loop == settings.loops[-1]
             depth = sim.render(bed, problem.camera) if shown and bed is not None else None
@@ -167,7 +169,9 @@ def attempt(
         acted, first, bed = _acted(problem, problem.bed, case, options, settings)
         found |= acted
     else:
-        options = {name: value for name, value in options.items() if name != "patience"}
+        options = {
+            name: value for name, value in options.items() if name not in ("patience", "horizon")
+        }
         if "positions" in options:  # as in the paper, whose planner knows the places
             options |= {"positions": problem.places, "clip": "drop"}
         first, bed = (
@@ -200,12 +204,15 @@ class Watched:
         return depth
 
     def act(
-        self, action: str, position: Sequence[float], strength: float = 1.0, yaw: float = 0.0
+        self,
+        action: str,
+        position: tuple[float | int, float | int],
+        strength: float | int = 1.0,
+        yaw: float | int = 0.0,
     ) -> None:
         """As the world's own."""
         self.waits.append(time.perf_counter() - self._looked)
-        u, v = position
-        self.world.act(action, (u, v), strength, yaw)
+        self.world.act(action, position, strength, yaw)
         self.true_mm.append(self.problem.distance_mm(self.world.bed))
 
 

@@ -48,11 +48,11 @@ class Limits:
     """An action must lower d by more than this."""
     tolerance: float | Array = 0.0
     """The paper's accuracy d̄: the search has converged when d is at most this."""
-    errors: Float[Any, "A"] | float = 0.0
-    """By how much d may be wrong because of one prediction, per action; a deeper action is wrong
-    by as much more.  An action must gain more than this as well."""
-    most: Int[Any, "A"] | int = EVER
-    """How often each action may be used."""
+    errors: Float[Any, "..."] | float = 0.0
+    """By how much d may be wrong because of one prediction, (A,) or one for all; a deeper action is
+    wrong by as much more.  An action must gain more than this as well."""
+    most: Int[Any, "..."] | int = EVER
+    """How often each action may be used, (A,) or one for all."""
     max_steps: int | Array = EVER
     """Most actions, within the room that a search has for them."""
 
@@ -60,7 +60,7 @@ class Limits:
         """What an action must gain, for each strength."""
         errors = jnp.asarray(self.errors)
         error = errors if errors.ndim == 0 else errors[action]
-        return self.min_gain + error * jnp.maximum(strengths, 1.0)
+        return self.min_gain + error * jnp.sqrt(strengths)
 
     def allowed(self, action: int, used: Int[Array, "A"]) -> Array:
         """Whether an action may be used once more."""

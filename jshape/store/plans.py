@@ -29,6 +29,8 @@ IMAGES_LIMIT = 1024 * 2**20
 
 _WORDS = {dict: "an object", list: "a list", str: "text", int: "a whole number"}
 _LARGEST = float(np.finfo(np.float32).max)
+_SMALLEST = float(np.finfo(np.float32).smallest_subnormal)
+_HALF_TURN = float(np.float32(np.pi))
 
 
 def plan_fields(plan: "Plan") -> dict[str, Any]:
@@ -43,7 +45,10 @@ def plan_fields(plan: "Plan") -> dict[str, Any]:
                 "action": name,
                 "position": [int(x) for x in plan.positions[k]],
                 "camera_position": [int(x) for x in own[k]],
+                "offset": [float(x) for x in plan.offsets[k]],
                 "roi": [int(x) for x in plan.rois[k]],
+                "strength": float(plan.strengths[k]),
+                "yaw": float(plan.yaws[k]),
                 "clipped": float(plan.clipped[k]),
                 "distance_mm": float(distances_mm[k + 1]),
             }
@@ -52,6 +57,7 @@ def plan_fields(plan: "Plan") -> dict[str, Any]:
         "distances": [float(x) for x in plan.distances],
         "distances_mm": [float(x) for x in distances_mm],
         "evaluations": int(plan.evaluations),
+        "seconds": float(plan.seconds),
         "filled": [int(x) for x in plan.filled],
         "clamped": [int(x) for x in plan.clamped],
         "camera": camera_fields(plan.camera),
@@ -117,11 +123,19 @@ def read_plan(path: str | os.PathLike) -> "Plan":
         positions=np.array([step["position"] for step in steps], np.int32).reshape(-1, 2),
         rois=np.array(rois, np.int32).reshape(-1, 2),
         distances=np.array(
-            [_number(x, _LARGEST, f"{where}: distance {k}") for k, x in enumerate(distances)],
+            [
+                _number(x, (0.0, _LARGEST), f"{where}: distance {k}")
+                for k, x in enumerate(distances)
+            ],
             np.float32,
         ),
         status=Status[status],
         evaluations=evaluations,
+        # Older plans lack this, their steps a strength, a yaw and an offset.
+        seconds=_number(fields.get("seconds", 0.0), (0.0, _LARGEST), f"{where}: seconds"),
+        strengths=np.array([step["strength"] for step in steps], np.float32),
+        yaws=np.array([step["yaw"] for step in steps], np.float32),
+        offsets=np.array([step["offset"] for step in steps], np.float32).reshape(-1, 2),
         clipped=np.array([step["clipped"] for step in steps], np.float32),
         filled=_pair(fields.get("filled"), f"{where}: filled"),
         # Older plans have neither this nor a view.
@@ -145,8 +159,21 @@ def _step(step: Any, camera: Camera, where: str) -> dict[str, Any]:
         raise BadFile(f"{where}: its ROI leaves the {camera.width}x{camera.height} image")
     if "camera_position" in step:
         _pair(step["camera_position"], f"{where}: camera_position", least=None)
-    clipped = _number(step.get("clipped"), 1.0, f"{where}: clipped")
-    return {"action": action, "position": (u, v), "roi": (w, h), "clipped": clipped}
+    offset = step.get("offset", [0.0, 0.0])
+    if type(offset) is not list or len(offset) != 2:
+        raise BadFile(f"{where}: offset is {_short(offset)}; expected two numbers")
+    numbers = {
+        "strength": (step.get("strength", 1.0), (_SMALLEST, _LARGEST)),
+        "yaw": (step.get("yaw", 0.0), (-_HALF_TURN, _HALF_TURN)),
+        "clipped": (step.get("clipped"), (0.0, 1.0)),
+    }
+    return {
+        "action": action,
+        "position": (u, v),
+        "roi": (w, h),  # of a turned hand a square
+        "offset": [_number(x, (-1.0, 1.0), f"{where}: offset") for x in offset],
+        **{name: _number(x, span, f"{where}: {name}") for name, (x, span) in numbers.items()},
+    }
 
 
 def _view_fields(view: View) -> dict[str, Any]:
@@ -239,9 +266,11 @@ def _pair(value: Any, where: str, least: int | None = 0) -> tuple[int, int]:
     return value[0], value[1]
 
 
-def _number(value: Any, most: float, where: str) -> float:
-    if type(value) not in (int, float) or not 0 <= value <= most:
-        raise BadFile(f"{where} is {_short(value)}; expected a number from 0 to {most:g}")
+def _number(value: Any, span: tuple[float, float], where: str) -> float:
+    least, most = span
+    if type(value) not in (int, float) or not least <= value <= most:
+        low = "above 0" if least == _SMALLEST else f"from {least:g}"
+        raise BadFile(f"{where} is {_short(value)}; expected a number {low} to {most:g}")
     return float(value)
 
 

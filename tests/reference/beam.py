@@ -18,14 +18,13 @@ def beam(image, goal, deltas, positions, max_steps, width, strengths=(1.0,), min
         children = []  # of all sequences that go on, each set of actions once
         for steps, now in kept:
             for child in continued(steps, now, goal, deltas, positions, width, strengths, min_gain):
+                if child[2] < best_d:
+                    best, best_d = child[0], child[2]
                 same = [k for k, one in enumerate(children) if sorted(one[0]) == sorted(child[0])]
                 if not same:
                     children.append(child)
                 elif child[2] < children[same[0]][2]:
                     children[same[0]] = child
-        for steps, _, d in children:
-            if d < best_d:
-                best, best_d = steps, d
         children.sort(key=lambda child: child[2])  # equals stay in order
         kept = [(steps, now) for steps, now, _ in children[:width]]
     return best, best_d

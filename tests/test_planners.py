@@ -1,0 +1,347 @@
+"""Laws of all searches, on a bed small enough to search it dozens of times."""
+
+from dataclasses import fields, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
+
+from jshape import Camera, Status
+from jshape.places import dense_positions, within
+from jshape.planners import PLANNERS, beam, greedy, refine
+from jshape.planners.base import EVER, Budget, Limits, Task, nothing
+from jshape.planners.sequence import bounds, measured
+from jshape.predict.bank import Bank
+from jshape.predict.difference import Difference
+from jshape.predict.sweep import candidates_at
+from jshape.predict.terrain import terrain_of
+from tests.reference import beam as twin
+
+CAMERA = Camera(48, 40, 60.0, 60.0, 24.0, 20.0, 0.42, 0.47)
+ROIS = ((15, 13), (9, 11), (7, 7))  # (w, h)
+STRENGTHS = (0.6, 1.0, 1.4)
+FREE = Limits(errors=jnp.zeros(3), most=jnp.full(3, EVER, jnp.int32))
+WALL = 12
+"""The hand does not reach columns to the left of this."""
+
+
+@pytest.fixture(params=PLANNERS)
+def planner(request):
+    if request.param == "mcts":
+        pytest.importorskip("mctx")
+    return request.param
+
+
+def search(name, task, budget=None):
+    """A search with a budget and a key of its own."""
+    task = replace(task, budget=budget or Budget(), key=jax.random.key(3))
+    with jax.debug_key_reuse(False):  # mctx selects between keys, which the check takes for use
+        return PLANNERS[name](task)
+
+
+def crater(w, h, depth):
+    x, y = np.linspace(-2, 2, w), np.linspace(-2, 2, h)[:, None]
+    return Difference(jnp.asarray(-depth * np.exp(-(x**2) - y**2), jnp.float32))
+
+
+BANK = Bank(
+    CAMERA,
+    tuple(crater(w, h, d) for (w, h), d in zip(ROIS, (0.15, 0.2, 0.25), strict=True)),
+    ("knock", "press", "poke"),
+)
+
+
+def sequence(terrain, rows):
+    """Rows of (move, (v, u), strength) as a search gives them."""
+    found, count = nothing(terrain, 8), len(rows)
+    moves, nodes, strengths = zip(*rows, strict=True)
+    return replace(
+        found,
+        steps=jnp.int32(count),
+        move=found.move.at[:count].set(np.array(moves)),
+        node=found.node.at[:count].set(np.array(nodes, np.float32)),
+        strength=found.strength.at[:count].set(np.array(strengths, np.float32)),
+    )
+
+
+def problem(seed=0, count=5):
+    """(task, the goal's own sequence): at places and strengths between those that are tried."""
+    rng = np.random.default_rng(seed)
+    rough = gaussian_filter(rng.normal(size=CAMERA.shape), 3)
+    now = jnp.asarray(0.6 + 0.03 * rough / rough.std(), jnp.float32)
+    terrain = terrain_of(BANK, now, now)
+    reach = np.ones(CAMERA.shape, bool)
+    reach[:, :WALL] = False
+    where = within(dense_positions(BANK, 5), reach)
+    candidates = candidates_at(terrain, BANK, where, STRENGTHS, reach)
+    low, high = (np.asarray(bound) for bound in bounds(terrain, candidates))
+    own = sequence(
+        terrain,
+        [
+            (move, rng.uniform(low[move], high[move]), rng.uniform(0.7, 1.3))
+            for move in rng.integers(3, size=count)
+        ],
+    )
+    goal = measured(terrain, own)[1]
+    return Task(replace(terrain, goal=goal), candidates, FREE, max_steps=8, fine=2), own
+
+
+def check(task, found):
+    """What holds of whatever any search finds."""
+    steps = int(found.steps)
+    assert 0 <= steps <= task.max_steps
+    move, node, strength = (np.asarray(a) for a in (found.move, found.node, found.strength))
+    assert (move[:steps] >= 0).all() and (move[steps:] == -1).all()
+    move, node, strength = move[:steps], node[:steps], strength[:steps]
+    if steps:
+        low, high = (np.asarray(bound)[move] for bound in bounds(task.terrain, task.candidates))
+        assert (node >= low).all() and (node <= high).all()
+        known = np.asarray(task.candidates.strengths)
+        assert (strength >= known.min()).all() and (strength <= known.max()).all()
+        row, column = np.rint(node).astype(int).T
+        assert np.asarray(task.candidates.reach)[row, column].all()
+    used = np.bincount([task.terrain.moves[m].action for m in move], minlength=3)
+    assert (used <= np.asarray(task.limits.most)).all()
+    again = measured(task.terrain, found)[0].distance
+    np.testing.assert_allclose(found.distance, again, atol=1e-6)
+    assert float(found.distance) <= float(task.terrain.distance)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_search_is_worse_than_greedy(planner, seed):
+    task, _ = problem(seed)
+    found, first = search(planner, task), search("greedy", task)
+    check(task, found)
+    assert int(found.steps) and float(first.distance) < 0.5 * float(task.terrain.distance)
+    assert float(found.distance) <= float(first.distance) + 1e-7
+    assert int(found.evaluations) >= int(first.evaluations)
+    assert Status(int(found.status)) in (Status.NO_IMPROVEMENT, Status.MAX_STEPS)
+
+
+def test_searching_longer_pays(planner):
+    """On one of a few beds at least each search finds what greedy does not."""
+    if planner == "greedy":
+        pytest.skip("is what the others are measured by")
+    gains = []
+    for seed in range(3):
+        task, _ = problem(seed)
+        ends = [float(search(name, task).distance) for name in ("greedy", planner)]
+        gains.append(1 - ends[1] / ends[0])
+    assert max(gains) > 0.02
+
+
+def test_the_same_key_gives_the_same_sequence(planner):
+    task, _ = problem(1)
+    one, other = search(planner, task), search(planner, task)
+    for field in fields(one):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+@pytest.mark.parametrize("allowed", [37, 700, 1500])
+def test_no_more_is_evaluated_than_allowed(planner, allowed):
+    task, _ = problem(2)
+    assert len(task.candidates) > 37  # not even one sweep
+    budget = Budget(evaluations=allowed)
+    found = search(planner, task, budget)
+    check(task, found)
+    assert Status(int(found.status)) is Status.BUDGET
+    assert int(found.evaluations) == budget.spent <= 1.1 * allowed
+    assert float(found.distance) < float(task.terrain.distance)
+
+
+@pytest.mark.parametrize("pace", [40.0, 600.0])
+def test_time_is_kept(planner, pace):
+    task, _ = problem(2)
+    running = []
+
+    def clock():  # as long as evaluations take
+        return running[0].spent / pace if running else 0.0
+
+    running.append(budget := Budget(seconds=2.0, clock=clock))
+    found = search(planner, task, budget)
+    check(task, found)
+    assert Status(int(found.status)) is Status.BUDGET
+    assert 1.5 <= budget.elapsed <= 2.2
+    assert float(found.distance) < float(task.terrain.distance)
+
+
+def test_compiling_is_not_counted_nor_taken_for_speed():
+    now = [0.0]
+    budget = Budget(seconds=10.0, clock=lambda: now[0])
+
+    def slow(x):
+        now[0] += 60.0  # while it is traced only
+        return x + 1
+
+    compiled = jax.jit(slow)
+    for _ in range(3):
+        budget.call(compiled, jnp.float32(1))
+        budget.spend(1000)
+        now[0] += 0.1
+    assert budget.elapsed == pytest.approx(0.3)
+    # 2000 in 0.3 s, and those of the first call in a time that is not known.
+    assert budget.room() == int(2000 / 0.3 * 0.5) + 1
+    assert budget.holds(60_000) and not budget.holds(70_000) and not budget.over
+    now[0] += 10.0
+    assert budget.over
+
+
+def test_a_budget_may_be_larger_than_any_search():
+    budget = Budget(evaluations=10**12)
+    assert budget.room() == budget.left == EVER and not budget.over
+
+
+@pytest.mark.parametrize("why", ["no steps", "no candidates", "nothing to do"])
+def test_an_empty_plan(planner, why):
+    task, _ = problem(0)
+    status = {Status.NO_IMPROVEMENT, Status.MAX_STEPS}
+    if why == "no steps":
+        task = replace(task, max_steps=0)
+    elif why == "no candidates":
+        none = {name: np.zeros((0, 2), np.int32) for name in BANK.actions}
+        task = replace(task, candidates=candidates_at(task.terrain, BANK, none, STRENGTHS))
+    else:
+        task = replace(task, terrain=replace(task.terrain, goal=task.terrain.now))
+        status = {Status.CONVERGED}
+    found = search(planner, task)
+    assert int(found.steps) == 0 and (np.asarray(found.move) == -1).all()
+    assert Status(int(found.status)) in status
+    assert float(found.distance) == pytest.approx(float(task.terrain.distance), rel=1e-6)
+
+
+def test_actions_are_used_as_often_as_allowed(planner):
+    task, own = problem(2)
+    used = np.bincount(np.asarray(own.move[:5]), minlength=3)
+    assert used.max() > 1
+    task = replace(task, limits=replace(FREE, most=jnp.array([1, 1, 2])), start=own)
+    found = search(planner, task)
+    check(task, found)
+    assert 0 < int(found.steps) <= 4
+
+
+@pytest.mark.parametrize("name", ["greedy", "beam"])
+def test_each_action_gains_what_it_must(name):
+    task, _ = problem(0)
+    errors = jnp.array([0.001, 0.0005, 0.0])
+    task = replace(task, limits=replace(FREE, min_gain=0.0005, errors=errors))
+    found = search(name, task)
+    check(task, found)
+    gains = -np.diff(measured(task.terrain, found)[2])
+    for k in range(int(found.steps)):
+        error = float(errors[found.move[k]]) * max(float(found.strength[k]), 1.0)
+        assert gains[k] > 0.0005 + error - 1e-6
+    assert 0 < int(found.steps) < int(search(name, replace(task, limits=FREE)).steps)
+
+
+def test_a_search_ends_when_it_is_near_enough(planner):
+    task, _ = problem(1)
+    near = 0.5 * float(task.terrain.distance)
+    found = search(planner, replace(task, limits=replace(FREE, tolerance=near)))
+    assert Status(int(found.status)) is Status.CONVERGED
+    assert float(found.distance) <= near
+    assert int(found.steps) < int(search("greedy", task).steps)
+
+
+@pytest.mark.parametrize("name", ["improve", "refine"])
+def test_a_known_sequence_is_begun_with(name):
+    task, own = problem(4)
+    found = search(name, replace(task, start=own))
+    check(task, found)
+    assert float(found.distance) < 1e-6
+    np.testing.assert_allclose(found.node[:5], own.node[:5], atol=1e-5)
+    assert float(search("greedy", task).distance) > 1e-3  # which is why it helps
+
+
+@pytest.mark.parametrize("name", ["improve", "refine"])
+def test_of_a_known_sequence_what_is_not_allowed_is_left_out(name):
+    task, own = problem(4)
+    far = own.node.at[0, 1].set(WALL - 5.0)  # where the hand does not reach
+    deep = own.strength.at[1].set(9.0)
+    given = replace(own, node=far, strength=deep)
+    check(task, search(name, replace(task, start=given)))
+    few = replace(task, start=given, max_steps=2)
+    check(few, search(name, few))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_moved_and_weakened_action_is_recovered(seed):
+    task, own = problem(seed + 10, count=1)
+    task = replace(task, fine=0)
+    coarse, found = search("greedy", task), search("refine", replace(task, max_steps=1))
+    check(task, found)
+    assert float(found.distance) < 0.1 * float(coarse.distance)
+    assert int(found.move[0]) == int(own.move[0])
+    np.testing.assert_allclose(found.node[0], own.node[0], atol=0.1)
+    np.testing.assert_allclose(found.strength[0], own.strength[0], atol=0.03)
+
+
+def test_descent_keeps_the_best_on_the_way():
+    task, own = problem(4)
+    start = measured(task.terrain, own)[0]
+    # From the goal itself every step leads away.
+    again = refine.descend(task.terrain, task.candidates, FREE, start, jnp.float32(1.0))
+    np.testing.assert_array_equal(again.node, start.node)
+    assert float(again.distance) <= float(start.distance)
+
+
+SMALL = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
+SHAPES = ((7, 6), (4, 8), (3, 3), (5, 5), (6, 3))  # more actions than the beam is wide
+
+
+def exact(seed):
+    """(deltas, image, goal, positions): multiples of 1/256, whose sums have no rounding."""
+    rng = np.random.default_rng(seed)
+    deltas = [rng.integers(-77, 78, (h, w)) / 256 for w, h in SHAPES]
+    image = rng.integers(0, 257, SMALL.shape) / 256
+    positions = [
+        np.stack(
+            [rng.integers(w // 2, 24 - w + w // 2, 3), rng.integers(h // 2, 18 - h + h // 2, 3)], -1
+        )
+        for w, h in SHAPES
+    ]
+    goal = image
+    for _ in range(4):
+        action = rng.integers(len(SHAPES))
+        goal = twin.inject(goal, deltas[action], positions[action][rng.integers(3)])
+    return deltas, image, goal, positions
+
+
+def small_task(deltas, image, goal, positions, **options):
+    predictors = tuple(Difference(jnp.asarray(d, jnp.float32)) for d in deltas)
+    bank = Bank(SMALL, predictors, tuple(f"a{i}" for i in range(len(deltas))))
+    terrain = terrain_of(bank, jnp.asarray(image, jnp.float32), jnp.asarray(goal, jnp.float32))
+    where = dict(zip(bank.actions, positions, strict=True))
+    return Task(terrain, candidates_at(terrain, bank, where, (0.5, 1.0)), **options)
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 2**31), max_steps=st.sampled_from([2, 4]))
+def test_beam_equals_the_transcription(seed, max_steps):
+    deltas, image, goal, positions = exact(seed)
+    steps, distance = twin.beam(image, goal, deltas, positions, max_steps, beam.WIDTH, (0.5, 1.0))
+    found = beam.search(small_task(deltas, image, goal, positions, max_steps=max_steps))
+    chosen = [
+        (int(m), (int(n[1]), int(n[0])), float(s))
+        for m, n, s in zip(found.move, found.node, found.strength, strict=True)
+    ]
+    assert chosen[: int(found.steps)] == [(i, tuple(map(int, at)), s) for i, at, s in steps]
+    np.testing.assert_allclose(found.distance, distance, atol=1e-7)
+
+
+def test_the_beam_goes_past_greedys_trap():
+    """One wide action gains most at first, and nothing after it; two narrow ones do it all."""
+    image = np.full(SMALL.shape, 0.25)
+    goal = image.copy()
+    goal[6:12, 6:18] += 0.5
+    deltas = [np.full((6, 6), 0.5), np.full((6, 12), 0.3125)]
+    positions = [np.array([[9, 9], [15, 9]]), np.array([[12, 9]])]
+    task = small_task(deltas, image, goal, positions)
+    trapped, found = greedy.search(task), beam.search(task)
+    assert [int(m) for m in trapped.move[: int(trapped.steps)]][0] == 1
+    assert float(trapped.distance) > 0
+    assert [int(m) for m in found.move[: int(found.steps)]] == [0, 0]
+    assert float(found.distance) == 0 and Status(int(found.status)) is Status.CONVERGED

@@ -34,7 +34,7 @@ class Plan:
     evaluations: int = 0
     """Predictions made by the search."""
     seconds: float = 0.0
-    """Time of the search."""
+    """Time of the search; compiling is not counted."""
     strengths: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
     """(K,) how many times as deep as the trained action; 1 for all unless given."""
     yaws: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))

@@ -128,7 +128,8 @@ def plan(
         how=how,
     )
     found = jax.device_get(PLANNERS[planner](task))
-    return _carried_out(found, task, bank, first, goal, float(tolerance))
+    spent = task.budget.elapsed
+    return replace(_carried_out(found, task, bank, first, goal, float(tolerance)), seconds=spent)
 
 
 def _carried_out(
@@ -182,7 +183,6 @@ def _carried_out(
         distances=distances,
         status=Status.CONVERGED if distances[-1] <= tolerance else Status(int(found.status)),
         evaluations=int(found.evaluations),
-        seconds=task.budget.elapsed,
         strengths=np.array(found.strength[:steps], np.float32),
         yaws=np.array(yaws, np.float32),
         offsets=np.array(offsets, np.float32).reshape(-1, 2),

@@ -5,10 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from jshape.commands import arguments
+from jshape.devices import over_devices
 
 
 def demo(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape demo`: the main job in simulation, closed loop."""
+    how = over_devices(options.devices)  # before anything is computed
     from jshape.experiments.demo import run_demo
 
     return run_demo(
@@ -20,6 +22,8 @@ def demo(options: argparse.Namespace) -> dict[str, Any]:
         material=options.material,
         agent=options.agent,
         replan=not options.open_loop,
+        planner=options.planner,
+        how=how,
         overwrite=options.overwrite,
         say=(lambda line: None) if options.json else lambda line: print(line, flush=True),
     )
@@ -45,3 +49,4 @@ def add(commands: Any) -> None:
     parser.add_argument("--material", default="flour", help="flour, sand or dough")
     parser.add_argument("--agent", default="robot", help="who acts: robot or human")
     parser.add_argument("--open-loop", action="store_true", help="plan once, then act blindly")
+    arguments.add_search(parser)

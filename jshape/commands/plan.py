@@ -70,7 +70,7 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
     if options.out is not None:
         with files.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
             plans.write_plan(folder / "plan.json", found)
-            _draw(folder, found)
+            _draw(folder, found, bank.rois)
         result["out"] = str(options.out)
     if not options.json:
         _print(found, said)
@@ -173,12 +173,12 @@ def _positions(text: str) -> np.ndarray | str:
     return np.array(pairs)
 
 
-def _draw(folder: Path, found: Plan) -> None:
+def _draw(folder: Path, found: Plan, rois: dict[str, tuple[int, int]]) -> None:
     from jshape.viz import pictures
 
     figures = {
-        "plan.png": pictures.plan_figure(found),
-        "actions.png": pictures.overlay_figure(found),
+        "plan.png": pictures.plan_figure(found, rois=rois),
+        "actions.png": pictures.overlay_figure(found, rois=rois),
         "steps.png": pictures.steps_figure(found),
     }
     for name, figure in figures.items():

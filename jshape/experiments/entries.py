@@ -21,12 +21,12 @@ DENSE: Entry = {
     "bank": DEFAULT_BANK,
     "stride": 12,
     "strengths": [0.2, 0.5, 1.0, 1.6, 2.3],
-    "yaws": {"press": 6, "pinch": 4},
+    "yaws": {"grasp": 6, "press": 6, "pinch": 6},
     "caution": 0.5,
 }
 """Every action all over the bed, the long ones in several directions, from a fifth to 2.3 times
 as deep.  An action must gain more than half of its own usual error."""
-SEARCH: Entry = DENSE | {"horizon": 2, "seconds": {"open": 3.0, "closed": 0.6}}
+SEARCH: Entry = DENSE | {"horizon": 2, "seconds": {"open": 2.0, "closed": 0.6}}
 """Searches that could go on for long: what they may spend on a plan."""
 FLOOR: Entry = {"bank": "flour-robot", "stride": 12, "patience": 1000}
 """Floors act whatever comes of it; of the bank they use the ROIs."""

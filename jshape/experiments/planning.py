@@ -17,7 +17,7 @@ from jshape import sim
 from jshape.errors import BadDataset, JShapeError, UnknownName
 from jshape.experiments import measures, results
 from jshape.experiments.baselines import floors
-from jshape.experiments.entries import ENTRIES, entries_of, options_of
+from jshape.experiments.entries import ENTRIES, Entry, entries_of, options_of
 from jshape.experiments.problems import Problem, applied_problems, shape_problems
 from jshape.experiments.recorded import mpm_problems
 from jshape.planning import DEFAULT_BANK, Plan, plan
@@ -70,7 +70,7 @@ def run_planning(
     say: Callable[[str], Any] = print,
     progress: Callable[[Iterable[Case], int, str], Iterable[Case]] = lambda cases, *_: cases,
 ) -> dict[str, Any]:
-    """Make all runs that are not in the folder yet, then the tables and figures of all.
+    """Make all runs that are not in the folder yet; tables and figures after every entry.
 
     Args:
       out: folder of the results; one that was left unfinished with the same settings goes on.
@@ -106,29 +106,53 @@ def run_planning(
         },
     }
     record = results.opened(out, meta, overwrite)
-    cases = [
-        Case(kind, number, loop, name)
-        for name in entries
-        for kind, several in problems.items()
-        for number in range(len(several))
-        for loop in (settings.loops if kind != "mpm" else ("open",))
-    ]
+    cases = _cases(entries, problems, settings.loops)
     done = {Case(*(step[field] for field in Case._fields)) for step in record.steps}
     left = [case for case in cases if case not in done]
     say(f"{len(cases)} runs, {len(done)} of them there already")
+    used = {name: known[entry["bank"]] for name, entry in entries.items()}
+    last = {case.entry: case for case in left}
+
+    def so_far() -> None:
+        made = f"{len(record)} of {len(cases)} runs are made"
+        results.conclude(record, problems, used, [*notes, made])
+
     with floors():
-        for case in progress(left, len(left), "planning"):
-            entry, problem = entries[case.entry], problems[case.kind][case.number]
-            options = options_of(entry, known[entry["bank"]], case.loop)
-            options |= {"seed": settings.seed + case.number}
-            if settings.seconds is not None:
-                options |= {"seconds": settings.seconds}
-            found, bed = attempt(problem, case, options | {"how": how}, settings)
-            shown = case.number < SHOWN.get(case.kind, 0) and case.loop == settings.loops[-1]
-            depth = sim.render(bed, problem.camera) if shown and bed is not None else None
-            record.append(case._asdict() | found, None if depth is None else np.asarray(depth))
-    gains = {name: known[entry["bank"]] for name, entry in entries.items()}
-    return results.conclude(record, problems, gains, notes)
+        try:
+            for case in progress(left, len(left), "planning"):
+                entry, problem = entries[case.entry], problems[case.kind][case.number]
+                options = options_of(entry, known[entry["bank"]], case.loop)
+                options |= {"seed": settings.seed + case.number}
+                if settings.seconds is not None:
+                    options |= {"seconds": settings.seconds}
+                found, bed = attempt(problem, case, options | {"how": how}, settings)
+                shown = case.number < SHOWN.get(case.kind, 0) and case.loop == settings.loops[-1]
+                depth = sim.render(bed, problem.camera) if shown and bed is not None else None
+                record.append(case._asdict() | found, None if depth is None else np.asarray(depth))
+                if case is last[case.entry] and case is not left[-1]:
+                    so_far()
+        except KeyboardInterrupt:  # what was made is not lost
+            so_far()
+            raise
+    return results.conclude(record, problems, used, notes)
+
+
+def _cases(
+    entries: dict[str, Entry], problems: dict[str, list[Problem]], loops: Sequence[str]
+) -> list[Case]:
+    """All runs: the quick entries one after the other, then the long searches problem by problem.
+
+    So what is there after a while compares as many problems of each.
+    """
+    long = [name for name, entry in entries.items() if "seconds" in entry]
+    whole = [(kind, number) for kind, several in problems.items() for number in range(len(several))]
+    quick = [(name, *one) for name in entries if name not in long for one in whole]
+    slow = [(name, *one) for one in sorted(whole, key=lambda one: one[1]) for name in long]
+    return [
+        Case(kind, number, loop, name)
+        for name, kind, number in quick + slow
+        for loop in (loops if kind != "mpm" else ("open",))
+    ]
 
 
 def draw(settings: Settings, data: Path | None) -> dict[str, list[Problem]]:

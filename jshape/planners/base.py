@@ -60,7 +60,7 @@ class Limits:
         """What an action must gain, for each strength."""
         errors = jnp.asarray(self.errors)
         error = errors if errors.ndim == 0 else errors[action]
-        return self.min_gain + error * jnp.sqrt(strengths)
+        return jnp.maximum(self.min_gain, error * jnp.sqrt(strengths))
 
     def allowed(self, action: int, used: Int[Array, "A"]) -> Array:
         """Whether an action may be used once more."""

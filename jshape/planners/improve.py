@@ -1,6 +1,6 @@
-"""A found sequence improved: one action at a time is taken out and the best one put in instead.
+"""A found sequence improved: one action at a time is taken out and greedy goes on from there.
 
-Deleting is the case where nothing is put in, inserting that where there is still room; two actions
+Deleting is the case where it puts nothing in, inserting that where it puts in several; two actions
 in a row that overlap are also tried in the other order.  Only what lowers d is kept.
 """
 
@@ -61,17 +61,15 @@ def _exchanged(
     fewer, now, _ = task.budget.call(measured, task.terrain, without(found, k))
     task.budget.spend(int(found.steps))
     state = task.budget.call(at_map, task.terrain, task.candidates, fewer, now, board, seen)
-    while True:  # one step of greedy from there, in pieces that keep the budget
+    while True:  # greedy from there, in pieces that keep the budget
         spent = int(state.found.evaluations)
-        limits = replace(task.limits, max_steps=fewer.steps + 1)
         state = task.budget.call(
-            greedy.advance, state, task.terrain, task.candidates, limits,
+            greedy.advance, state, task.terrain, task.candidates, task.limits,
             jnp.int32(task.budget.room()), jnp.int32(task.budget.left),
             fine=task.fine, how=task.how,
         )  # fmt: skip
         task.budget.spend(int(state.found.evaluations) - spent)
-        whole = int(state.found.steps) > int(fewer.steps) or int(state.found.status) >= 0
-        if whole or task.budget.over:
+        if int(state.found.status) >= 0 or task.budget.over:
             break
     tried, _, _ = task.budget.call(measured, task.terrain, state.found)
     kept = float(tried.distance) > float(found.distance) - LEAST

@@ -1,7 +1,7 @@
 """Figures of plans and runs.  They are drawn off screen and returned as PNG bytes."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +15,7 @@ from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.errors import JShapeError
 from jshape.planned import Plan
+from jshape.viz.labels import Room
 
 COLOURS = {
     "grasp": "tab:red",
@@ -24,6 +25,12 @@ COLOURS = {
     "poke": "tab:orange",
 }
 """Box colour of each action; others are grey."""
+
+LEAST_SPAN = 5.0
+"""Least range of heights on a grey scale, mm."""
+
+Rois = Mapping[str, tuple[int, int]]
+"""(w, h) of the ROI that each action was trained with, pixels."""
 
 
 def png(figure: Figure, dpi: int = 100) -> bytes:
@@ -44,6 +51,7 @@ def plan_figure(
     *,
     obtained: np.ndarray | None = None,
     obtained_mm: ArrayLike | None = None,
+    rois: Rois | None = None,
     title: str = "",
 ) -> Figure:
     """The whole story of a plan on one page.
@@ -55,6 +63,7 @@ def plan_figure(
       plan: with its images and its goal.
       obtained: (H, W) the image that really came out.
       obtained_mm: measured distances at the start and after each action.
+      rois: trained ROIs, for the boxes of turned hands.
       title: above all.
 
     Raises:
@@ -69,7 +78,7 @@ def plan_figure(
         d_mm = float(metric.to_mm(metric.distance(obtained, goal), camera))
         shown.append((f"obtained: {d_mm:.2f} mm", obtained))
     heights = [height_mm(image, camera) for _, image in shown]
-    low, high = (float(q) for q in np.percentile(np.stack(heights[:2]), (0.5, 99.5)))
+    low, high = _span(heights[:2])
     wanted = heights[1]
     gaps = [h - wanted for k, h in enumerate(heights) if k != 1]
     reach = max(float(np.percentile(np.abs(gaps[0]), 99.5)), 1.0)
@@ -78,12 +87,11 @@ def plan_figure(
     figure = Figure(figsize=(4.0 * columns, 6.6), layout="constrained")
     axes = figure.subplots(2, columns, squeeze=False)
     for ax, (name, _), height in zip(axes[0], shown, heights, strict=True):
-        drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=max(high, low + 1))
+        drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
         _bare(ax, name)
     figure.colorbar(
         drawn, ax=list(axes[0]), label="above the far end of the range (mm)", shrink=0.85
     )
-    draw_actions(axes[0][0], plan)
     names = ["now - goal", "predicted - goal", "obtained - goal"]
     bottom = [axes[1][0], *axes[1][2:]]
     for ax, name, gap in zip(bottom, names, gaps, strict=False):
@@ -93,36 +101,72 @@ def plan_figure(
     draw_curve(axes[1][1], plan.distances_mm, obtained_mm)
     if title:
         figure.suptitle(title)
+    draw_actions(axes[0][0], plan, rois, strengths=False)
     return figure
 
 
-def overlay_figure(plan: Plan) -> Figure:
+def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
     """I0 alone, with the actions as numbered boxes: what to do where, in which order."""
-    camera = plan.camera
-    tall = camera.height / 60 + 0.6 + 0.17 * len(plan)
-    figure = Figure(figsize=(camera.width / 60, tall), layout="constrained")
+    camera, (heading, *lines) = plan.camera, _in_words(plan)
+    size = camera.width / 60 + 1.6, camera.height / 60 + 0.8 + 0.16 * len(lines)
+    figure = Figure(figsize=size, layout="constrained")
     ax = figure.subplots()
     height = height_mm(plan.images[0], camera)
-    low, high = (float(q) for q in np.percentile(height, (0.5, 99.5)))
-    drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=max(high, low + 1))
+    low, high = _span([height])
+    drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
     figure.colorbar(drawn, ax=ax, label="above the far end of the range (mm)", shrink=0.85)
-    draw_actions(ax, plan)
-    own = plan.view is None or plan.view.window == (0, 0)
-    whose = "" if own else ", bank's image"
+    whose = "" if _is_own(plan) else ", bank's image"
     ax.set(xlabel=f"u (pixels{whose})", ylabel=f"v (pixels{whose})")
-    steps = [
-        f"{k + 1}  {name} at ({u}, {v})"
-        for k, (name, (u, v)) in enumerate(zip(plan.actions, plan.camera_positions, strict=True))
-    ]
-    where = "" if own else " in the camera's own pixels"
-    many = "1 action" if len(plan) == 1 else f"{len(plan)} actions"
-    ax.set_title(f"{many}{where}:\n" + ("\n".join(steps) or "nothing helps"), fontsize=10)
+    text = "\n".join([heading, *lines])
+    ax.set_title(text, fontsize=9, family="monospace", loc="left")
+    draw_actions(ax, plan, rois)
     return figure
+
+
+def _is_own(plan: Plan) -> bool:
+    """The plan's pixels are those of the camera that took the frames."""
+    return plan.view is None or plan.view.window == (0, 0)
+
+
+def _in_words(plan: Plan) -> list[str]:
+    """A heading, and what to do, line by line; a long list in two columns."""
+    where = "" if _is_own(plan) else " in the camera's own pixels"
+    many = "1 action" if len(plan) == 1 else f"{len(plan)} actions"
+    steps = []
+    for k, (u, v) in enumerate(plan.camera_positions):
+        turned = f" turned {np.degrees(plan.yaws[k]):.0f}°" if plan.yaws[k] else ""
+        steps.append(f"{k + 1:2d} {_doing(plan, k)} at ({u}, {v}){turned}")
+    if len(steps) > 8:
+        half = -(-len(steps) // 2)
+        wide = max(map(len, steps[:half])) + 3
+        steps = [
+            left.ljust(wide) + right
+            for left, right in zip(steps[:half], [*steps[half:], ""], strict=False)
+        ]
+    return [f"{many}{where}:", *(steps or ["nothing helps"])]
+
+
+def _doing(plan: Plan, k: int) -> str:
+    """An action's name and its strength: "press x0.5"."""
+    return plan.actions[k] + _strength(plan, k)
+
+
+def _strength(plan: Plan, k: int) -> str:
+    """How deep an action goes, unless it is as deep as trained: " x0.5"."""
+    rounded = f"{round(float(plan.strengths[k]), 2):g}"
+    return "" if rounded == "1" else f" x{rounded}"
+
+
+def _span(heights: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Least and greatest height to show, mm: all but outliers, and noise is no relief."""
+    low, high = (float(q) for q in np.percentile(np.stack(heights), (0.5, 99.5)))
+    more = max(LEAST_SPAN - (high - low), 0.0) / 2
+    return low - more, high + more
 
 
 def steps_figure(plan: Plan) -> Figure:
     """The predicted images of a plan side by side, and the goal."""
-    names = ["now", *(f"{k + 1} {name}" for k, name in enumerate(plan.actions))]
+    names = ["now", *(f"{k + 1} {_doing(plan, k)}" for k in range(len(plan)))]
     images = list(plan.images)
     if plan.goal is not None:
         images, names = [*images, plan.goal], [*names, "goal"]
@@ -134,13 +178,13 @@ def strip_figure(
 ) -> Figure:
     """Images side by side with a name over each, all on one grey scale."""
     heights = [height_mm(image, camera) for image in images]
-    low, high = (float(q) for q in np.percentile(np.stack(heights), (0.5, 99.5)))
+    low, high = _span(heights)
     rows = -(-len(images) // columns)
     columns = -(-len(images) // rows)  # no lone picture in the last row
     figure = Figure(figsize=(3.0 * columns, 2.8 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).reshape(-1)
     for ax, name, height in zip(axes, names, heights, strict=False):
-        drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=max(high, low + 1))
+        drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
         _bare(ax, name)
     for ax in axes[len(images) :]:
         ax.set_axis_off()
@@ -148,23 +192,45 @@ def strip_figure(
     return figure
 
 
-def draw_actions(ax: Axes, plan: Plan) -> None:
-    """The plan's ROIs as boxes with their number above and a cross at the place to act on."""
-    taken: dict[tuple[int, int], int] = {}
+def draw_actions(ax: Axes, plan: Plan, rois: Rois | None = None, *, strengths: bool = True) -> None:
+    """The plan's ROIs as boxes, and a numbered cross at each place to act on.
+
+    Call it last: numbers are laid beside each other where the axes are by then.
+
+    Args:
+      ax: shows I0.
+      plan: what to draw.
+      rois: trained ROIs: a turned hand's box is its own, turned; else its square.
+      strengths: beside the numbers, where they are not 1.
+    """
+    many = len(plan) > 6
+    size, width = (7.5, 1.1) if many else (9.0, 1.8)
+    if isinstance(ax.figure, Figure):
+        ax.figure.draw_without_rendering()  # lays out the axes
+    room = Room(ax, size)
     for k, name in enumerate(plan.actions):
-        (u, v), (w, h) = plan.positions[k], plan.rois[k]
-        colour = COLOURS.get(name, "0.5")
-        left, top = int(u - w // 2), int(v - h // 2)
-        ax.add_patch(
-            Rectangle((left - 0.5, top - 0.5), w, h, fill=False, edgecolor=colour, linewidth=1.8)
-        )
-        ax.plot(u, v, "+", color=colour, markersize=9, markeredgewidth=1.8)
-        beside = taken.get((left, top), 0)  # the same action twice in one place
-        taken[left, top] = beside + 1
+        (u, v), (w, h) = plan.exact_positions[k], plan.rois[k]
+        yaw, colour = float(np.degrees(plan.yaws[k])), COLOURS.get(name, "0.5")
+        left, top = u - w // 2 - 0.5, v - h // 2 - 0.5
+        if yaw:
+            w, h = (rois or {}).get(name, (w, h))
+            left, top = u - w / 2, v - h / 2
+        box = Rectangle(
+            (float(left), float(top)), float(w), float(h), angle=yaw,
+            rotation_point=(float(u), float(v)), fill=False, edgecolor=colour, linewidth=width,
+        )  # fmt: skip
+        ax.add_patch(box)
+        ax.plot(u, v, "+", color=colour, markersize=size, markeredgewidth=width)
+        room.take(float(u), float(v))
+    for k, name in enumerate(plan.actions):
+        (u, v), colour = plan.exact_positions[k].tolist(), COLOURS.get(name, "0.5")
+        text = f"{k + 1}" + (_strength(plan, k) if strengths else "")
+        x, y = room.beside(u, v, text)
+        ax.plot([u, x], [v, y], color=colour, linewidth=width)
         ax.text(
-            left + 2 + 26 * beside, max(top - 4, 12), str(k + 1), color="white", ha="left",
-            va="bottom", fontsize=9, fontweight="bold",
-            bbox={"facecolor": colour, "edgecolor": "none", "pad": 1.5},
+            x, y, text, color="white", ha="center", va="center", fontsize=size, zorder=5,
+            fontweight="bold", in_layout=False,
+            bbox={"facecolor": colour, "edgecolor": "white", "linewidth": 0.5, "pad": 1.5},
         )  # fmt: skip
 
 

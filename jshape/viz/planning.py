@@ -211,8 +211,11 @@ def _one_to_one(ax: Axes, steps: Sequence[Mapping[str, Any]]) -> None:
     reach = max(reach, 1e-3)
     ax.plot([-reach, reach], [-reach, reach], color="k", linewidth=0.8)
     ax.axhline(0, color="k", linewidth=0.5)
-    low = min([0.0, *(step["predicted_gain_mm"] for step in steps)])
-    ax.set(xlim=(max(low, -reach) - 0.02 * reach, reach), ylim=(-reach, reach))
+    left, bottom = (
+        max(min([0.0, *(step[key] for step in steps)]), -reach) - 0.04 * reach
+        for key in ("predicted_gain_mm", "gain_mm")
+    )
+    ax.set(xlim=(left, reach), ylim=(bottom, reach))
 
 
 def sheet_figure(rows: Sequence[Sequence[Tile]]) -> Figure:
@@ -226,6 +229,7 @@ def sheet_figure(rows: Sequence[Sequence[Tile]]) -> Figure:
     for line, row in zip(axes, rows, strict=False):
         low, high = np.percentile(np.stack([tile.depth_mm for tile in row[:2]]), (0.5, 99.5))
         for ax, tile in zip(line, row, strict=False):
-            ax.imshow(tile.depth_mm[::2, ::2], cmap="gray_r", vmin=low, vmax=max(high, low + 1))
+            # Beyond the range: a level bed is not white.
+            ax.imshow(tile.depth_mm[::2, ::2], cmap="gray_r", vmin=low - 3, vmax=high + 1)
             ax.set_title(tile.title, fontsize=7)
     return figure

@@ -22,11 +22,19 @@ ALLOWED = {
     "data": {"camera", "metric", "actions", "predict", "sim"},
     "learn": {"camera", "metric", "actions", "nn", "predict", "data"},
     "store": {
-        *("camera", "metric", "actions", "nn", "predict", "planners", "data", "learn", "planning")
+        *("camera", "metric", "actions", "nn", "predict", "planners", "data", "learn"),
+        *("planned", "planning"),
     },
-    "planning": {"camera", "metric", "actions", "predict", "planners", "data", "store"},
+    "places": {"camera", "actions", "predict"},
+    "planned": {"camera", "metric", "actions", "planners", "data", "store"},
+    "tasks": {"actions", "predict", "planners", "planned"},
+    "planning": {
+        *("camera", "metric", "actions", "predict", "planners", "data", "store"),
+        *("places", "planned", "tasks"),
+    },
+    "devices": {"predict"},
     "robot": {"camera", "metric", "actions", "predict", "planners", "planning", "sim", "data"},
-    "viz": {"camera", "metric", "actions", "predict", "planners", "planning", "learn"},
+    "viz": {"camera", "metric", "actions", "predict", "planners", "planned", "planning", "learn"},
 }
 TOP = {"__init__", "__main__", "cli", "commands", "experiments"}
 """May import anything, and nothing imports them but each other."""

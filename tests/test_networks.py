@@ -21,6 +21,7 @@ from jshape.predict.difference import Difference
 from jshape.predict.network import Network
 from jshape.predict.refined import Refined
 from jshape.predict.sweep import candidates_at, sweep
+from jshape.predict.terrain import terrain_of
 
 W, H = 20, 18
 PLACE = jnp.zeros(2, jnp.int32)
@@ -113,7 +114,8 @@ def test_the_planner_sweeps_a_network(parts):
     image = np.full(PAPER_BOX.shape, 0.5, np.float32)
     goal = image + 0.01
     places = {name: np.array([[100, 90], [240, 197]]) for name in bank.actions}
-    found = np.asarray(sweep(bank, image, goal, candidates_at(bank, places))) * image.size
+    terrain = terrain_of(bank, jnp.asarray(image), jnp.asarray(goal))
+    found = np.concatenate(sweep(terrain, candidates_at(terrain, bank, places)))[:, 0] * image.size
     one = np.asarray(bank.predict("press", image[:H, :W]))
     change = np.abs(one - goal[:H, :W]).sum() - 0.01 * H * W
     np.testing.assert_allclose(found, [change, change, 0, 0], rtol=1e-3, atol=2e-3)

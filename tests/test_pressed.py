@@ -18,6 +18,7 @@ from jshape.predict import sweep
 from jshape.predict.difference import fit_difference
 from jshape.predict.ground import Ground
 from jshape.predict.pressed import Pressed
+from jshape.predict.terrain import terrain_of
 from jshape.store.kinds import KINDS
 from tests.reference import ground as twin
 
@@ -194,19 +195,24 @@ def test_a_batch_is_its_members():
 
 
 def test_the_sweep_uses_the_place():
-    bank = Bank(CAMERA, (tool(),), ("poke",), "P")
+    shallow = tool(depth=0.005)  # and without a rim: walls hide nothing of the hole
+    shallow = replace(shallow, rest=0 * shallow.rest, swell=0 * shallow.swell)
+    bank = Bank(CAMERA, (shallow,), ("poke",), "P")
     image = np.asarray(jnp.full(CAMERA.shape, 0.4) * 0.95)
     image = image + 0.02 * gaussian_filter(np.random.default_rng(5).normal(size=CAMERA.shape), 5)
     image = jnp.asarray(image, jnp.float32)
-    goal = image - 0.05
+    goal = image - 0.35
     centres = np.array([[240, 197], [30, 40], [440, 360]], np.int32)
-    found = sweep.sweep(bank, image, goal, sweep.candidates_at(bank, {"poke": centres}))
+    terrain = terrain_of(bank, image, goal)
+    found = sweep.sweep(terrain, sweep.candidates_at(terrain, bank, {"poke": centres}))[0][:, 0]
     for k, (u, v) in enumerate(centres):
         window = np.s_[v - 15 : v + 15, u - 18 : u + 18]
         after = np.array(image)
         after[window] = bank.predict("poke", image[window], position=(u, v))
         change = np.abs(after - goal).mean() - np.abs(image - goal).mean()
-        assert float(found[k]) == pytest.approx(float(change), abs=2e-7)
+        # The ground's edges fall between nodes; near the image's edge each counts 15 % more.
+        assert float(found[k]) == pytest.approx(float(change), rel=0.05)
+    assert float(found[1]) < 1.1 * float(found[0]) < 0
 
 
 def test_fitting_finds_the_tool():

@@ -1,0 +1,314 @@
+"""Where a search works: distances and places of images and of the ground, turned hands."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
+
+from jshape import PAPER_BOX, Camera, distance, load_bank, metric, sim
+from jshape.places import placed_positions
+from jshape.planners import greedy, refine
+from jshape.planners.base import Limits, Task
+from jshape.planners.sequence import act_between, measured
+from jshape.predict.bank import Bank
+from jshape.predict.difference import Difference
+from jshape.predict.rollout import after_action, shift
+from jshape.predict.sweep import candidates_at, sweep
+from jshape.predict.terrain import terrain_of
+from jshape.predict.turn import turn
+
+CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
+QUARTER = replace(PAPER_BOX, width=120, height=98, fx=433 / 4, fy=433 / 4, u0=240 / 4, v0=197 / 4)
+
+
+def difference(seed, w, h):
+    return Difference(jnp.asarray(np.random.default_rng(seed).normal(0, 0.1, (h, w)), jnp.float32))
+
+
+def image_of(seed, camera=CAMERA):
+    rough = gaussian_filter(np.random.default_rng(seed).normal(size=camera.shape), 2)
+    return jnp.asarray(0.5 + 0.1 * rough / rough.std(), jnp.float32)
+
+
+def differences(*sizes):
+    predictors = tuple(difference(k, *size) for k, size in enumerate(sizes))
+    return Bank(CAMERA, predictors, tuple(f"a{k}" for k in range(len(sizes))))
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    """The bundled hands, two of them, below a camera of a quarter of the paper's resolution."""
+    bank = load_bank("pressed-flour-robot").seen_by(QUARTER, 0.45)
+    chosen = [bank.actions.index(name) for name in ("knock", "poke")]
+    return replace(
+        bank,
+        actions=tuple(bank.actions[k] for k in chosen),
+        predictors=tuple(bank.predictors[k] for k in chosen),
+        errors_mm=None,
+    )
+
+
+@pytest.fixture(scope="module")
+def beds():
+    """Images of two simulated beds with hills, and of a nearly level one."""
+    return [
+        metric.weigh(
+            QUARTER.luminance(
+                sim.render(sim.irregular_bed(jax.random.key(seed), std), QUARTER), quantize=False
+            ),
+            QUARTER,
+        )
+        for seed, std in ((0, 0.008), (1, 0.008), (2, 0.003))
+    ]
+
+
+def test_d_of_an_image_is_the_papers():
+    now, goal = image_of(1), image_of(2)
+    terrain = terrain_of(differences((5, 4)), now, goal)
+    assert float(terrain.distance) == pytest.approx(float(distance(now, goal)), rel=1e-6)
+    assert float(terrain.distance_of(goal)) == 0
+    third = image_of(3)
+    assert float(terrain.distance_of(third)) == pytest.approx(
+        float(distance(third, goal)), rel=1e-6
+    )
+
+
+def test_d_on_the_ground_is_within_a_hundredth_of_the_papers(pressed, beds):
+    hills, other, level = beds
+    for now, goal in ((hills, other), (hills, level), (level, other), (hills, 0.9 * hills)):
+        terrain = terrain_of(pressed, now, goal)
+        assert terrain.now.shape != now.shape  # it is not the image that is looked at
+        assert float(terrain.distance) == pytest.approx(float(distance(now, goal)), rel=0.01)
+    assert float(terrain_of(pressed, hills, hills).distance) == 0
+
+
+def test_the_weights_of_all_nodes_are_those_of_all_pixels(pressed, beds):
+    # A bed that is everywhere lower by z changes d by the mean of R over all pixels, times z.
+    level = jnp.full(QUARTER.shape, 0.5) * metric.r_matrix(QUARTER) * QUARTER.top
+    terrain = terrain_of(pressed, level, beds[0])
+    rays = metric.ray_lengths(QUARTER) / metric.max_ray_length(QUARTER)
+    per_metre = float(rays.mean()) / (QUARTER.z_max - QUARTER.z_min)
+    assert float(terrain.weight.sum()) == pytest.approx(per_metre, rel=0.01)
+    assert float(terrain.weight.min()) == 0  # beyond the image's edge nothing counts
+    flat = replace(terrain, goal=terrain.now)
+    lower = float(flat.distance_of(flat.now + 0.002))
+    assert lower == pytest.approx(0.002 * per_metre, rel=0.01)
+
+
+@pytest.mark.parametrize("kind", ["image", "ground"])
+def test_places_and_nodes_there_and_back(kind, pressed, beds):
+    if kind == "image":
+        terrain = terrain_of(differences((5, 4)), image_of(1), image_of(2))
+    else:
+        terrain = terrain_of(pressed, beds[0], beds[1])
+    rows, columns = terrain.now.shape
+    nodes = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), -1)
+    nodes = nodes.reshape(-1, 2).astype(np.int32)
+    np.testing.assert_array_equal(terrain.node(terrain.pixel(nodes)), nodes)
+    height, width = (CAMERA if kind == "image" else QUARTER).shape
+    pixels = np.random.default_rng(1).uniform(0, [height - 1, width - 1], (200, 2))
+    apart = np.abs(terrain.pixel(terrain.node(pixels)) - pixels) / np.asarray(terrain.pitch)
+    assert apart.max() < 0.5 + 1e-4
+    inside = terrain.node(pixels)
+    assert (inside >= 0).all() and (inside < [rows, columns]).all()
+
+
+def test_a_node_of_the_ground_lies_below_its_pixel(pressed):
+    """A bump of the bed is found at the node of the pixel that it is seen in."""
+    v, u = np.mgrid[: QUARTER.height, : QUARTER.width]
+    level = 0.4 * np.asarray(metric.r_matrix(QUARTER)) * QUARTER.top  # at 0.45 m, as places are
+    for centre in ((49, 60), (20, 30), (80, 100)):
+        bump = 0.02 * np.exp(-((v - centre[0]) ** 2 + (u - centre[1]) ** 2) / 18)
+        image = jnp.asarray(level + bump, jnp.float32)
+        terrain = terrain_of(pressed, image, image)
+        highest = np.unravel_index(np.argmin(terrain.now), terrain.now.shape)
+        pixel = terrain.pixel(np.array(highest))
+        assert np.abs(pixel - centre).max() <= 1.0
+
+
+def test_changes_on_the_ground_are_those_of_the_images(pressed, beds):
+    """To a few hundredths: the same order of candidates, in a hundredth of the time."""
+    where = placed_positions(pressed, "9x7")
+    for now, goal in ((beds[0], beds[1]), (beds[0], beds[2])):
+        terrain = terrain_of(pressed, now, goal)
+        candidates = candidates_at(terrain, pressed, where)
+        for number, found in enumerate(sweep(terrain, candidates)):
+            predict = jax.jit(pressed.predictors[number].__call__)
+            w, h = pressed.predictors[number].roi
+            centres = np.asarray(candidates.pixels[number])
+            windows = [np.s_[v - h // 2 :, u - w // 2 :] for u, v in centres]
+            before, wanted = (
+                np.stack([np.asarray(image)[window][:h, :w] for window in windows])
+                for image in (now, goal)
+            )
+            place = jnp.asarray(centres[:, ::-1] - np.array([h // 2, w // 2]), jnp.int32)
+            after = np.clip(predict(jnp.asarray(before), place), 0, 1)
+            change = np.abs(after - wanted) - np.abs(before - wanted)
+            image_space = change.sum((1, 2)) / now.size
+            assert np.corrcoef(found[:, 0], image_space)[0, 1] > 0.98
+            assert np.abs(found[:, 0] - image_space).max() < 0.1 * np.abs(image_space).max()
+
+
+def test_a_quarter_turn_leads_from_u_to_v():
+    square = np.random.default_rng(2).normal(size=(7, 7)).astype(np.float32)
+    # u points right and v down: on the screen that is clockwise.
+    quarter = turn(jnp.asarray(square), np.pi / 2, (7, 7))
+    np.testing.assert_allclose(quarter, np.rot90(square, -1), atol=1e-6)
+    np.testing.assert_allclose(
+        turn(jnp.asarray(square), -np.pi / 2, (7, 7)), np.rot90(square), atol=1e-6
+    )
+    spot = np.zeros((7, 7), np.float32)
+    spot[3, 6] = 1.0  # along u from the middle
+    np.testing.assert_allclose(turn(jnp.asarray(spot), np.pi / 2, (7, 7))[6, 3], 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 2 * np.pi, 2 * np.pi - 1e-6, 1e-6])
+def test_a_whole_turn_is_none(yaw):
+    field = np.random.default_rng(3).normal(size=(9, 9)).astype(np.float32)
+    np.testing.assert_allclose(turn(jnp.asarray(field), yaw, (9, 9)), field, atol=5e-5)
+
+
+def test_a_turned_move_is_the_turned_change():
+    bank = differences((9, 5), (3, 3))
+    now = image_of(4)
+    moves = [(0, None), (0, jnp.float32(np.pi / 2)), (1, None)]
+    straight, turned, small = terrain_of(bank, now, now, moves).moves
+    assert (straight.shape, turned.shape, small.shape) == ((5, 9), (9, 9), (3, 3))
+    assert (turned.roi, turned.action, small.action) == ((9, 9), 0, 1)
+    upright = np.zeros((9, 9), np.float32)
+    upright[2:7] = bank.predictors[0].delta
+    window, first = now[:9, :9], jnp.zeros(2, jnp.int32)
+    change = turned(window, first, 1.0) - window
+    np.testing.assert_allclose(change, np.rot90(upright, -1), atol=1e-6)
+    patch, _ = after_action(bank, now, first, 1.0, np.pi / 2, action=0, turned=True)
+    np.testing.assert_allclose(patch, jnp.clip(window + change, 0, 1), atol=1e-6)
+
+
+def test_the_turned_hand_of_the_ground_is_the_hand_on_turned_ground(pressed):
+    hand = pressed.predictors[1]
+    n = max(hand.ground.shape) // 2 * 2 + 1
+    surface = 0.45 + 0.004 * np.asarray(image_of(5, replace(CAMERA, width=n, height=n)))
+    maps = replace(hand, ground=replace(hand.ground, shape=(n, n)))
+    upright = replace(maps, **{k: turn(getattr(hand, k), 0.0, (n, n), o) for k, o in _outside()})
+    turned = replace(upright, **{k: jnp.rot90(getattr(upright, k), -1) for k, _ in _outside()})
+    first = np.asarray(upright.change(jnp.asarray(np.rot90(surface))))
+    np.testing.assert_allclose(turned.change(jnp.asarray(surface)), np.rot90(first, -1), atol=1e-7)
+
+
+def _outside():
+    from jshape.predict.pressed import _OUTSIDE
+
+    return _OUTSIDE.items()
+
+
+SIZES = ((7, 6), (4, 8), (24, 5), (24, 18))  # (w, h); the last ones are as large as the image
+
+
+@pytest.mark.parametrize("size", SIZES)
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_between_nodes_begins_and_ends_on_nodes(size, seed):
+    """On a node, the last ones of the map too, it is `act`."""
+    (w, h), rng = size, np.random.default_rng(seed)
+    terrain = terrain_of(differences(size), image_of(6), image_of(7))
+    move = terrain.moves[0]
+    first = rng.integers(0, [18 - h + 1, 24 - w + 1])
+    if seed % 2:
+        first = np.array([18 - h, 24 - w])
+    node = jnp.asarray(first + move.middle, jnp.float32)
+    strength = jnp.float32(rng.uniform(0.5, 1.5))
+    there = act_between(terrain, move, terrain.now, node, strength)
+    on = terrain.act(move, terrain.now, jnp.asarray(first, jnp.int32), strength)
+    np.testing.assert_allclose(there, on, atol=1e-6)
+
+
+def test_half_way_is_the_mean_of_the_neighbours():
+    """On a plane, where interpolation is exact, and away from the limits."""
+    v, u = np.mgrid[:18, :24]
+    now = jnp.asarray(0.3 + 0.01 * u + 0.005 * v, jnp.float32)
+    terrain = terrain_of(differences((7, 6)), now, now)
+    move = terrain.moves[0]
+
+    def at(v, u):
+        return np.asarray(act_between(terrain, move, now, jnp.array([v, u]), jnp.float32(0.5)))
+
+    np.testing.assert_allclose(at(8.5, 10.0), (at(8.0, 10.0) + at(9.0, 10.0)) / 2, atol=1e-6)
+    np.testing.assert_allclose(at(8.0, 10.5), (at(8.0, 10.0) + at(8.0, 11.0)) / 2, atol=1e-6)
+    four = [at(8.0, 10.0), at(9.0, 10.0), at(8.0, 11.0), at(9.0, 11.0)]
+    np.testing.assert_allclose(at(8.5, 10.5), np.mean(four, 0), atol=1e-6)
+    np.testing.assert_allclose(
+        at(8.25, 10.0), 0.75 * at(8.0, 10.0) + 0.25 * at(9.0, 10.0), atol=1e-6
+    )
+
+
+def test_d_has_a_slope_along_places_and_strengths():
+    now = image_of(8)
+    terrain = terrain_of(differences((7, 6)), now, now)
+    move = terrain.moves[0]
+    goal = act_between(terrain, move, now, jnp.array([8.3, 10.6]), jnp.float32(0.9))
+    terrain = replace(terrain, goal=goal)
+
+    def d(values):
+        after = act_between(terrain, move, now, values[:2], values[2])
+        return terrain.distance_of(after)
+
+    start = jnp.array([8.4, 10.5, 0.95])
+    slope = jax.grad(d)(start)
+    for k, step in enumerate(np.eye(3, dtype=np.float32) * 1e-3):
+        numeric = (d(start + step) - d(start - step)) / 2e-3
+        assert float(slope[k]) == pytest.approx(float(numeric), rel=0.05, abs=1e-5)
+    assert float(slope @ jnp.array([0.1, -0.1, 0.05])) > 0  # it leads away from the goal
+
+
+def test_searches_on_the_ground_report_what_they_reach(pressed, beds):
+    """A greedy plan for simulated beds, then refined between the nodes."""
+    terrain = terrain_of(pressed, beds[0], beds[2])
+    where = placed_positions(pressed, "9x7")
+    task = Task(terrain, candidates_at(terrain, pressed, where, (1.0, 1.5)), Limits(), max_steps=4)
+    found = greedy.search(task)
+    assert int(found.steps) == 4
+    again, now, distances = measured(terrain, found)
+    assert float(found.distance) == pytest.approx(float(again.distance), rel=1e-5)
+    assert (np.diff(distances[:5]) < 0).all()
+    assert float(terrain.limits[0]) <= float(now.min()) <= float(now.max()) <= terrain.limits[1]
+    refined = refine.refined(task, found)
+    assert float(refined.distance) < 0.99 * float(found.distance)
+    assert float(measured(terrain, refined)[0].distance) == pytest.approx(
+        float(refined.distance), rel=1e-5
+    )
+
+
+@pytest.mark.parametrize("by", [(0.0, 0.0), (0.25, 0.0), (0.0, -0.5), (-0.75, 0.4)])
+def test_shift_reads_further(by):
+    v, u = np.mgrid[:6, :8].astype(np.float32)
+    plane = 0.3 + 0.5 * u - 0.2 * v
+    moved = np.asarray(shift(jnp.asarray(plane), jnp.asarray(by)))
+    expected = 0.3 + 0.5 * np.clip(u + by[1], 0, 7) - 0.2 * np.clip(v + by[0], 0, 5)
+    np.testing.assert_allclose(moved, expected, atol=1e-5)
+    if by == (0.0, 0.0):
+        np.testing.assert_array_equal(moved, plane)
+
+
+def test_an_exact_place_moves_the_change_and_not_the_bed():
+    bank = differences((7, 6))
+    bump = np.zeros((6, 7), np.float32)
+    bump[3, 3] = 0.1
+    bank = replace(bank, predictors=(Difference(jnp.asarray(bump)),))
+    image, first = image_of(9), jnp.array([5, 6], jnp.int32)
+    offset = jnp.array([0.25, -0.5])
+    patch, clipped = after_action(bank, image, first, 1.0, 0.0, offset, action=0, moved=True)
+    change = np.asarray(patch - image[5:11, 6:13])
+    assert float(clipped) == 0 and change.sum() == pytest.approx(0.1, rel=1e-4)
+    v, u = np.mgrid[:6, :7]
+    middle = [(change * n).sum() / change.sum() for n in (v, u)]
+    np.testing.assert_allclose(middle, [3.25, 2.5], atol=1e-4)
+    # The same as on the terrain, between its nodes.
+    terrain = terrain_of(bank, image, image)
+    node = jnp.array([5.0, 6.0]) + jnp.asarray(terrain.moves[0].middle) + offset
+    there = act_between(terrain, terrain.moves[0], image, node, jnp.float32(1.0))
+    np.testing.assert_allclose(there[5:11, 6:13], patch, atol=1e-6)

@@ -1,5 +1,6 @@
 """The command line as a user meets it: what is printed, what is written, and every refusal."""
 
+import argparse
 import json
 import shutil
 import subprocess
@@ -7,11 +8,13 @@ import sys
 from pathlib import Path
 
 import cv2
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Plan, metric, save_bank
 from jshape.cli import main
+from jshape.commands.arguments import duration
 from jshape.store.banks import MANIFEST
 from jshape.store.cameras import write_camera
 
@@ -203,6 +206,37 @@ BAD_SETTINGS = {
     "no such planner": (None, ["--planner", "magic"], "magic"),
     "out is a file": (lambda f: _file_at(f / "out"), [], "out"),
     "out below a file": (lambda f: _file_at(f / "file"), ["--out", "file/out"], "file"),
+    "stride and positions": (None, ["--stride", "8"], "not allowed with argument --positions"),
+    "no stride": (None, ["--stride", "0"], "'0' is not a whole number from 1"),
+    "no strength": (None, ["--strengths", "0.5,0"], "'0' is not a positive number"),
+    "an empty strength": (None, ["--strengths", "1,,2"], "'' is not a positive number"),
+    "no yaw": (None, ["--yaws", "0"], "'0' is not a whole number from 1"),
+    "too many yaws": (None, ["--yaws", "65"], "from 1 to 64"),
+    "no time": (None, ["--time", "0"], "'0' is not a time above 0, such as 5s"),
+    "hours": (None, ["--time", "1h"], "'1h' is not a time above 0"),
+    "no evaluations": (None, ["--evaluations", "0"], "'0' is not a whole number from 1"),
+    "negative caution": (None, ["--caution", "-1"], "'-1' is not a number from 0"),
+    "negative clearance": (None, ["--clearance-mm", "-1"], "'-1' is not a number from 0"),
+    "too much clearance": (None, ["--clearance-mm", "900"], "leaves no pixel"),
+    "no use": (None, ["--most", "knock"], "'knock' is not an action and a number, like knock=2"),
+    "use of nothing": (None, ["--most", "=2"], "'=2' is not an action"),
+    "a negative use": (None, ["--most", "knock=-1"], "'knock=-1' is not an action"),
+    "use of an unknown action": (None, ["--most", "tap=2"], "'tap'; allowed: knock, poke"),
+    "no device": (None, ["--devices", "0"], "'0' is not a number of devices from 1 to 64"),
+    "too many devices": (None, ["--devices", "65"], "'65' is not a number of devices"),
+    "bad seed": (None, ["--seed", "-1"], "'-1' is not a seed"),
+    "no such mask": (None, ["--reach", "no-mask.png"], "no-mask.png"),
+    "a mask of nothing": (
+        lambda f: _png("mask.png", np.zeros(BOX, np.uint8)), ["--reach", "mask.png"],
+        "leaves no pixel where the hand may be placed",
+    ),
+    "a small mask": (
+        lambda f: _png("mask.png", np.ones((40, 50), np.uint8)), ["--reach", "mask.png"],
+        "mask.png: has (40, 50) (rows, columns); the camera makes (395, 480)",
+    ),
+    "a mask with NaN": (
+        lambda f: _npy("mask.npy", np.full(BOX, np.nan)), ["--reach", "mask.npy"], "mask.npy: has",
+    ),
     "negative steps": (None, ["--max-steps", "-1"], "-1"),
     "no number": (None, ["--min-gain-mm", "much"], "much"),
     "unknown option": (None, ["--fast"], "--fast"),
@@ -248,6 +282,10 @@ def test_another_camera_with_reproject(folder, capsys):
     assert main([*PLAN, "--reproject", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert sorted(s["action"] for s in result["steps"])[-3:] == ["knock", "knock", "poke"]
+    right = _png("right.png", np.where(np.arange(640) < 400, 0, 255) * np.ones((480, 1), np.uint8))
+    assert main([*PLAN, "--reproject", "--reach", right, "--json"]) == 0
+    steps = json.loads(capsys.readouterr().out)["steps"]
+    assert {tuple(s["position"]) for s in steps} == {(387, 302)}
     poke = [s["action"] for s in result["steps"]].index("poke")
     # The poke at (239, 197) of the box is a pixel left of the axis: (320 - 1, 240) of this camera.
     assert np.abs(np.subtract(result["steps"][poke]["camera_position"], [319, 240])).max() <= 1
@@ -377,3 +415,128 @@ def test_the_default_grid_finds_actions_off_the_papers_places(folder, capsys, ba
     assert main([*PLAN[:-2], "--json"]) == 0
     step = json.loads(capsys.readouterr().out)["steps"][0]
     assert step["action"] == "knock" and np.hypot(*np.subtract(step["position"], [160, 200])) < 15
+
+
+def _put(bank, action, place, strength=1.0, turned=False):
+    """goal.png: what one action of the bank makes of a flat bed."""
+    predictor = bank.predictor(action)
+    predictor = predictor.turned(np.pi / 2) if turned else predictor
+    (w, h), (u, v) = predictor.roi, place
+    for name in ("now", "goal"):
+        image = np.full(PAPER_BOX.shape, 0.5, np.float32)
+        top, left = v - h // 2, u - w // 2
+        if name == "goal":
+            window, first = np.s_[top : top + h, left : left + w], jnp.array([top, left])
+            image[window] = predictor(jnp.asarray(image[window]), first, strength)
+        depth = np.asarray(PAPER_BOX.depth(metric.unweigh(image, PAPER_BOX)))
+        _png(f"{name}.png", np.rint(depth / 1e-5).astype(np.uint16))
+
+
+def test_strength_and_direction_of_the_hand(folder, capsys, bank):
+    """A knock 1.5 times as deep, turned a quarter: as such in the table, the JSON and the files."""
+    _put(bank, "knock", (239, 197), 1.5, turned=True)
+    hand = ["--strengths", "1,1.5", "--yaws", "2", "--min-gain-mm", "0.02"]
+    assert main([*PLAN, *hand, "--out", "out"]) == 0
+    text = capsys.readouterr().out
+    head, _, step = text.splitlines()[2:5]
+    assert head.split()[:7] == ["step", "action", "u", "v", "strength", "yaw", "(°)"]
+    assert step.split()[:6] == ["1", "knock", "239", "197", "1.50", "90"]
+    assert "(greedy, " in text and " predictions)" in text
+    found = Plan.from_json(folder / "out" / "plan.json")
+    assert found.actions == ("knock",) and found.rois.tolist() == [[100, 100]]
+    np.testing.assert_allclose((found.strengths[0], found.yaws[0]), (1.5, np.pi / 2), rtol=1e-6)
+    assert main([*PLAN, *hand, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["planner"] == "greedy" and result["seconds"] > 0
+    assert (result["steps"][0]["strength"], result["steps"][0]["yaw"]) == (1.5, found.yaws[0])
+    assert main([*PLAN, "--strengths", "1.5"]) == 0
+    assert "yaw" not in capsys.readouterr().out  # nothing is turned
+
+
+def test_dense_places_are_tried_with_several_strengths(folder, capsys, bank):
+    """Nothing said of strengths: with --stride 0.25 is among them, without it is not."""
+    _put(bank, "knock", (171, 211), 0.25)
+    assert main([*PLAN[:-2], "--stride", "9", "--json", "--max-steps", "1"]) == 0
+    (step,) = json.loads(capsys.readouterr().out)["steps"]
+    assert (step["position"], step["strength"]) == ([171, 211], 0.25)
+    assert main([*PLAN[:-2], "--json", "--max-steps", "1"]) == 0
+    assert {s["strength"] for s in json.loads(capsys.readouterr().out)["steps"]} <= {1.0}
+
+
+def test_what_the_hand_can_reach(folder, capsys):
+    """In the bank's image, and in the whole image of the camera that the bank sees a window of."""
+    everywhere = np.ones(BOX, np.uint8)
+    everywhere[190:205, 230:250] = 0
+    assert main([*PLAN, "--reach", _png("mask.png", everywhere), "--json"]) == 0
+    steps = json.loads(capsys.readouterr().out)["steps"]
+    assert sorted(s["position"] for s in steps) == [[91, 92], [387, 302]]
+    whole = {}
+    for name in ("now", "goal"):
+        box = cv2.imread(f"{name}.png", cv2.IMREAD_UNCHANGED)
+        whole[name] = np.pad(box, ((46, 39), (181, 187)), mode="edge")
+        _png(f"{name}.png", whole[name])
+    seen = ["--camera", "d435_bazar", "--depth-unit", "1e-5"]
+    mask = np.zeros((480, 848), np.uint8)
+    mask[302 + 46, 387 + 181] = 1
+    assert main([*PLAN, *seen, "--reach", _png("mask.png", mask), "--json"]) == 0
+    steps = json.loads(capsys.readouterr().out)["steps"]
+    assert [s["position"] for s in steps] == [[387, 302]]
+    assert main([*PLAN, *seen, "--reach", _png("mask.png", everywhere), "--json"]) == 0
+    steps = json.loads(capsys.readouterr().out)["steps"]
+    assert sorted(s["position"] for s in steps) == [[91, 92], [387, 302]]
+    assert main([*PLAN, *seen, "--clearance-mm", "150", "--json"]) == 0
+    steps = json.loads(capsys.readouterr().out)["steps"]
+    assert [s["position"] for s in steps] == [[239, 197]]
+
+
+def test_uses_and_budgets(folder, capsys):
+    assert main([*PLAN, "--most", "knock=1", "--most", "poke=0", "--json"]) == 0
+    assert [s["action"] for s in json.loads(capsys.readouterr().out)["steps"]] == ["knock"]
+    assert main([*PLAN, "--evaluations", "1", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["status"] == "BUDGET" and len(result["steps"]) <= 1
+    assert main([*PLAN, "--planner", "improve", "--time", "2min", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["planner"] == "improve" and len(result["steps"]) == 3
+
+
+def test_every_option_reaches_the_planner(folder, monkeypatch):
+    given = {}
+    monkeypatch.setattr(
+        "jshape.commands.plan.plan_depth", lambda *images, **options: given.update(options) or 1 / 0
+    )
+    options = ["--stride", "4", "--planner", "mcts", "--time", "500ms", "--evaluations", "70"]
+    options += ["--caution", "0.5", "--clearance-mm", "8", "--most", "poke=2", "--seed", "3"]
+    with pytest.raises(ZeroDivisionError):
+        main([*PLAN[:-2], *options, "--yaws", "4", "--devices", "1"])
+    expected = {
+        "stride": 4, "planner": "mcts", "seconds": 0.5, "evaluations": 70, "caution": 0.5,
+        "clearance_mm": 8.0, "most": {"poke": 2}, "seed": 3, "yaws": 4,
+        "strengths": (0.25, 0.5, 1.0, 1.6), "reach": None,
+    }  # fmt: skip
+    assert {name: given[name] for name in expected} == expected
+    assert given["how"].mesh is None and "positions" not in given
+
+
+@pytest.mark.parametrize(
+    "text, seconds", [("5", 5), ("0.5s", 0.5), ("500ms", 0.5), ("2min", 120), ("1e-3", 0.001)]
+)
+def test_times(text, seconds):
+    assert duration(text) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("text", ["", "s", "ms", "-1s", "0ms", "inf", "nan", "5m", "5 h", "min5"])
+def test_what_is_no_time(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="is not a time above 0"):
+        duration(text)
+
+
+def test_devices_are_made_once():
+    """In a new process: three of them, then no more, and as few as asked for."""
+    code = """
+from jshape.devices import over_devices
+print(over_devices(3).mesh.size, over_devices(5).mesh.size, over_devices(2).mesh.size)
+print(over_devices(1).mesh)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.stdout.split(), done.stderr) == (["3", "3", "2", "None"], "")

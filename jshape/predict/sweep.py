@@ -41,7 +41,7 @@ class Candidates:
     """M = S · sum of N_m candidates: first nodes (v, u) of their windows per move, strengths."""
 
     first: tuple[Int[Array, "_ 2"], ...]
-    """Per move of the field: first node of the window at each of its places."""
+    """Per move of the terrain: first node of the window at each of its places."""
     strengths: Float[Array, "S"]
     """How many times as deep as the trained action."""
     pixels: tuple[Int[Array, "_ 2"], ...]

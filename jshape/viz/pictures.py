@@ -203,27 +203,28 @@ def draw_actions(ax: Axes, plan: Plan, rois: Rois | None = None, *, strengths: b
       rois: trained ROIs: a turned hand's box is its own, turned; else its square.
       strengths: beside the numbers, where they are not 1.
     """
+    places = plan.exact_positions.astype(float).tolist()
     many = len(plan) > 6
     size, width = (7.5, 1.1) if many else (9.0, 1.8)
     if isinstance(ax.figure, Figure):
         ax.figure.draw_without_rendering()  # lays out the axes
     room = Room(ax, size)
     for k, name in enumerate(plan.actions):
-        (u, v), (w, h) = plan.exact_positions[k], plan.rois[k]
+        (u, v), (w, h) = places[k], plan.rois[k].tolist()
         yaw, colour = float(np.degrees(plan.yaws[k])), COLOURS.get(name, "0.5")
         left, top = u - w // 2 - 0.5, v - h // 2 - 0.5
         if yaw:
             w, h = (rois or {}).get(name, (w, h))
             left, top = u - w / 2, v - h / 2
         box = Rectangle(
-            (float(left), float(top)), float(w), float(h), angle=yaw,
-            rotation_point=(float(u), float(v)), fill=False, edgecolor=colour, linewidth=width,
+            (left, top), w, h, angle=yaw, rotation_point=(u, v), fill=False, edgecolor=colour,
+            linewidth=width,
         )  # fmt: skip
         ax.add_patch(box)
         ax.plot(u, v, "+", color=colour, markersize=size, markeredgewidth=width)
-        room.take(float(u), float(v))
+        room.take(u, v)
     for k, name in enumerate(plan.actions):
-        (u, v), colour = plan.exact_positions[k].tolist(), COLOURS.get(name, "0.5")
+        (u, v), colour = places[k], COLOURS.get(name, "0.5")
         text = f"{k + 1}" + (_strength(plan, k) if strengths else "")
         x, y = room.beside(u, v, text)
         ax.plot([u, x], [v, y], color=colour, linewidth=width)

@@ -1,0 +1,77 @@
+"""Pictures of plans: what is written on them can be read."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from jshape import PAPER_BOX, Plan, Status
+from jshape.viz import pictures
+
+ROIS = {"press": (76, 132), "poke": (40, 45)}
+
+
+@pytest.fixture
+def plan(rng):
+    """Sixteen actions close together, of all strengths and directions, to the image's corner."""
+    names = tuple(("press", "poke")[k % 2] for k in range(16))
+    yaws = np.array([(0.0, 0.5, -0.8, np.pi / 2)[k // 2 % 4] for k in range(16)], np.float32)
+    rois = np.array([
+        (max(ROIS[name]),) * 2 if yaw else ROIS[name] for name, yaw in zip(names, yaws, strict=True)
+    ])  # fmt: skip
+    image = np.full(PAPER_BOX.shape, 0.5, np.float32)
+    return Plan(
+        camera=PAPER_BOX,
+        actions=names,
+        positions=np.array([68, 68]) + rng.integers(0, 50, (16, 2)),
+        rois=rois,
+        distances=np.linspace(0.2, 0.1, 17, dtype=np.float32),
+        status=Status.MAX_STEPS,
+        strengths=np.array([1.0, 0.25, 1.6, 0.7] * 4, np.float32),
+        yaws=yaws,
+        clipped=np.zeros(16, np.float32),
+        initial=image,
+        goal=image,
+        patches=tuple(np.full((h, w), 0.5, np.float32) for w, h in rois),
+    )
+
+
+def labels(figure):
+    """The bold texts of the first axes, and the boxes around them in dots."""
+    figure.draw_without_rendering()
+    ax = figure.axes[0]
+    texts = [text for text in ax.texts if text.get_fontweight() == "bold"]
+    return ax, texts, [text.get_bbox_patch().get_window_extent() for text in texts]
+
+
+@pytest.mark.parametrize("draw", [pictures.overlay_figure, pictures.plan_figure])
+def test_labels_hide_neither_each_other_nor_leave_the_image(plan, draw):
+    ax, texts, boxes = labels(draw(plan, rois=ROIS))
+    assert len(texts) == 16
+    for k, box in enumerate(boxes):
+        assert ax.bbox.x0 <= box.x0 and box.x1 <= ax.bbox.x1
+        assert ax.bbox.y0 <= box.y0 and box.y1 <= ax.bbox.y1
+        assert not any(box.overlaps(other) for other in boxes[:k])
+
+
+def test_strengths_and_directions_are_said_and_drawn(plan):
+    figure = pictures.overlay_figure(plan, rois=ROIS)
+    ax, texts, _ = labels(figure)
+    said = [text.get_text() for text in texts]
+    assert said[:5] == ["1", "2 x0.25", "3 x1.6", "4 x0.7", "5"]
+    title = ax.get_title(loc="left")
+    (u, v), (x, y) = plan.positions[0], plan.positions[2]
+    assert f" 1 press at ({u}, {v})  " in title
+    assert f" 3 press x1.6 at ({x}, {y}) turned 29°" in title
+    drawn = [box for box in ax.patches if isinstance(box, Rectangle)]
+    sizes = [(box.get_width(), box.get_height(), round(box.get_angle())) for box in drawn]
+    assert sizes[:3] == [(76, 132, 0), (40, 45, 0), (76, 132, 29)]
+    np.testing.assert_allclose(drawn[2].get_center(), plan.positions[2])
+    without = pictures.overlay_figure(plan).axes[0].patches
+    assert [box.get_width() for box in without if isinstance(box, Rectangle)][2] == 132
+
+
+def test_names_in_the_strip(plan):
+    figure = pictures.steps_figure(plan)
+    assert isinstance(figure, Figure)
+    assert [ax.get_title() for ax in figure.axes[:3]] == ["now", "1 press", "2 poke x0.25"]

@@ -1,0 +1,220 @@
+"""Memory, pieces and devices change no value of a sweep."""
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jshape import Camera
+from jshape.planners import greedy
+from jshape.planners.base import Limits
+from jshape.predict.bank import Bank
+from jshape.predict.difference import Difference
+from jshape.predict.sweep import How, candidates_at, fresh_board, refresh, sweep, touch
+from jshape.predict.terrain import terrain_of
+from tests.conftest import ROOT
+
+CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
+COUNTS = (13, 6, 0, 1)
+STRENGTHS = (0.5, 1.0, 2.0)
+jit_refresh = jax.jit(refresh, static_argnames="how")
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """(terrain, candidates) of four actions, one of which has no place."""
+    rng = np.random.default_rng(4)
+    sizes = ((7, 6), (4, 9), (5, 5), (3, 3))
+    predictors = tuple(Difference(jnp.asarray(rng.normal(0, 0.1, wh[::-1]), "f4")) for wh in sizes)
+    bank = Bank(CAMERA, predictors, ("knock", "press", "pinch", "poke"))
+    image, goal = (jnp.asarray(rng.uniform(0, 1, CAMERA.shape), jnp.float32) for _ in range(2))
+    terrain = terrain_of(bank, image, goal)
+    where = {
+        name: rng.integers([4, 5], [20, 13], (count, 2))
+        for name, count in zip(bank.actions, COUNTS, strict=True)
+    }
+    return terrain, candidates_at(terrain, bank, where, STRENGTHS)
+
+
+def assert_equal(changes, others):
+    for mine, other, count in zip(changes, others, COUNTS, strict=True):
+        assert mine.shape == (count, len(STRENGTHS))
+        np.testing.assert_allclose(mine, other, rtol=1e-5, atol=1e-8)
+
+
+def test_candidates_are_counted_move_by_move_place_by_place(problem):
+    _, candidates = problem
+    assert len(candidates) == sum(COUNTS) * 3 and candidates.counts == COUNTS
+    numbers = [
+        (move, place, strength)
+        for move, count in enumerate(COUNTS)
+        for place in range(count)
+        for strength in range(3)
+    ]
+    assert [candidates.locate(k) for k in range(len(candidates))] == numbers
+    with pytest.raises(IndexError):
+        candidates.locate(len(candidates))
+
+
+@pytest.mark.parametrize("chunk", [3, 64])
+def test_memory_changes_nothing(problem, chunk):
+    terrain, candidates = problem
+    one_by_one, together = sweep(terrain, candidates), sweep(terrain, candidates, How(chunk))
+    assert_equal(together, one_by_one)
+    assert all((np.asarray(changes) != 0).all() for changes in one_by_one)
+    stale = [np.arange(count) % 2 == 0 for count in COUNTS]
+    board = replace(fresh_board(candidates), stale=tuple(map(jnp.asarray, stale)))
+    some, spent = jit_refresh(terrain, terrain.now, candidates, board, None, How(chunk))
+    assert int(spent) == 3 * sum(mine.sum() for mine in stale)
+    expected = [np.where(m[:, None], c, 0.0) for m, c in zip(stale, one_by_one, strict=True)]
+    assert_equal(some.changes, expected)
+    plans = [greedy.run(terrain, candidates, Limits(), max_steps=6, how=How(n)) for n in (1, chunk)]
+    for name in ("steps", "move", "node", "strength", "evaluations"):
+        np.testing.assert_array_equal(*(getattr(plan, name) for plan in plans))
+
+
+@pytest.mark.parametrize("how", [How(), How(3)], ids=["1", "3"])
+@pytest.mark.parametrize("room", [1, 3, 10, 29, 59, 60, 1000])
+def test_what_there_is_no_room_for_waits(problem, room, how):
+    """And is evaluated in the next calls, to the same values."""
+    terrain, candidates = problem
+    whole = sweep(terrain, candidates)
+    board, calls = fresh_board(candidates), 0
+    while any(bool(stale.any()) for stale in board.stale):
+        before = [np.asarray(stale) for stale in board.stale]
+        values = [np.asarray(changes) for changes in board.changes]
+        board, spent = jit_refresh(terrain, terrain.now, candidates, board, jnp.int32(room), how)
+        assert 0 < int(spent) <= max(room + 2, 3)  # a place has three strengths
+        after = [np.asarray(stale) for stale in board.stale]
+        assert int(spent) == 3 * sum((b & ~a).sum() for b, a in zip(before, after, strict=True))
+        for number, waits in enumerate(after):  # what still waits is as it was
+            np.testing.assert_array_equal(board.changes[number][waits], values[number][waits])
+        calls += 1
+    assert calls == -(-sum(COUNTS) // -(-room // 3))
+    assert_equal(board.changes, whole)
+
+
+def test_what_a_window_touches_is_stale(problem):
+    terrain, candidates = problem
+    fresh = replace(
+        fresh_board(candidates), stale=tuple(jnp.zeros(count, bool) for count in COUNTS)
+    )
+    first, shape = np.array([6, 7]), np.array([5, 4])
+    board = touch(fresh, candidates, terrain, jnp.asarray(first), jnp.asarray(shape))
+    changed = np.zeros(CAMERA.shape, bool)
+    changed[first[0] : first[0] + shape[0], first[1] : first[1] + shape[1]] = True
+    for move, firsts, stale in zip(terrain.moves, candidates.first, board.stale, strict=True):
+        rows, columns = move.shape
+        overlaps = [changed[v : v + rows, u : u + columns].any() for v, u in np.asarray(firsts)]
+        np.testing.assert_array_equal(stale, np.array(overlaps, bool))
+    assert 0 < sum(int(stale.sum()) for stale in board.stale) < sum(COUNTS)
+
+
+def run(code, devices=1):
+    """What a program that prints JSON prints, run by a Python of its own."""
+    flags = f"--xla_force_host_platform_device_count={devices}"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", textwrap.dedent(code)],
+        env={**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_devices_change_nothing():
+    """Four of them, among which no move's places can be shared evenly."""
+    found = run(
+        """
+        import json
+        import jax, jax.numpy as jnp, numpy as np
+        from jshape import Camera
+        from jshape.planners import greedy
+        from jshape.planners.base import Limits
+        from jshape.predict.bank import Bank
+        from jshape.predict.difference import Difference
+        from jshape.predict.sweep import How, candidates_at, fresh_board, refresh, sweep
+        from jshape.predict.terrain import terrain_of
+
+        assert jax.device_count() == 4
+        rng = np.random.default_rng(5)
+        camera = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
+        sizes, counts = ((7, 6), (4, 9), (3, 3)), (13, 6, 1)
+        hands = tuple(Difference(jnp.asarray(rng.normal(0, 0.1, wh[::-1]), "f4")) for wh in sizes)
+        bank = Bank(camera, hands, ("knock", "press", "poke"))
+        image, goal = (jnp.asarray(rng.uniform(0, 1, camera.shape), "f4") for _ in range(2))
+        terrain = terrain_of(bank, image, goal)
+        where = {a: rng.integers([4, 5], [20, 13], (n, 2)) for a, n in zip(bank.actions, counts)}
+        candidates = candidates_at(terrain, bank, where, (0.5, 1.0))
+        mesh = jax.make_mesh((4,), ("places",), axis_types=(jax.sharding.AxisType.Auto,))
+        ways = How(), How(mesh=mesh), How(chunk=2, mesh=mesh)
+        swept = [sweep(terrain, candidates, how) for how in ways]
+        some = jax.jit(refresh, static_argnames="how")
+        board, calls = fresh_board(candidates), 0
+        while any(stale.any() for stale in board.stale):
+            board, _ = some(terrain, terrain.now, candidates, board, jnp.int32(9), ways[1])
+            calls += 1
+        answer = {
+            "devices": [len(c.devices()) for c in swept[1]],
+            "apart": [max(float(abs(a - b).max()) for a, b in zip(swept[0], other))
+                      for other in (*swept[1:], board.changes)],
+            "largest": float(max(abs(a).max() for a in swept[0])),
+            "calls": calls,
+        }
+        plans = [greedy.run(terrain, candidates, Limits(), max_steps=6, how=how) for how in ways[:2]]
+        answer["plans"] = [[int(p.steps), p.move.tolist(), p.node.tolist(), p.strength.tolist(),
+                            int(p.evaluations), float(p.distance)] for p in plans]
+        print(json.dumps(answer))
+        """,
+        devices=4,
+    )
+    assert max(found["apart"]) < 1e-6 * found["largest"] + 1e-8
+    assert found["calls"] > 1
+    assert found["devices"] == [4, 4, 4]
+    alone, shared = found["plans"]
+    assert alone[0] > 1 and shared[:5] == alone[:5]
+    assert shared[5] == pytest.approx(alone[5], abs=1e-6)
+
+
+def test_a_dense_sweep_fits_into_memory():
+    """Every other pixel of the paper's box and five actions: 1e5 candidates, no copy of each."""
+    found = run(
+        """
+        import json, resource
+        import jax, jax.numpy as jnp, numpy as np
+        from jshape import PAPER_BOX
+        from jshape.places import dense_positions
+        from jshape.planners import greedy
+        from jshape.planners.base import Limits
+        from jshape.predict.bank import Bank
+        from jshape.predict.difference import Difference
+        from jshape.predict.sweep import candidates_at, sweep
+        from jshape.predict.terrain import terrain_of
+
+        sizes = {"grasp": (183, 183), "knock": (112, 104), "press": (76, 132),
+                 "pinch": (70, 116), "poke": (40, 45)}
+        rng = np.random.default_rng(6)
+        hands = tuple(Difference(jnp.asarray(rng.normal(0, 0.01, (h, w)), "f4"))
+                      for w, h in sizes.values())
+        bank = Bank(PAPER_BOX, hands, tuple(sizes))
+        image = jnp.asarray(rng.uniform(0.4, 0.5, PAPER_BOX.shape), "f4")
+        terrain = terrain_of(bank, image, image + 0.02)
+        candidates = candidates_at(terrain, bank, dense_positions(bank, 2))
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        changes = sweep(terrain, candidates)
+        assert all(jnp.isfinite(c).all() for c in changes)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        print(json.dumps({"candidates": len(candidates), "before": before, "peak": peak}))
+        """
+    )
+    assert found["candidates"] > 100_000
+    assert found["peak"] < 2e6  # kB
+    # Beside what JAX and the bank took: not one copy per candidate, nor per hundred of them.
+    assert found["peak"] - found["before"] < 0.5e6

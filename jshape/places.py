@@ -97,7 +97,10 @@ def reachable(
         raise JShapeError(f"clearance_mm is {clearance_mm!r}; it must be a number from 0")
     if mask is None and clearance_mm == 0:
         return None
-    free = np.ones(camera.shape, bool) if mask is None else np.asarray(mask)
+    try:
+        free = np.ones(camera.shape, bool) if mask is None else np.asarray(mask)
+    except ValueError:
+        raise BadImage("reach is no (H, W) image: it has rows of different length") from None
     if free.shape != camera.shape or free.dtype.kind not in "buif":
         raise BadImage(
             f"reach has shape {free.shape} and type {free.dtype}; the bank's camera makes "
@@ -112,7 +115,8 @@ def reachable(
         far = np.asarray(distance_transform_edt(np.pad(free, 1), sampling=size))
         free = far[1:-1, 1:-1] > clearance_mm
     if not free.any():
-        raise BadImage("reach leaves no pixel where the hand may be placed")
+        clear = f" {clearance_mm:g} mm from its ends" if clearance_mm else ""
+        raise BadImage(f"reach leaves no pixel{clear} where the hand may be placed")
     return free
 
 

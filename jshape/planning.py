@@ -83,14 +83,16 @@ def plan(
       most: how often each action may be used.
       seconds: the search stops about then with the best it has; compiling is not counted.
       evaluations: the search stops after so many predictions with the best it has.
-      seed: for searches that draw.
-      start: an earlier plan for about the same images, to begin with.
+      seed: for `mcts`, which draws.
+      start: an earlier plan for about the same images, which `refine` and `improve` begin with if
+        it is better than greedy's.
       how: chunks and devices to evaluate candidates with; changes no result.
 
     Raises:
       BadImage: wrong shape, type, range, or pixels without a reading.
       BadPosition: a ROI leaves the image.
-      BadBank: several yaws for a bank whose predictors cannot be turned.
+      BadBank: several yaws for a bank whose predictors cannot be turned; caution with one that
+        does not know its errors.
       UnknownName: no such planner, bank or action.
       JShapeError: a number that makes no sense.
     """
@@ -105,6 +107,10 @@ def plan(
     for name, value in numbers.items():
         if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
             raise JShapeError(f"{name} is {value!r}; it must be a number from 0")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
+        raise JShapeError(f"seed is {seed!r}; it must be a whole number from 0 to {2**32 - 1}")
+    if start is not None and not isinstance(start, Plan):
+        raise JShapeError(f"start is a {type(start).__name__}; it must be a Plan")
     if positions is not None and stride is not None:
         raise JShapeError("positions and stride are both given; one says where actions are tried")
     free = places.reachable(bank.camera, reach, clearance_mm)

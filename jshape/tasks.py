@@ -14,6 +14,9 @@ from jshape.planners.base import EVER, Budget, Found, Limits, room_for
 from jshape.predict.bank import Bank
 from jshape.predict.terrain import Terrain
 
+DEEPEST = 100
+"""Greatest strength that is tried."""
+
 
 def directions(bank: Bank, yaws: int | Mapping[str, int]) -> list[tuple[int, float]]:
     """(action number, yaw) of every move, the trained direction first."""
@@ -58,18 +61,30 @@ def rounds(terrain: Terrain, stride: int | None) -> int:
 
 def strengths(strengths: Sequence[float]) -> list[float]:
     """Strengths to try, each once, weakest first."""
-    values = np.asarray(strengths)
+    try:
+        values = np.asarray(strengths)
+    except ValueError:
+        values = np.zeros((0, 0))
     if values.ndim != 1 or not values.size or values.dtype.kind not in "iuf":
         raise JShapeError(f"strengths is {strengths!r}; it must be numbers above 0, at least one")
-    if not (np.isfinite(values).all() and (values > 0).all() and values.size <= 64):
-        raise JShapeError(f"strengths is {strengths!r}; they must be numbers above 0, at most 64")
-    return sorted(set(values.astype(float).tolist()))
+    if not (np.isfinite(values).all() and (values > 0).all() and (values <= DEEPEST).all()):
+        raise JShapeError(f"strengths is {strengths!r}; each must be above 0, at most {DEEPEST}")
+    if values.size > 64:
+        raise JShapeError(f"{values.size} strengths; at most 64 are tried")
+    return sorted({float(value) for value in values})
 
 
 def limits(
     bank: Bank, min_gain: float, tolerance: float, caution: float, most: Mapping[str, int] | None
 ) -> Limits:
-    """What a search must gain and may use; `caution` times the bank's own errors on top."""
+    """What a search must gain and may use, `caution` times the bank's own errors among it."""
+    if caution and bank.errors_mm is None:
+        raise BadBank(
+            f"caution is {caution!r}, but the bank does not know how wrong it is; 0 is allowed "
+            "(jshape train measures it)"
+        )
+    if most is not None and not isinstance(most, Mapping):
+        raise JShapeError(f"most is {most!r}; it must be a mapping of action to count")
     allowed = np.full(len(bank.actions), EVER, np.int32)
     for name, count in (most or {}).items():
         if name not in bank.actions:

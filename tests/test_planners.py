@@ -14,10 +14,11 @@ from jshape import Camera, Status
 from jshape.places import dense_positions, within
 from jshape.planners import PLANNERS, beam, greedy, refine
 from jshape.planners.base import EVER, Budget, Limits, Task, nothing
+from jshape.planners.polish import polished
 from jshape.planners.sequence import bounds, measured, without
 from jshape.predict.bank import Bank
 from jshape.predict.difference import Difference
-from jshape.predict.sweep import candidates_at
+from jshape.predict.sweep import candidates_at, sweep
 from jshape.predict.terrain import terrain_of
 from tests.reference import beam as twin
 
@@ -230,8 +231,8 @@ def test_each_action_gains_what_it_must(name):
     check(task, found)
     gains = -np.diff(measured(task.terrain, found)[2])
     for k in range(int(found.steps)):
-        error = float(errors[found.move[k]]) * max(float(found.strength[k]), 1.0)
-        assert gains[k] > 0.0005 + error - 1e-6
+        error = float(errors[found.move[k]]) * float(found.strength[k]) ** 0.5
+        assert gains[k] > max(0.0005, error) - 1e-6
     assert 0 < int(found.steps) < int(search(name, replace(task, limits=FREE)).steps)
 
 
@@ -276,6 +277,40 @@ def test_of_a_known_sequence_what_is_not_allowed_is_left_out(name, spoil):
     terrain = replace(task.terrain, goal=measured(task.terrain, given)[1])
     task = replace(task, terrain=terrain, start=given)
     check(task, search(name, task))
+
+
+@pytest.mark.parametrize("strengths", [(1.0,), STRENGTHS])
+def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
+    task, _ = problem(3)
+    terrain, reach = task.terrain, np.asarray(task.candidates.reach)
+    where = within(dense_positions(BANK, 5), reach)
+    candidates = candidates_at(terrain, BANK, where, strengths, reach)
+    changes = [np.asarray(change) for change in sweep(terrain, candidates)]
+    best = [np.unravel_index(change.argmin(), change.shape) for change in changes]
+    gains = np.array([-change[at] for change, at in zip(changes, best, strict=True)])
+    firsts = np.stack([first[at[0]] for first, at in zip(candidates.first, best, strict=True)])
+    deep = np.float32(strengths)[[at[1] for at in best]]
+    assert gains.min() > 0
+    order = np.argsort(-gains)
+
+    @jax.jit
+    def of(left):
+        known = (jnp.asarray(part) for part in (gains, firsts, deep))
+        return polished(terrain, terrain.now, candidates, *known, FREE, 2, 3, left)
+
+    moves, places, depths, gained, spent = jax.device_get(of(EVER))
+    each = 9 * len(strengths) * 2
+    assert int(spent) == 3 * each and moves.tolist() == order.tolist()
+    assert (gained >= gains[order]).all() and (gained > gains[order]).any()
+    for move, place, depth, gain in zip(moves, places, depths, gained, strict=True):
+        place, depth = jnp.asarray(place), jnp.asarray(depth)[None]
+        change = terrain.change(terrain.moves[move], terrain.now, place, depth)
+        assert float(-change[0]) == pytest.approx(float(gain), rel=1e-5)
+    # What the evaluations left do not suffice for stays as it was, the best comes first.
+    some, none = of(2 * each), of(each - 1)
+    assert (int(some[4]), int(none[4])) == (2 * each, 0)
+    np.testing.assert_array_equal(some[3], [*gained[:2], gains[order[2]]])
+    np.testing.assert_array_equal(none[1], firsts[order])
 
 
 @pytest.mark.parametrize("seed", [10, 14, 16])  # where greedy begins with the right hand

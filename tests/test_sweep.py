@@ -168,7 +168,8 @@ def test_devices_change_nothing():
             "largest": float(max(abs(a).max() for a in swept[0])),
             "calls": calls,
         }
-        plans = [greedy.run(terrain, candidates, Limits(), max_steps=6, how=how) for how in ways[:2]]
+        plans = [greedy.run(terrain, candidates, Limits(), max_steps=6, how=how)
+                 for how in ways[:2]]
         answer["plans"] = [[int(p.steps), p.move.tolist(), p.node.tolist(), p.strength.tolist(),
                             int(p.evaluations), float(p.distance)] for p in plans]
         print(json.dumps(answer))

@@ -191,8 +191,8 @@ def _corrected(start: Pressed, shown: Shown) -> Pressed:
 def _gap(predictor: Pressed, shown: Shown) -> Float[Array, "n rows columns"]:
     """Predicted minus true surfaces, metres.
 
-    Where the true one is at the end of the camera's range, all that lies beyond is right: a knock
-    of twice the depth leaves the paper's range over a tenth of its ROI.
+    Where the true one is at the end of the camera's range, all that lies beyond is right:
+    over strengths of 0.2 to 2 a knock leaves the paper's range over a tenth of its ROI.
     """
     gap = shown.before + predictor.change(shown.before, shown.strength) - shown.after
     camera = predictor.ground.camera

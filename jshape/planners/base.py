@@ -153,6 +153,10 @@ class Budget:
             return False
         return evaluations <= self.left
 
+    def lasts(self, seconds: float) -> bool:
+        """Whether so much time is left."""
+        return self.seconds is None or self.elapsed + seconds <= self.seconds
+
     def call(self, function: Callable, *args: Any, **static: Any) -> Any:
         """The result of a jitted function, ready.  A call that compiled it first is not counted."""
         known, began = function._cache_size(), self._clock()  # pyright: ignore

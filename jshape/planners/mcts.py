@@ -1,7 +1,7 @@
 """Monte Carlo tree search (mctx, the extra `search`) over a short list of candidates.
 
-The list is made anew for every action: the polished best candidates of the moves as the bed is,
-and their neighbours in what is left of greedy's plan.  A node of the tree is the history of what
+The list is made anew for every action: the polished best candidate of each move as the bed is.
+A node of the tree is the history of what
 was taken; its map is made again from that, which is cheaper than keeping a map per node.  Priors
 are the greedy gains in the node: without them tree search does poorly at this branching.
 """
@@ -23,7 +23,7 @@ from jshape.predict.sweep import Candidates
 from jshape.predict.terrain import Terrain
 
 LISTED = 12
-"""Candidates on the list."""
+"""Candidates on the list, at most: one of each move."""
 SIMULATIONS = 32
 """Simulations per action."""
 DEPTH = 6
@@ -185,6 +185,6 @@ def _policy(
     policy = mctx.gumbel_muzero_policy(
         params=None, rng_key=key, root=root, recurrent_fn=recurrent,
         num_simulations=SIMULATIONS, max_num_considered_actions=min(LISTED, len(moves)),
-        max_depth=DEPTH, gumbel_scale=0.0,
+        max_depth=DEPTH, gumbel_scale=1.0,
     )  # fmt: skip
     return policy.action[0]

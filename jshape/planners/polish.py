@@ -32,7 +32,8 @@ def polished(
 
     Every round tries the 3 x 3 places around with 3 strengths, at steps of half the size of the
     round before: places from 2^(rounds-1) nodes down to one, strengths from half of the distance
-    between the candidates' own, inside their range.  The candidates' own boundaries are kept.
+    between the candidates' own, inside their range.  The candidates' own boundaries are kept;
+    where there is one strength it stays.
     No more than `left` evaluations are made: what they do not suffice for stays as it was.
 
     Returns:
@@ -41,6 +42,7 @@ def polished(
     """
     known = candidates.strengths
     spacing = (known.max() - known.min()) / max(len(known) - 1, 1)
+    deeper = jnp.array([0.0, -0.5, 0.5] if len(known) > 1 else [0.0]) * spacing
 
     def of_move(number: int):
         move, own = terrain.moves[number], candidates.first[number]
@@ -54,7 +56,7 @@ def polished(
                 first, strength, gain = state
                 reach = 2 ** (rounds - 1 - k)
                 around = jnp.clip(first + AROUND * reach, low, high)
-                trial = strength + jnp.array([0.0, -0.5, 0.5]) * spacing / 2**k
+                trial = strength + deeper / 2**k
                 trial = jnp.clip(trial, known.min(), known.max())
                 change = lax.map(lambda f: terrain.change(move, now, f, trial), around)
                 worth = jnp.where(-change > limits.needed(move.action, trial), -change, 0.0)
@@ -62,7 +64,7 @@ def polished(
                     row, column = (around + move.middle).T
                     worth = jnp.where(candidates.reach[row, column][:, None], worth, 0.0)
                 best = jnp.argmax(worth)
-                row, column = jnp.divmod(best, 3)
+                row, column = jnp.divmod(best, len(deeper))
                 better = worth[row, column] > gain
                 return (
                     jnp.where(better, around[row], first),
@@ -79,7 +81,7 @@ def polished(
     if not rounds:
         return chosen, firsts[chosen], strengths[chosen], top, jnp.int32(0)
 
-    each = 3 * len(AROUND) * rounds
+    each = len(AROUND) * len(deeper) * rounds
     worth = (top > 0) & (each * (1 + jnp.arange(len(top))) <= left)
 
     def one(entry):

@@ -17,15 +17,15 @@ from jshape.planners.sequence import begun, bounds, carry_out
 from jshape.predict.sweep import Candidates
 from jshape.predict.terrain import Terrain
 
-ROUNDS = 12
+ROUNDS = 24
 """Calls of `descend`, at most; it stops at the first that gains less than `LEAST`."""
-STEPS = 10
+STEPS = 5
 """Gradient steps between two looks at the clock."""
 PLACE = 0.4
 """First step of a place, nodes."""
 STRENGTH = 0.03
 """First step of a strength."""
-LEAST = 0.002
+LEAST = 0.001
 """Share of d that a round must gain."""
 
 
@@ -42,16 +42,18 @@ def refined(task: Task, found: Found) -> Found:
     """A sequence after as many rounds of descent as gain something and the budget allows."""
     if not int(found.steps) or float(found.distance) <= float(task.limits.tolerance):
         return found
-    rate = 1.0
+    rate, took = 1.0, 0.0
     for _ in range(ROUNDS):
         work = 3 * STEPS * int(found.steps)  # a gradient costs about two evaluations more
-        if task.budget.over or not task.budget.holds(work):
+        # A step goes through the whole map: its time is that of the step before, not a sweep's.
+        if task.budget.over or not task.budget.holds(work) or not task.budget.lasts(took):
             return ended(task, found, Status.BUDGET)
-        before = float(found.distance)
+        before, began = float(found.distance), task.budget.elapsed
         found = task.budget.call(
             descend, task.terrain, task.candidates, task.limits, found, jnp.float32(rate)
         )
         task.budget.spend(work)
+        took = task.budget.elapsed - began
         if float(found.distance) > (1 - LEAST) * before:
             if rate < 0.3:
                 break

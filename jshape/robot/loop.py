@@ -50,9 +50,9 @@ class Stop(StrEnum):
     """Why the loop ended."""
 
     CONVERGED = "the distance is within the tolerance"
-    NO_IMPROVEMENT = "no action is predicted to help by more than the least gain"
+    NO_IMPROVEMENT = "no action is predicted to help by more than it must"
     MAX_STEPS = "as many actions as allowed"
-    WORSE = "the last action did not lower the distance"
+    WORSE = "the last actions, or the last one, did not lower the distance"
     BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"
     PLAN_ENDED = "the plan is at its end, and it was not to be made anew"
 
@@ -115,9 +115,9 @@ def mold(
 ) -> Molding:
     """Mold the world towards a goal, looking again after every action.
 
-    Every plan is made for the actions that are left, at most `horizon`, and begins with what is
-    left of the one before; greedy, whose first action does not depend on the later ones, plans
-    only that.
+    The first plan is for all actions; those after a look are for the ones that are left, at most
+    `horizon`, and `refine` and `improve` begin with what is left of the plan before.  Greedy, whose
+    first action does not depend on the later ones, then plans only that.
 
     Args:
       world: to look at and act in; its camera is the bank's.
@@ -125,7 +125,7 @@ def mold(
       bank: predicts the actions.
       planner: which search.
       max_steps: most actions.
-      horizon: how many actions ahead a new plan looks; None is all that are left.
+      horizon: how many actions ahead a plan after a look is made for; None is all that are left.
       min_gain: an action must be predicted to lower d by more than this.
       tolerance: stop when d is at most this.
       patience: stop when so many actions one after the other did not lower the distance.
@@ -141,8 +141,11 @@ def mold(
     """
     check_same_camera(bank.camera, world.camera, "the world's")
     goal = check_image(goal, bank.camera, "goal")
-    if horizon is not None and horizon < 1:
-        raise JShapeError(f"horizon is {horizon!r}; it must be a whole number from 1")
+    for name, value in (("horizon", horizon), ("patience", patience)):
+        if value is None and name == "horizon":
+            continue
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+            raise JShapeError(f"{name} is {value!r}; it must be a whole number from 1")
     options |= {"bank": bank, "planner": planner, "min_gain": min_gain, "tolerance": tolerance}
 
     def look() -> tuple[np.ndarray, np.ndarray]:
@@ -150,6 +153,7 @@ def mold(
         seen = image_of_depth(depth, bank.camera, max_missing=max_missing, where="look")
         return depth, seen.image
 
+    most = dict(options.get("most") or {})  # what is left of each action's uses
     depth, image = look()
     ahead = plan(image, goal, max_steps=max_steps, **options)
     run = Molding(goal, ahead, [image], [depth])
@@ -186,5 +190,9 @@ def mold(
             run.stop = Stop.CONVERGED if d <= tolerance else Stop.MAX_STEPS
             return run
         steps = 1 if planner == "greedy" else min(left, horizon or left)
-        ahead = plan(image, goal, max_steps=steps, start=ahead.rest(1), **options)
+        options["start"] = ahead.rest(1)
+        if action in most:
+            most[action] -= 1
+            options["most"] = most
+        ahead = plan(image, goal, max_steps=steps, **options)
         next_ = 0

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -106,15 +107,18 @@ def test_what_a_window_touches_is_stale(problem):
     fresh = replace(
         fresh_board(candidates), stale=tuple(jnp.zeros(count, bool) for count in COUNTS)
     )
-    first, shape = np.array([6, 7]), np.array([5, 4])
-    board = touch(fresh, candidates, terrain, jnp.asarray(first), jnp.asarray(shape))
-    changed = np.zeros(CAMERA.shape, bool)
-    changed[first[0] : first[0] + shape[0], first[1] : first[1] + shape[1]] = True
-    for move, firsts, stale in zip(terrain.moves, candidates.first, board.stale, strict=True):
-        rows, columns = move.shape
-        overlaps = [changed[v : v + rows, u : u + columns].any() for v, u in np.asarray(firsts)]
-        np.testing.assert_array_equal(stale, np.array(overlaps, bool))
-    assert 0 < sum(int(stale.sum()) for stale in board.stale) < sum(COUNTS)
+    rng, touched = np.random.default_rng(7), []
+    for _ in range(30):
+        first, shape = rng.integers(0, [12, 16], 2), rng.integers(1, 7, 2)
+        board = touch(fresh, candidates, terrain, jnp.asarray(first), jnp.asarray(shape))
+        changed = np.zeros(CAMERA.shape, bool)
+        changed[first[0] : first[0] + shape[0], first[1] : first[1] + shape[1]] = True
+        for move, firsts, stale in zip(terrain.moves, candidates.first, board.stale, strict=True):
+            rows, columns = move.shape
+            overlaps = [changed[v : v + rows, u : u + columns].any() for v, u in firsts.tolist()]
+            np.testing.assert_array_equal(stale, np.array(overlaps, bool))
+            touched += overlaps
+    assert 0.2 < np.mean(touched) < 0.8
 
 
 def run(code, devices=1):
@@ -184,20 +188,24 @@ def test_devices_change_nothing():
     assert shared[5] == pytest.approx(alone[5], abs=1e-6)
 
 
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
 def test_a_dense_sweep_fits_into_memory():
     """Every other pixel of the paper's box and five actions: 1e5 candidates, no copy of each."""
     found = run(
         """
-        import json, resource
+        import json
+        from pathlib import Path
         import jax, jax.numpy as jnp, numpy as np
         from jshape import PAPER_BOX
         from jshape.places import dense_positions
-        from jshape.planners import greedy
-        from jshape.planners.base import Limits
         from jshape.predict.bank import Bank
         from jshape.predict.difference import Difference
         from jshape.predict.sweep import candidates_at, sweep
         from jshape.predict.terrain import terrain_of
+
+        def most_kb():  # ru_maxrss would begin with what the program that started this one took
+            status = Path("/proc/self/status").read_text()
+            return int(status.split("VmHWM:")[1].split()[0])
 
         sizes = {"grasp": (183, 183), "knock": (112, 104), "press": (76, 132),
                  "pinch": (70, 116), "poke": (40, 45)}
@@ -208,14 +216,13 @@ def test_a_dense_sweep_fits_into_memory():
         image = jnp.asarray(rng.uniform(0.4, 0.5, PAPER_BOX.shape), "f4")
         terrain = terrain_of(bank, image, image + 0.02)
         candidates = candidates_at(terrain, bank, dense_positions(bank, 2))
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        before = most_kb()
         changes = sweep(terrain, candidates)
         assert all(jnp.isfinite(c).all() for c in changes)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        print(json.dumps({"candidates": len(candidates), "before": before, "peak": peak}))
+        print(json.dumps({"candidates": len(candidates), "before": before, "peak": most_kb()}))
         """
     )
     assert found["candidates"] > 100_000
-    assert found["peak"] < 2e6  # kB
+    assert 1e5 < found["peak"] < 2e6  # kB
     # Beside what JAX and the bank took: not one copy per candidate, nor per hundred of them.
     assert found["peak"] - found["before"] < 0.5e6

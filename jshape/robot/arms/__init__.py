@@ -1,0 +1,1 @@
+"""Arms with a hand: one file each, all like `base.Arm`."""

@@ -1,0 +1,1 @@
+"""Depth cameras: one file each, all like `base.DepthCamera`."""

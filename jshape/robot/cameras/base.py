@@ -1,0 +1,87 @@
+"""What a depth camera is, and how a look is made of its frames."""
+
+from types import TracebackType
+from typing import Protocol, Self, runtime_checkable
+
+import numpy as np
+
+from jshape._typing import Float, Num
+from jshape.camera import Camera
+from jshape.errors import JShapeError
+
+FRAMES = 15
+"""Frames of a look: half a second of a D435."""
+TIMEOUT = 5.0
+"""Seconds after which a camera that sends nothing is silent."""
+
+
+class CameraLost(JShapeError):
+    """A camera that is not there, sends nothing any more, or sends the same frame again and again."""
+
+
+class EndOfFrames(CameraLost):
+    """A recording that is at its end."""
+
+
+@runtime_checkable
+class DepthCamera(Protocol):
+    """A source of depth frames, used as a context manager: `with Camera(...) as camera`."""
+
+    name: str
+    """What people call it: model and serial number, or the file's name."""
+    camera: Camera
+    """Of the frames: size and intrinsics as the device says."""
+    depth_unit: float
+    """Metres per count, as the device says."""
+
+    def frame(self) -> Num[np.ndarray, "H W"]:
+        """The next frame: counts of `depth_unit`, 0 = no reading.
+
+        Raises:
+          CameraLost: nothing came within `TIMEOUT`.
+          EndOfFrames: a recording has no more.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the device; a second time does nothing."""
+        ...
+
+    def __enter__(self) -> Self:
+        """Itself, started."""
+        ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        problem: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """`close`."""
+        ...
+
+
+def look(camera: DepthCamera, frames: int = FRAMES) -> Float[np.ndarray, "H W"]:
+    """Depth in metres: of each pixel the median of its readings over some frames.
+
+    A pixel counts where at least half of the frames have a reading; elsewhere it is 0.
+
+    Args:
+      camera: to look with.
+      frames: how many frames, from 1.
+
+    Raises:
+      CameraLost: nothing came, or all frames but the first are copies of it: a frozen stream.
+    """
+    stack = np.stack([camera.frame() for _ in range(frames)])
+    if frames > 2 and stack[0].any() and (stack == stack[0]).all() and not still(camera):
+        raise CameraLost(f"{camera.name}: {frames} frames are the same to the bit: a frozen stream")
+    seen = stack > 0
+    middle = np.ma.median(np.ma.masked_array(stack, ~seen), axis=0).filled(0.0)
+    enough = 2 * seen.sum(0) >= frames
+    return (np.where(enough, middle, 0.0) * camera.depth_unit).astype(np.float32)
+
+
+def still(camera: DepthCamera) -> bool:
+    """Whether a camera may send the same frame again: a picture, a simulation without noise."""
+    return bool(getattr(camera, "still", False))

@@ -144,7 +144,7 @@ def _cases(
 
     So what is there after a while compares as many problems of each.
     """
-    long = [name for name, entry in entries.items() if "seconds" in entry]
+    long = [name for name, entry in entries.items() if "evaluations" in entry]
     whole = [(kind, number) for kind, several in problems.items() for number in range(len(several))]
     quick = [(name, *one) for name in entries if name not in long for one in whole]
     slow = [(name, *one) for one in sorted(whole, key=lambda one: one[1]) for name in long]

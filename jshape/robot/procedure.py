@@ -1,0 +1,233 @@
+"""An action as an arm carries it out: six operations, one after the other.
+
+above the place; down, the hand prepared; contact; act; up; clear of the camera's view.  An effort
+above an operation's threshold ends that operation and goes on to the next, as in the paper.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from jshape._typing import Float
+from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, PoseRefused
+
+NAMES = ("above", "prepare", "contact", "act", "up", "clear")
+"""The six operations, in order."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One of the six."""
+
+    name: str
+    height_mm: float | None = None
+    """Where the tool goes: above the surface at the place; below it where negative."""
+    depth_mm: float | None = None
+    """Where the tool goes instead: below the surface, times the strength of the action."""
+    posture: str | None = None
+    """What the hand does, once the tool is there."""
+    speed_mm_s: float = 100.0
+    """Of the tool."""
+    seconds: float = 0.5
+    """That the posture takes."""
+    effort_nm: float = 40.0
+    """Contact effort that ends the operation."""
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """The six operations of one action."""
+
+    action: str
+    operations: tuple[Operation, ...]
+    tool_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """The point of the hand that meets the place, in the flange's frame."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What no operation may exceed, whatever its file says."""
+
+    low_mm: tuple[float, float, float] = (-400.0, -400.0, 250.0)
+    """Lowest x, y, z of the tool in the camera's frame."""
+    high_mm: tuple[float, float, float] = (400.0, 400.0, 510.0)
+    """Highest: z is how far below the camera the tool may go."""
+    speed_mm_s: float = 250.0
+    """Fastest motion of the tool, the limit of collaborative work (ISO 10218-1, 5.6.2)."""
+    effort_nm: float = 120.0
+    """Contact effort at which the arm is stopped for good."""
+
+
+@dataclass(frozen=True)
+class Hand:
+    """What a hand can do: procedures by action, and limits."""
+
+    procedures: Mapping[str, Procedure]
+    limits: Limits = field(default_factory=Limits)
+
+
+class Done(NamedTuple):
+    """How an operation ended."""
+
+    operation: str
+    contact: bool
+    """The effort ended it."""
+    effort_nm: float
+    """The greatest on the way."""
+    tool_mm: tuple[float, float, float]
+    """Where the tool ended, in the camera's frame."""
+
+
+def turned(yaw: float) -> Float[np.ndarray, "3 3"]:
+    """Rotation about z, from x towards y; radians."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def pose_of(
+    operation: Operation, point: Float[np.ndarray, "3"], strength: float, yaw: float
+) -> Float[np.ndarray, "4 4"] | None:
+    """Of the tool at the end of an operation, in the camera's frame, metres; None: it goes nowhere.
+
+    Args:
+      operation: gives the height or the depth.
+      point: on the surface, camera frame, metres.
+      strength: factor on the depth.
+      yaw: turn of the hand from u towards v, radians.
+    """
+    if operation.depth_mm is not None:
+        down = operation.depth_mm * strength
+    elif operation.height_mm is not None:
+        down = -operation.height_mm
+    else:
+        return None
+    pose = np.eye(4)
+    pose[:3, :3] = turned(yaw)
+    pose[:3, 3] = point + np.array([0.0, 0.0, down / 1000.0])
+    return pose
+
+
+def check_reach(
+    procedure: Procedure,
+    limits: Limits,
+    point: Float[np.ndarray, "3"],
+    strength: float = 1.0,
+    yaw: float = 0.0,
+) -> None:
+    """Whether all of an action stays inside the limits, before the arm moves.
+
+    Raises:
+      PoseRefused: an operation leaves the workspace, is too fast or trips above the hard limit.
+    """
+    for operation in procedure.operations:
+        where = f"{procedure.action}: {operation.name}"
+        if operation.speed_mm_s > limits.speed_mm_s:
+            raise PoseRefused(
+                f"{where}: speed {operation.speed_mm_s:g} mm/s; at most {limits.speed_mm_s:g}"
+            )
+        if operation.effort_nm > limits.effort_nm:
+            raise PoseRefused(
+                f"{where}: threshold {operation.effort_nm:g} Nm; at most {limits.effort_nm:g}"
+            )
+        pose = pose_of(operation, point, strength, yaw)
+        if pose is None:
+            continue
+        at = pose[:3, 3] * 1000.0
+        if not ((at >= limits.low_mm) & (at <= limits.high_mm)).all():
+            raise PoseRefused(
+                f"{where} goes to {_text(at)} mm in the camera's frame; "
+                f"the workspace is {_text(limits.low_mm)} to {_text(limits.high_mm)}"
+            )
+
+
+def perform(
+    arm: Arm,
+    hand: Hand,
+    action: str,
+    point: Float[np.ndarray, "3"],
+    base_camera: Float[np.ndarray, "4 4"],
+    *,
+    strength: float = 1.0,
+    yaw: float = 0.0,
+    told: Callable[[Done], None] = lambda done: None,
+) -> list[Done]:
+    """Carry an action out.
+
+    Whatever goes wrong, Ctrl-C included, the arm is stopped before the error is passed on.
+
+    Args:
+      arm: does it.
+      hand: its procedures and limits.
+      action: name.
+      point: (3,) on the surface in the camera's frame, metres.
+      base_camera: pose of the camera in the arm's base frame.
+      strength: factor on the depth.
+      yaw: turn of the hand from u towards v, radians.
+      told: called after each operation.
+
+    Raises:
+      PoseRefused: it leaves the workspace; the arm has not moved.
+      ArmError: the arm did not do it, or there is no such procedure.
+      EffortLimit: the effort rose above the hard limit.
+    """
+    if action not in hand.procedures:
+        raise ArmError(f"the hand cannot {action}; it can: {', '.join(hand.procedures)}")
+    procedure = hand.procedures[action]
+    check_reach(procedure, hand.limits, point, strength, yaw)
+    tool = np.eye(4)
+    tool[:3, 3] = np.asarray(procedure.tool_mm) / 1000.0
+    camera_base = np.linalg.inv(base_camera)
+    all_done = []
+    try:
+        for operation in procedure.operations:
+            arm.begin(Doing(action, operation.name, strength, yaw), tool)
+            contact, effort = _one(arm, operation, point, base_camera, strength, yaw)
+            if effort > hand.limits.effort_nm:
+                raise EffortLimit(
+                    f"{action}: {operation.name}: effort {effort:.0f} Nm; "
+                    f"the hard limit is {hand.limits.effort_nm:g}"
+                )
+            at = (camera_base @ arm.pose())[:3, 3] * 1000.0
+            done = Done(operation.name, contact, effort, (at[0].item(), at[1].item(), at[2].item()))
+            all_done.append(done)
+            told(done)
+    except BaseException:
+        arm.stop()
+        raise
+    return all_done
+
+
+def _one(
+    arm: Arm,
+    operation: Operation,
+    point: np.ndarray,
+    base_camera: np.ndarray,
+    strength: float,
+    yaw: float,
+) -> tuple[bool, float]:
+    """Whether the effort ended an operation, and the greatest effort."""
+    if operation.name == "clear":
+        arm.home()
+        return False, arm.effort()
+    contact, effort = False, 0.0
+    pose = pose_of(operation, point, strength, yaw)
+    if pose is not None:
+        moved = arm.move(
+            base_camera @ pose,
+            speed=operation.speed_mm_s / 1000.0,
+            threshold=operation.effort_nm,
+        )
+        contact, effort = moved.contact, moved.effort
+    if operation.posture is not None:
+        # A hand that touches something on its way down still closes: it is what the action does.
+        moved = arm.posture(
+            operation.posture, seconds=operation.seconds, threshold=operation.effort_nm
+        )
+        contact, effort = contact or moved.contact, max(effort, moved.effort)
+    return contact, effort
+
+
+def _text(values) -> str:
+    return "(" + ", ".join(f"{value:.0f}" for value in values) + ")"

@@ -23,7 +23,7 @@ ALLOWED = {
     "learn": {"camera", "metric", "actions", "nn", "predict", "data"},
     "store": {
         *("camera", "metric", "actions", "nn", "predict", "planners", "data", "learn"),
-        *("planned", "planning"),
+        *("planned", "planning", "robot"),
     },
     "places": {"camera", "actions", "predict"},
     "planned": {"camera", "metric", "actions", "planners", "data", "store"},
@@ -33,7 +33,10 @@ ALLOWED = {
         *("places", "planned", "tasks"),
     },
     "devices": {"predict"},
-    "robot": {"camera", "metric", "actions", "predict", "planners", "planning", "sim", "data"},
+    "robot": {
+        *("camera", "metric", "actions", "predict", "planners", "planned", "planning", "sim"),
+        *("data", "store"),
+    },
     "viz": {"camera", "metric", "actions", "predict", "planners", "planned", "planning", "learn"},
 }
 TOP = {"__init__", "__main__", "cli", "commands", "experiments"}

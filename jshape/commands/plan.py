@@ -33,7 +33,7 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
     if options.out is not None:
         files.check_target(options.out, options.overwrite, contents=CONTENTS)
     raw = formats.read_array(options.initial)
-    source = _source(options.initial, raw.shape, options.camera, bank)
+    source = source_of(options.initial, raw.shape, options.camera, bank)
     reading = {
         "camera": check_camera(source.camera),
         "depth_unit": options.depth_unit or source.depth_unit,
@@ -91,8 +91,13 @@ class Source(NamedTuple):
     """Somebody described the camera; False: it was guessed."""
 
 
-def _source(initial: Path, shape: tuple[int, ...], given: str | None, bank: Bank) -> Source:
-    """The camera of the images: named, found beside them, or guessed from their size."""
+def source_of(initial: Path, shape: tuple[int, ...], given: str | None, bank: Bank) -> Source:
+    """The camera of the images: named, found beside them, or guessed from their size.
+
+    Raises:
+      BadCamera: neither a preset nor a camera.json.
+      BadImage: nothing says whose size this is.
+    """
     if given in PRESETS:
         return Source(PRESETS[given], cameras.DEPTH_UNIT, f"preset {given}", False)
     if given is not None:

@@ -17,6 +17,7 @@ from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError
 from jshape.planning import Plan, check_image, plan
 from jshape.predict.bank import Bank
+from jshape.robot.checks import check_still, touched_by
 
 
 @runtime_checkable
@@ -55,6 +56,7 @@ class Stop(StrEnum):
     WORSE = "the last actions, or the last one, did not lower the distance"
     BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"
     PLAN_ENDED = "the plan is at its end, and it was not to be made anew"
+    DECLINED = "the next action was declined"
 
 
 class Step(NamedTuple):
@@ -107,9 +109,12 @@ def mold(
     horizon: int | None = None,
     min_gain: float = 0.0,
     tolerance: float = 0.0,
-    patience: int = 1,
+    patience: int | None = None,
     max_missing: float = 0.1,
     replan: bool = True,
+    first: Plan | None = None,
+    watch: bool = False,
+    confirm: Callable[[Plan], bool] | None = None,
     on_step: Callable[[Step, np.ndarray], None] | None = None,
     **options: Any,
 ) -> Molding:
@@ -128,9 +133,14 @@ def mold(
       horizon: how many actions ahead a plan after a look is made for; None is all that are left.
       min_gain: an action must be predicted to lower d by more than this.
       tolerance: stop when d is at most this.
-      patience: stop when so many actions one after the other did not lower the distance.
+      patience: stop when so many actions one after the other did not lower the distance; None is
+        1 where the plan is made anew, and never where it is not.
       max_missing: largest share of a look's pixels that may be filled.
       replan: False applies the first plan to its end, blindly, as the paper does.
+      first: the plan to begin with; None makes one from the first look.
+      watch: stop where the bed changed beside an action.
+      confirm: called before each action with what is left of the plan, the action first; False ends
+        the loop.
       on_step: called after each action with what it did and the depth (H, W) seen after it.
       **options: passed on to `jshape.plan`: with `caution`, the loop stops when no action is
         predicted to help by more than the measured error of its prediction.
@@ -138,11 +148,13 @@ def mold(
     Raises:
       BadCamera: the bank is for another camera than the world's.
       BadImage, MissingDepth: a look that is not a usable depth image.
+      BedMoved: with `watch`, a bed that changed beside an action.
+      JShapeError: whatever the world raises.
     """
     check_same_camera(bank.camera, world.camera, "the world's")
     goal = check_image(goal, bank.camera, "goal")
     for name, value in (("horizon", horizon), ("patience", patience)):
-        if value is None and name == "horizon":
+        if value is None:
             continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
             raise JShapeError(f"{name} is {value!r}; it must be a whole number from 1")
@@ -154,13 +166,19 @@ def mold(
         return depth, seen.image
 
     most = dict(options.get("most") or {})  # what is left of each action's uses
+    if patience is None and replan:
+        patience = 1
     depth, image = look()
-    ahead = plan(image, goal, max_steps=max_steps, **options)
+    ahead = plan(image, goal, max_steps=max_steps, **options) if first is None else first
     run = Molding(goal, ahead, [image], [depth])
+    obtained = float(metric.to_mm(metric.distance(image, goal), bank.camera))
     next_ = failures = 0
     while True:
         if next_ == len(ahead):
             run.stop = Stop[ahead.status.name] if replan or not run.steps else Stop.PLAN_ENDED
+            return run
+        if confirm is not None and not confirm(ahead.rest(next_) if next_ else ahead):
+            run.stop = Stop.DECLINED
             return run
         action, (u, v) = ahead.actions[next_], ahead.exact_positions[next_].tolist()
         strength, yaw = float(ahead.strengths[next_]), float(ahead.yaws[next_])
@@ -170,21 +188,23 @@ def mold(
         run.depths.append(depth)
         run.images.append(image)
         d = metric.distance(image, goal)
-        obtained = float(metric.to_mm(d, bank.camera))
-        before, predicted = (float(x) for x in ahead.distances_mm[next_ : next_ + 2])
-        before = run.steps[-1].obtained_mm if run.steps else before
+        before, obtained = obtained, float(metric.to_mm(d, bank.camera))
+        predicted = float(ahead.distances_mm[next_ + 1])
         at = (round(u), round(v))
         step = Step(action, at, before, predicted, obtained, strength, yaw)
         run.steps.append(step)
         if on_step is not None:
             on_step(step, depth)
+        if watch:
+            touched = touched_by(bank.camera, (u, v), tuple(ahead.rois[next_].tolist()))
+            check_still(run.depths[-2], depth, touched)
+        failures = 0 if obtained < before else failures + 1
+        if patience is not None and failures >= patience:
+            run.stop = Stop.WORSE
+            return run
         if not replan:
             next_ += 1
             continue
-        failures = 0 if obtained < before else failures + 1
-        if failures >= patience:
-            run.stop = Stop.WORSE
-            return run
         left = max_steps - len(run.steps)
         if left == 0:
             run.stop = Stop.CONVERGED if d <= tolerance else Stop.MAX_STEPS

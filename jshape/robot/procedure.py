@@ -52,8 +52,9 @@ class Limits:
 
     low_mm: tuple[float, float, float] = (-400.0, -400.0, 250.0)
     """Lowest x, y, z of the tool in the camera's frame."""
-    high_mm: tuple[float, float, float] = (400.0, 400.0, 510.0)
-    """Highest: z is how far below the camera the tool may go."""
+    high_mm: tuple[float, float, float] = (400.0, 400.0, 498.0)
+    """Highest: z is how far below the camera the tool may go.  A stroke that would go deeper ends
+    there; the floor of the paper's box is at 500."""
     speed_mm_s: float = 250.0
     """Fastest motion of the tool, the limit of collaborative work (ISO 10218-1, 5.6.2)."""
     effort_nm: float = 120.0
@@ -87,7 +88,11 @@ def turned(yaw: float) -> Float[np.ndarray, "3 3"]:
 
 
 def pose_of(
-    operation: Operation, point: Float[np.ndarray, "3"], strength: float, yaw: float
+    operation: Operation,
+    point: Float[np.ndarray, "3"],
+    strength: float = 1.0,
+    yaw: float = 0.0,
+    deepest_mm: float = np.inf,
 ) -> Float[np.ndarray, "4 4"] | None:
     """Of the tool at the end of an operation, in the camera's frame, metres; None: it goes nowhere.
 
@@ -96,6 +101,7 @@ def pose_of(
       point: on the surface, camera frame, metres.
       strength: factor on the depth.
       yaw: turn of the hand from u towards v, radians.
+      deepest_mm: a depth ends there at the latest: above the floor of the box.
     """
     if operation.depth_mm is not None:
         down = operation.depth_mm * strength
@@ -106,6 +112,8 @@ def pose_of(
     pose = np.eye(4)
     pose[:3, :3] = turned(yaw)
     pose[:3, 3] = point + np.array([0.0, 0.0, down / 1000.0])
+    if operation.depth_mm is not None:
+        pose[2, 3] = min(pose[2, 3], deepest_mm / 1000.0)
     return pose
 
 
@@ -131,7 +139,7 @@ def check_reach(
             raise PoseRefused(
                 f"{where}: threshold {operation.effort_nm:g} Nm; at most {limits.effort_nm:g}"
             )
-        pose = pose_of(operation, point, strength, yaw)
+        pose = pose_of(operation, point, strength, yaw, limits.high_mm[2])
         if pose is None:
             continue
         at = pose[:3, 3] * 1000.0
@@ -183,7 +191,8 @@ def perform(
     try:
         for operation in procedure.operations:
             arm.begin(Doing(action, operation.name, strength, yaw), tool)
-            contact, effort = _one(arm, operation, point, base_camera, strength, yaw)
+            pose = pose_of(operation, point, strength, yaw, hand.limits.high_mm[2])
+            contact, effort = _one(arm, operation, None if pose is None else base_camera @ pose)
             if effort > hand.limits.effort_nm:
                 raise EffortLimit(
                     f"{action}: {operation.name}: effort {effort:.0f} Nm; "
@@ -199,26 +208,15 @@ def perform(
     return all_done
 
 
-def _one(
-    arm: Arm,
-    operation: Operation,
-    point: np.ndarray,
-    base_camera: np.ndarray,
-    strength: float,
-    yaw: float,
-) -> tuple[bool, float]:
+def _one(arm: Arm, operation: Operation, pose: np.ndarray | None) -> tuple[bool, float]:
     """Whether the effort ended an operation, and the greatest effort."""
     if operation.name == "clear":
         arm.home()
         return False, arm.effort()
     contact, effort = False, 0.0
-    pose = pose_of(operation, point, strength, yaw)
     if pose is not None:
-        moved = arm.move(
-            base_camera @ pose,
-            speed=operation.speed_mm_s / 1000.0,
-            threshold=operation.effort_nm,
-        )
+        speed = operation.speed_mm_s / 1000.0
+        moved = arm.move(pose, speed=speed, threshold=operation.effort_nm)
         contact, effort = moved.contact, moved.effort
     if operation.posture is not None:
         # A hand that touches something on its way down still closes: it is what the action does.

@@ -18,7 +18,7 @@ class ArmError(JShapeError):
 
 
 class PoseRefused(ArmError):
-    """A pose out of the workspace or the joints' limits, or that inverse kinematics cannot reach."""
+    """A pose beyond the workspace or the joints' limits, or without inverse kinematics."""
 
 
 class EffortLimit(ArmError):

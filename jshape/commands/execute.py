@@ -1,0 +1,54 @@
+"""`jshape execute PLAN`: a plan that was made before, action by action, with a look after each."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from jshape.commands import arguments
+from jshape.commands.robot import HEAD, add_robot, asking, draw, robot_of, tell
+from jshape.errors import BadFile
+from jshape.planning import DEFAULT_BANK
+from jshape.robot.session import Session
+from jshape.store import banks, plans
+
+
+def execute(options: argparse.Namespace) -> dict[str, Any]:
+    """Carry a plan out."""
+    say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
+    plan = plans.read_plan(options.plan)
+    if plan.goal is None:
+        raise BadFile(f"{options.plan}: holds no images, so nothing says what is wanted")
+    session = Session.resume(options.out, say=say) if options.resume else None
+    bank = banks.load_bank(options.bank or DEFAULT_BANK)
+    confirm = asking(options)
+    with robot_of(options, bank, say) as robot:
+        if session is None:
+            meta = {
+                "what": "execute", "plan": str(options.plan), "arm": options.arm,
+                "camera": robot.eye.name, "bank": str(options.bank or DEFAULT_BANK),
+            }  # fmt: skip
+            session = Session.start(
+                options.out, plan.goal, meta, overwrite=options.overwrite, say=say
+            )
+        say(HEAD)
+        summary = session.mold(
+            robot, bank, plan=plan, max_steps=max(len(plan), 1), confirm=confirm,
+            draw=draw(bank.rois), max_missing=options.max_missing,
+        )  # fmt: skip
+    if not options.json:
+        tell(summary)
+    return summary
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape execute`."""
+    parser = arguments.command(
+        commands, "execute", execute, "carry a plan out, looking after every action"
+    )
+    parser.add_argument("plan", type=Path, help="plan.json from `jshape plan --out`")
+    add_robot(parser)
+    parser.add_argument("--bank", default=None, help="of the plan (default: the bundled one)")
+    parser.add_argument(
+        "--max-missing", type=arguments.share, default=0.1,
+        help="largest share of pixels without depth to fill (0.1)",
+    )  # fmt: skip

@@ -1,0 +1,62 @@
+"""An arm that only says what it would do."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from jshape._typing import Float
+from jshape.robot.arms.base import Doing, Moved
+
+
+class DryRun:
+    """Says every motion and makes none: for reading a plan, and for trying everything but the arm.
+
+    The limits are checked before (`procedure.check_reach`), as for any arm.
+    """
+
+    name = "dry run"
+
+    def __init__(self, say: Callable[[str], object] = print):
+        """`say` is given each line."""
+        self._say = say
+        self._pose = np.eye(4)
+
+    def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
+        """Say what comes."""
+        self._say(f"{doing.action} x{doing.strength:.2f}: {doing.operation}")
+
+    def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
+        """Say where it would go."""
+        self._pose = np.array(pose)
+        x, y, z = pose[:3, 3] * 1000.0
+        turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
+        self._say(
+            f"  tool to ({x:.1f}, {y:.1f}, {z:.1f}) mm, {turn:.0f}°, {speed * 1000:.0f} mm/s, "
+            f"until {threshold:g} Nm"
+        )
+        return Moved(False, 0.0, self.pose())
+
+    def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
+        """Say what the hand would do."""
+        self._say(f"  hand: {name}, {seconds:g} s, until {threshold:g} Nm")
+        return Moved(False, 0.0, self.pose())
+
+    def home(self) -> None:
+        """Say so."""
+        self._pose = np.eye(4)
+        self._say("  home")
+
+    def effort(self) -> float:
+        """None."""
+        return 0.0
+
+    def pose(self) -> Float[np.ndarray, "4 4"]:
+        """Where it would be."""
+        return self._pose.copy()
+
+    def stop(self) -> None:
+        """Say so."""
+        self._say("  stop")
+
+    def close(self) -> None:
+        """Nothing to let go of."""

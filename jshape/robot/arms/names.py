@@ -1,0 +1,97 @@
+"""Arms by what people write on the command line: one table.
+
+An arm that has a bed of its own, simulated or in physics, brings the camera above it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jshape import sim
+from jshape.camera import Camera
+from jshape.data.simulate import random_bed
+from jshape.errors import JShapeError
+from jshape.robot.arms.base import Arm
+from jshape.robot.arms.dry_run import DryRun
+from jshape.robot.arms.simulated import SimulatedArm
+from jshape.robot.cameras.base import DepthCamera
+from jshape.robot.cameras.simulated import simulated_camera
+from jshape.robot.simulated import SimulatedWorld
+
+
+@dataclass(frozen=True)
+class Opened:
+    """An arm, and what comes with it."""
+
+    arm: Arm
+    eye: DepthCamera | None = None
+    """The camera above its own bed."""
+    base_camera: np.ndarray | None = None
+    """(4, 4) pose of that camera in the arm's base frame; None: the same."""
+
+
+class Kind(NamedTuple):
+    """A kind of arm, and how its name looks."""
+
+    example: str
+    what: str
+    open: Callable[[int, str, Camera, Callable[[str], object]], Opened]
+    """Given a seed, a material, the bank's camera and what says a line."""
+
+
+def open_arm(
+    text: str, camera: Camera, *, material: str = "flour", say: Callable[[str], object] = print
+) -> Opened:
+    """The arm that a text names.
+
+    Args:
+      text: as the examples of `KINDS`: a name, and for some a colon and a seed.
+      camera: the bank's; a simulated camera is like it.
+      material: of a simulated bed.
+      say: told what a dry run would do.
+
+    Raises:
+      JShapeError: no such arm, or no such seed.
+    """
+    name, _, number = text.partition(":")
+    if name not in KINDS:
+        allowed = ", ".join(kind.example for kind in KINDS.values())
+        raise JShapeError(f"{text!r} is not an arm; allowed: {allowed}")
+    number = number or "0"
+    if not number.isdecimal() or int(number) >= 2**32:
+        raise JShapeError(f"{text}: a seed is a whole number from 0 to {2**32 - 1}, as in sim:7")
+    return KINDS[name].open(int(number), material, camera, say)
+
+
+def bed_of(seed: int) -> tuple[sim.Bed, jax.Array, jax.Array]:
+    """The uneven bed of a seed, and keys for its hand and its camera."""
+    for_bed, for_world, for_eye = jax.random.split(jax.random.key(seed), 3)
+    return random_bed(for_bed, "irregular", std=0.003), for_world, for_eye
+
+
+def _dry(seed: int, material: str, camera: Camera, say: Callable[[str], object]) -> Opened:
+    return Opened(DryRun(say))
+
+
+def _sim(seed: int, material: str, camera: Camera, say: Callable[[str], object]) -> Opened:
+    bed, for_world, for_eye = bed_of(seed)
+    world = SimulatedWorld(for_world, bed, material=material, camera=camera)
+    return Opened(SimulatedArm(world), simulated_camera(world, for_eye))
+
+
+def _mujoco(seed: int, material: str, camera: Camera, say: Callable[[str], object]) -> Opened:
+    from jshape.robot.twin import make_twin
+
+    arm, eye, base_camera = make_twin(seed, bed_of(seed)[0], material=material)
+    return Opened(arm, eye, base_camera)
+
+
+KINDS = {
+    "dry": Kind("dry", "says what it would do; needs a camera", _dry),
+    "sim": Kind("sim[:SEED]", "a hand over a simulated bed, with its camera", _sim),
+    "mujoco": Kind("mujoco[:SEED]", "the robot's physics twin, with its camera", _mujoco),
+}
+"""Every kind of arm; a new one is a file and a row here."""

@@ -1,0 +1,118 @@
+"""An arm over the height-field bed: it moves at once, feels the material, and the bed gives way."""
+
+import numpy as np
+
+from jshape import sim
+from jshape._typing import Float
+from jshape.actions import PAPER_Z
+from jshape.robot.arms.base import ArmError, Doing, Moved
+from jshape.robot.simulated import SimulatedWorld
+
+TOUCH = 5.0
+"""Effort at which the surface is felt, Nm."""
+STIFFNESS = 400.0
+"""Further effort per metre below the surface, Nm: 20 mm into flour are 13 Nm."""
+STEP = 0.0005
+"""Distance between two looks at the effort, metres."""
+RIGID = 1e4
+"""Effort per metre below something that does not give way, Nm."""
+
+
+class SimulatedArm:
+    """Moves the tool in the camera's frame, which is also its base frame.
+
+    What it does to the bed it does when it comes up again: as much of the stroke as the tool really
+    went down.
+    """
+
+    name = "simulated arm"
+
+    def __init__(self, world: SimulatedWorld, *, obstacle_mm: float | None = None):
+        """An arm over a world's bed.
+
+        `obstacle_mm` is the height above the floor of something rigid all over the bed.
+        """
+        self.world = world
+        self._obstacle = None if obstacle_mm is None else obstacle_mm / 1000.0
+        self._pose = np.eye(4)
+        self._effort = 0.0
+        self._doing: Doing | None = None
+        self._surface = np.nan  # depth of the bed where the stroke began
+        self._wanted = 0.0  # metres below it that were commanded
+
+    def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
+        """Remember what is being done; coming up, the bed changes."""
+        if self._doing is not None and self._doing.operation == "act" and doing.operation == "up":
+            self._reshape(self._doing)
+        self._doing = doing
+
+    def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
+        """Go there, or as far as the effort allows."""
+        start, target = self._pose[:3, 3], np.asarray(pose)[:3, 3]
+        count = max(int(np.ceil(np.linalg.norm(target - start) / STEP)), 1)
+        line = start + np.linspace(0.0, 1.0, count + 1)[1:, None] * (target - start)
+        # On its way down the arm feels the bed as it was; it has made its way on the way up.
+        upward = target[2] < start[2]
+        efforts = np.zeros(count) if upward else self._efforts(line)
+        over = np.flatnonzero(efforts > threshold)
+        end = over[0] if over.size else count - 1
+        self._pose = np.array(pose)
+        self._pose[:3, 3] = line[end]
+        self._effort = float(efforts[end])
+        if self._doing is not None and self._doing.operation == "act":
+            self._surface = float(self._bed_depth(target[None])[0])
+            self._wanted = float(target[2]) - self._surface
+        return Moved(bool(over.size), float(efforts[: end + 1].max()), self.pose())
+
+    def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
+        """Any; the bed knows its hand."""
+        return Moved(False, self._effort, self.pose())
+
+    def home(self) -> None:
+        """Out of the view."""
+        self._pose = np.eye(4)
+        self._effort = 0.0
+
+    def effort(self) -> float:
+        """At the last place."""
+        return self._effort
+
+    def pose(self) -> Float[np.ndarray, "4 4"]:
+        """Of the tool."""
+        return self._pose.copy()
+
+    def stop(self) -> None:
+        """It stands already."""
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def _bed_depth(self, points: np.ndarray) -> np.ndarray:
+        """Depth of the surface in front of points (N, 3) in the camera's frame, metres."""
+        bed = self.world.bed
+        height = np.asarray(bed.height)
+        x, y = (np.asarray(axis) for axis in bed.axes())
+        column = np.clip(np.rint((points[:, 0] - x[0]) / (x[1] - x[0])), 0, len(x) - 1)
+        row = np.clip(np.rint((points[:, 1] - y[0]) / (y[1] - y[0])), 0, len(y) - 1)
+        return sim.Z_FLOOR - height[row.astype(int), column.astype(int)]
+
+    def _efforts(self, line: np.ndarray) -> np.ndarray:
+        below = line[:, 2] - self._bed_depth(line)
+        felt = np.where(below > 0, TOUCH + STIFFNESS * below, 0.0)
+        if self._obstacle is not None:
+            felt += RIGID * np.maximum(line[:, 2] - (sim.Z_FLOOR - self._obstacle), 0.0)
+        return felt
+
+    def _reshape(self, doing: Doing) -> None:
+        """What the stroke did, from where the tool is and how deep it went."""
+        point, camera = self._pose[:3, 3], self.world.camera
+        share = (point[2] - self._surface) / max(self._wanted, 1e-6)
+        if share <= 0.02:  # it touched, no more
+            return
+        if doing.action not in sim.ACTIONS:
+            raise ArmError(f"the simulated hand cannot {doing.action}; it can: "
+                           f"{', '.join(sim.ACTIONS)}")  # fmt: skip
+        # Places are pixels of points at the paper's depth, wherever the surface is.
+        u = point[0] / PAPER_Z * float(camera.fx) + float(camera.u0)
+        v = point[1] / PAPER_Z * float(camera.fy) + float(camera.v0)
+        self.world.act(doing.action, (u, v), doing.strength * min(share, 1.0), doing.yaw)

@@ -1,0 +1,87 @@
+"""What is looked for in a look before it is believed: something in the way, or a bed that moved."""
+
+import numpy as np
+
+from jshape._typing import Bool, Float
+from jshape.camera import Camera
+from jshape.data.missing import missing
+from jshape.errors import BadImage
+
+NEARER_MM = 10.0
+"""Readings nearer than the camera's range by more than this are not the bed."""
+OCCLUDED = 0.002
+"""Largest share of such readings: 400 pixels of the paper's image, the tip of a finger."""
+MOVED_MM = 1.0
+"""Largest median change beside the action.  The noise of a look's median is a tenth of it; a bed
+that was pushed by 5 mm changes by more wherever it is not flat, and at its walls."""
+
+
+class Occluded(BadImage):
+    """Something is between the camera and the bed."""
+
+
+class BedMoved(BadImage):
+    """The bed is not where it was, though no action touched it there."""
+
+
+def check_clear(depth: Float[np.ndarray, "H W"], camera: Camera, where: str = "look") -> None:
+    """Whether nothing is between the camera and the bed.
+
+    Raises:
+      Occluded: more than `OCCLUDED` of the pixels are nearer than the camera's range.
+    """
+    near = ~missing(depth) & (depth < float(camera.z_min) - NEARER_MM / 1000.0)
+    if near.mean() > OCCLUDED:
+        v, u = (int(x.mean()) for x in np.nonzero(near))
+        raise Occluded(
+            f"{where}: {100 * near.mean():.1f} % of the pixels, around ({u}, {v}), are nearer than "
+            f"{float(camera.z_min) * 1000 - NEARER_MM:.0f} mm: something is in front of the bed"
+        )
+
+
+def moved_mm(
+    before: Float[np.ndarray, "H W"],
+    after: Float[np.ndarray, "H W"],
+    touched: Bool[np.ndarray, "H W"] | None = None,
+) -> float:
+    """Median |change| of depth where both looks have a reading and nothing was touched, mm.
+
+    Args:
+      before: depth, metres.
+      after: likewise.
+      touched: where an action may have changed the bed; None is nowhere.
+    """
+    beside = ~missing(before) & ~missing(after)
+    if touched is not None:
+        beside &= ~touched
+    if not beside.any():
+        return 0.0
+    return 1000.0 * float(np.median(np.abs(after[beside] - before[beside])))
+
+
+def check_still(
+    before: Float[np.ndarray, "H W"],
+    after: Float[np.ndarray, "H W"],
+    touched: Bool[np.ndarray, "H W"] | None = None,
+    where: str = "look",
+) -> None:
+    """Whether the bed is where it was, beside what an action touched.
+
+    Raises:
+      BedMoved: its median change is more than `MOVED_MM`.
+    """
+    moved = moved_mm(before, after, touched)
+    if moved > MOVED_MM:
+        raise BedMoved(
+            f"{where}: the bed beside the action changed by {moved:.1f} mm (median); at most "
+            f"{MOVED_MM:g}: the bed or the camera was moved"
+        )
+
+
+def touched_by(
+    camera: Camera, position: tuple[float | int, float | int], roi: tuple[int, int]
+) -> Bool[np.ndarray, "H W"]:
+    """Where an action may have changed the bed: its ROI, and half of it more on all sides."""
+    (u, v), (w, h) = position, roi
+    rows, columns = np.ogrid[: camera.height, : camera.width]
+    return (np.abs(columns - u) <= w) & (np.abs(rows - v) <= h)

@@ -1,0 +1,120 @@
+"""A depth camera and an arm as one world to act in."""
+
+from collections.abc import Callable
+from types import TracebackType
+
+import numpy as np
+
+from jshape._typing import Float
+from jshape.camera import Camera
+from jshape.data.missing import fill_missing
+from jshape.data.view import View, view_of
+from jshape.errors import JShapeError
+from jshape.robot.arms.base import Arm
+from jshape.robot.cameras.base import FRAMES, DepthCamera, look
+from jshape.robot.checks import check_clear
+from jshape.robot.procedure import Done, Hand, perform
+from jshape.robot.surface import surface_point
+
+
+class Robot:
+    """Looks with a camera, acts with an arm; a `World` of the loop."""
+
+    def __init__(
+        self,
+        eye: DepthCamera,
+        arm: Arm,
+        hand: Hand,
+        camera: Camera,
+        *,
+        base_camera: Float[np.ndarray, "4 4"] | None = None,
+        frames: int = FRAMES,
+        reproject: bool = False,
+        told: Callable[[Done], None] = lambda done: None,
+    ):
+        """A robot whose looks are those of a bank's camera.
+
+        Args:
+          eye: takes the frames.
+          arm: acts.
+          hand: the procedures of its actions, and its limits.
+          camera: the bank's.
+          base_camera: pose of `eye` in the arm's base frame; None: they are the same.
+          frames: of which a look is the median.
+          reproject: allow another camera than the bank's; it is looked again as the bank's would.
+          told: called after each operation of an action.
+        """
+        self.camera = camera
+        self.eye = eye
+        self.arm = arm
+        self._hand = hand
+        self._base_camera = np.eye(4) if base_camera is None else np.asarray(base_camera)
+        self._frames = frames
+        self._reproject = reproject
+        self.told = told
+        """Called after each operation of an action."""
+        self._view: View | None = None
+        self._seen: np.ndarray | None = None  # (H, W) the last look, without gaps
+
+    def look(self) -> Float[np.ndarray, "H W"]:
+        """Depth in metres as the bank's camera sees it; NaN or 0 = no reading.
+
+        Raises:
+          CameraLost: the camera sends nothing, or always the same.
+          BadCamera: the camera is not the bank's.
+          Occluded: something is in front of the bed.
+        """
+        depth = look(self.eye, self._frames)
+        if self._view is None:
+            self._view = view_of(self.eye.camera, self.camera, depth, reproject=self._reproject)
+        seen = self._view.depth(depth, self.eye.name)
+        check_clear(seen, self.camera, self.eye.name)
+        self._seen = seen
+        return seen
+
+    def act(
+        self,
+        action: str,
+        position: tuple[float | int, float | int],
+        strength: float = 1.0,
+        yaw: float = 0.0,
+    ) -> None:
+        """Carry an action out at pixel (u, v) of the bank's image.
+
+        Raises:
+          ArmError: it cannot, or did not.
+        """
+        perform(
+            self.arm, self._hand, action, self.point(position), self._base_camera,
+            strength=strength, yaw=yaw, told=self.told,
+        )  # fmt: skip
+
+    def point(self, position: tuple[float | int, float | int]) -> Float[np.ndarray, "3"]:
+        """The point of the surface under a place, in the frame of the camera that looks, metres.
+
+        Raises:
+          JShapeError: nothing was looked at yet.
+        """
+        if self._seen is None or self._view is None:
+            raise JShapeError("look before you act")
+        whole, _ = fill_missing(self._seen, limit=1.0, where=self.eye.name)
+        return surface_point(whole, self.camera, position, rise=self._view.rise)
+
+    def close(self) -> None:
+        """Stop the arm, let go of both."""
+        try:
+            self.arm.stop()
+            self.arm.close()
+        finally:
+            self.eye.close()
+
+    def __enter__(self) -> "Robot":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        problem: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,42 @@
+"""Where a place of a plan is on the bed."""
+
+import numpy as np
+
+from jshape._typing import ArrayLike, Float
+from jshape.actions import PAPER_Z
+from jshape.camera import Camera
+
+AROUND = 3
+"""The surface at a place is the median over so many pixels to each side."""
+
+
+def surface_point(
+    depth: Float[np.ndarray, "H W"],
+    camera: Camera,
+    position: ArrayLike,
+    *,
+    rise: float = 0.0,
+    place_depth: float = PAPER_Z,
+) -> Float[np.ndarray, "3"]:
+    """The point of the surface under a place, metres, in the frame of the camera that looks.
+
+    A place (u, v) is the pixel of a point at one depth for all (Hypothesis 3), which gives its x
+    and y.  The surface there may be nearer or farther, and is then seen at another pixel.
+
+    Args:
+      depth: what the bank's camera sees, metres, without gaps.
+      camera: the bank's.
+      position: (u, v) pixels, whole or not.
+      rise: how much farther the bank's camera stands from the bed than the one that looks, metres.
+      place_depth: depth at which places are meant, metres.
+    """
+    centre = np.array([float(camera.u0), float(camera.v0)])
+    focal = np.array([float(camera.fx), float(camera.fy)])
+    xy = (np.asarray(position, np.float64) - centre) / focal * place_depth
+    z = place_depth
+    for _ in range(4):  # the surface's slope is well below 1: each round halves the error
+        u, v = np.rint(xy / z * focal + centre).astype(int)
+        u, v = min(max(u, 0), camera.width - 1), min(max(v, 0), camera.height - 1)
+        around = depth[max(v - AROUND, 0) : v + AROUND + 1, max(u - AROUND, 0) : u + AROUND + 1]
+        z = float(np.median(around))
+    return np.array([xy[0], xy[1], z - rise])

@@ -1,0 +1,38 @@
+"""A journal on disk: one JSON line for each thing that happened, on disk before the next begins."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jshape.store.files import json_text, parse_json, read_bytes, refuse
+
+NAME = "log.jsonl"
+LIMIT = 256 * 2**20
+"""Largest journal that is read, bytes."""
+
+
+def note(path: Path, event: Mapping[str, Any]) -> None:
+    """Add an event.
+
+    Raises:
+      BadFile: it cannot be written, or JSON cannot hold the event.
+    """
+    line = json_text(dict(event), str(path), indent=None)
+    try:
+        with path.open("ab") as file:
+            file.write(line.encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as problem:
+        refuse(path, "cannot be written", problem)
+
+
+def events(path: Path) -> list[dict[str, Any]]:
+    """All events; a last line that a crash cut off is left out.
+
+    Raises:
+      BadFile: it cannot be read, or is damaged before its last line.
+    """
+    *lines, _ = read_bytes(path, limit=LIMIT).split(b"\n")
+    return [parse_json(line, f"{path}: line {k + 1}") for k, line in enumerate(lines)]

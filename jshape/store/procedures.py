@@ -1,0 +1,123 @@
+"""What a hand can do, on disk: a folder with `limits.yaml` and one YAML file per action."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from jshape.errors import BadFile
+from jshape.robot.procedure import NAMES, Hand, Limits, Operation, Procedure
+from jshape.store.files import one_line, read_bytes
+
+LIMITS = "limits.yaml"
+FILE_LIMIT = 2**20
+"""Largest file that is read, bytes."""
+
+
+def load_hand(folder: str | os.PathLike | None = None) -> Hand:
+    """The procedures of all actions in a folder, and its limits.
+
+    Args:
+      folder: with `limits.yaml` and `ACTION.yaml`; None is the hand of the simulated robot.
+
+    Raises:
+      BadFile: no such folder, no action in it, or a file that is not as it should be.
+    """
+    folder = Path(__file__).parents[1] / "robot" / "hand" if folder is None else Path(folder)
+    if not folder.is_dir():
+        raise BadFile(f"{folder}: no such folder; a hand is a folder with {LIMITS} and ACTION.yaml")
+    limits = _limits(folder / LIMITS) if (folder / LIMITS).is_file() else Limits()
+    found = [read_procedure(path) for path in sorted(folder.glob("*.yaml")) if path.name != LIMITS]
+    if not found:
+        raise BadFile(f"{folder}: no action in it; expected files like knock.yaml")
+    names = [procedure.action for procedure in found]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise BadFile(f"{folder}: two files for the action {twice[0]}")
+    return Hand(dict(zip(names, found, strict=True)), limits)
+
+
+def read_procedure(path: str | os.PathLike) -> Procedure:
+    """One action's six operations.
+
+    Raises:
+      BadFile: not YAML, unknown or missing fields, a number that makes no sense, or other
+        operations than the six in their order.
+    """
+    path = Path(path)
+    content = _mapping(_parsed(path), ("action", "tool_mm", "operations"), str(path))
+    action = content.get("action")
+    if not isinstance(action, str) or not action:
+        raise BadFile(f"{path}: action is {action!r}; expected a name")
+    several = content.get("operations")
+    names = [one.get("name") for one in several if isinstance(one, dict)] if (
+        isinstance(several, list)
+    ) else None  # fmt: skip
+    if names != list(NAMES):
+        raise BadFile(f"{path}: operations are {names}; expected {', '.join(NAMES)}, in this order")
+    made = [_operation(one, f"{path}: {one['name']}") for one in several or ()]
+    tool = _three(content.get("tool_mm", [0, 0, 0]), f"{path}: tool_mm")
+    return Procedure(action, tuple(made), tool)
+
+
+def _operation(content: dict[str, Any], where: str) -> Operation:
+    _mapping(content, [field.name for field in fields(Operation)], where)
+    read: dict[str, Any] = {}
+    for name, value in content.items():
+        if name in ("name", "posture"):
+            if not isinstance(value, str):
+                raise BadFile(f"{where}: {name} is {value!r}; expected a name")
+            read[name] = value
+            continue
+        read[name] = _number(value, f"{where}: {name}")
+        if read[name] <= 0 and name != "height_mm":
+            raise BadFile(f"{where}: {name} is {value!r}; expected a number above 0")
+    if "height_mm" in content and "depth_mm" in content:
+        raise BadFile(f"{where}: height_mm and depth_mm are both given; one says where the tool is")
+    return Operation(**read)
+
+
+def _limits(path: Path) -> Limits:
+    content = _mapping(_parsed(path), [field.name for field in fields(Limits)], str(path))
+    read: dict[str, Any] = {}
+    for name, value in content.items():
+        several = name in ("low_mm", "high_mm")
+        read[name] = (_three if several else _number)(value, f"{path}: {name}")
+    made = Limits(**read)
+    if not all(low < high for low, high in zip(made.low_mm, made.high_mm, strict=True)):
+        raise BadFile(f"{path}: low_mm {made.low_mm} is not below high_mm {made.high_mm}")
+    if made.speed_mm_s <= 0 or made.effort_nm <= 0:
+        raise BadFile(f"{path}: speed_mm_s and effort_nm must be above 0")
+    return made
+
+
+def _parsed(path: Path) -> Any:
+    try:
+        return yaml.safe_load(read_bytes(path, limit=FILE_LIMIT).decode())
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as problem:
+        raise BadFile(f"{path}: not a YAML file: {one_line(problem)}") from None
+
+
+def _mapping(content: Any, allowed: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(content, dict):
+        raise BadFile(f"{where}: holds a {type(content).__name__}; expected {', '.join(allowed)}")
+    unknown = [str(name) for name in content if name not in allowed]
+    if unknown:
+        raise BadFile(f"{where}: unknown {unknown[0]!r}; allowed: {', '.join(allowed)}")
+    return content
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e6:
+        raise BadFile(f"{where} is {value!r}; expected a number")
+    return float(value)
+
+
+def _three(value: Any, where: str) -> tuple[float, float, float]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise BadFile(f"{where} is {value!r}; expected three numbers")
+    x, y, z = (_number(one, where) for one in value)
+    return x, y, z

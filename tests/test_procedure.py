@@ -1,0 +1,221 @@
+"""Six operations: where the tool goes, what ends them, what is refused before the arm moves."""
+
+import numpy as np
+import pytest
+import yaml
+
+from jshape.errors import BadFile
+from jshape.robot.arms.base import Arm, ArmError, EffortLimit, Moved, PoseRefused
+from jshape.robot.arms.dry_run import DryRun
+from jshape.robot.arms.simulated import SimulatedArm
+from jshape.robot.procedure import NAMES, Limits, Operation, Procedure, perform, pose_of, turned
+from jshape.robot.simulated import SimulatedWorld
+from jshape.store.procedures import load_hand, read_procedure
+
+POINT = np.array([0.03, -0.02, 0.45])
+HERE = np.eye(4)
+
+
+class Recorded(DryRun):
+    """An arm that keeps what it was told; `effort` is what it feels in an operation, by name."""
+
+    def __init__(self, effort=None, broken=None):
+        super().__init__(lambda line: None)
+        self.moves, self.stops, self.felt, self.broken = [], 0, effort or {}, broken
+
+    def begin(self, doing, tool):
+        self.doing = doing
+        if doing.operation == self.broken:
+            raise ArmError("a fuse blew")
+
+    def move(self, pose, *, speed, threshold):
+        super().move(pose, speed=speed, threshold=threshold)
+        self.moves.append((self.doing.operation, pose, speed))
+        felt = self.felt.get(self.doing.operation, 0.0)
+        return Moved(felt > threshold, felt, pose)
+
+    def stop(self):
+        self.stops += 1
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_hand()
+
+
+def test_the_bundled_hand_can_do_all_five(hand):
+    assert set(hand.procedures) == {"grasp", "knock", "press", "pinch", "poke"}
+    for procedure in hand.procedures.values():
+        assert tuple(one.name for one in procedure.operations) == NAMES
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_the_tool_goes_above_down_and_up_at_the_place(hand, yaw):
+    base = np.eye(4)
+    base[:3, :3], base[:3, 3] = np.diag([1.0, -1.0, -1.0]), [0.5, 0.1, 0.9]
+    arm = Recorded()
+    done = perform(arm, hand, "poke", POINT, base, strength=1.5, yaw=yaw)
+    assert [one.operation for one in done] == list(NAMES) and not any(d.contact for d in done)
+    by_name = {one.name: one for one in hand.procedures["poke"].operations}
+    for name, pose, speed in arm.moves:
+        inside = np.linalg.inv(base) @ pose
+        np.testing.assert_allclose(inside[:3, :3], turned(yaw), atol=1e-12)
+        np.testing.assert_allclose(inside[:2, 3], POINT[:2], atol=1e-12)
+        one = by_name[name]
+        down = one.depth_mm * 1.5 if one.depth_mm else -one.height_mm
+        np.testing.assert_allclose(1000 * (inside[2, 3] - POINT[2]), down, atol=1e-9)
+        assert speed == one.speed_mm_s / 1000
+    assert arm.stops == 0
+
+
+def test_an_effort_ends_an_operation_and_the_next_follows(hand):
+    arm = Recorded({"contact": 100.0})
+    done = perform(arm, hand, "knock", POINT, HERE)
+    assert [one.operation for one in done if one.contact] == ["contact"]
+    assert [one.operation for one in done] == list(NAMES)
+
+
+def test_an_effort_beyond_the_hard_limit_stops_the_arm(hand):
+    arm = Recorded({"act": hand.limits.effort_nm + 1})
+    with pytest.raises(EffortLimit, match="act: effort 121 Nm; the hard limit is 120"):
+        perform(arm, hand, "knock", POINT, HERE)
+    assert arm.stops == 1 and arm.moves[-1][0] == "act"
+
+
+@pytest.mark.parametrize("operation", NAMES)
+def test_an_arm_that_fails_is_stopped(hand, operation):
+    arm = Recorded(broken=operation)
+    with pytest.raises(ArmError, match="a fuse blew"):
+        perform(arm, hand, "poke", POINT, HERE)
+    assert arm.stops == 1
+
+
+def test_what_leaves_the_workspace_is_refused_before_the_arm_moves(hand):
+    arm = Recorded()
+    with pytest.raises(PoseRefused, match="poke: above goes to .* the workspace is"):
+        perform(arm, hand, "poke", np.array([0.5, 0.0, 0.45]), HERE)
+    with pytest.raises(ArmError, match="cannot stroke; it can: grasp"):
+        perform(arm, hand, "stroke", POINT, HERE)
+    assert not arm.moves
+
+
+def test_a_stroke_ends_above_the_floor():
+    down = Operation("act", depth_mm=40.0)
+    deepest = Limits().high_mm[2]
+    assert pose_of(down, POINT, 2.0, 0.0, deepest)[2, 3] == deepest / 1000
+    assert pose_of(down, POINT, 1.0, 0.0, deepest)[2, 3] == pytest.approx(0.49)
+    assert pose_of(Operation("clear"), POINT) is None
+
+
+def test_a_dry_run_says_every_operation(hand):
+    lines = []
+    perform(DryRun(lines.append), hand, "grasp", POINT, HERE)
+    assert isinstance(DryRun(), Arm) and sum(line.startswith("grasp") for line in lines) == 6
+    assert any("tool to (30.0, -20.0, 330.0) mm" in line for line in lines)
+
+
+@pytest.fixture
+def flat():
+    import jax
+
+    from jshape import sim
+
+    return SimulatedWorld(jax.random.key(0), sim.flat_bed(), spread=0.0)
+
+
+def _depth(world):
+    import jax
+
+    from jshape.data.simulate import look
+
+    return look(jax.random.key(1), world.bed, world.camera, frames=1, noise=0.0)
+
+
+def test_the_simulated_arm_does_what_the_world_does(hand, flat):
+    import jax
+
+    from jshape import sim
+
+    other = SimulatedWorld(jax.random.key(0), sim.flat_bed(), spread=0.0)
+    other.act("knock", (240, 197), 0.8, 0.3)
+    surface = float(np.median(_depth(flat)))
+    done = perform(
+        SimulatedArm(flat), hand, "knock", np.array([0.0, 0.0, surface]), HERE,
+        strength=0.8, yaw=0.3,
+    )  # fmt: skip
+    assert [one.contact for one in done] == [False, False, True, False, False, False]
+    assert np.abs(_depth(flat) - _depth(other)).max() < 2e-4
+    assert np.abs(_depth(other) - surface).max() > 0.01
+
+
+def test_something_buried_ends_the_stroke_early_and_the_bed_knows(hand, flat):
+    import jax
+
+    from jshape import sim
+
+    surface = float(np.median(_depth(flat)))
+    top_mm = 1000 * (sim.Z_FLOOR - surface) - 6.0  # 6 mm below the surface
+    arm = SimulatedArm(flat, obstacle_mm=top_mm)
+    done = perform(arm, hand, "knock", np.array([0.0, 0.0, surface]), HERE)
+    act = done[3]
+    assert act.contact and act.operation == "act" and len(done) == 6
+    reached = act.tool_mm[2] / 1000 - surface
+    assert 0.006 < reached < 0.013
+    other = SimulatedWorld(jax.random.key(0), sim.flat_bed(), spread=0.0)
+    other.act("knock", (240, 197), reached / 0.0167)
+    assert np.abs(_depth(flat) - _depth(other)).max() < 5e-4
+
+
+def _written(tmp_path, change):
+    content = yaml.safe_load(
+        """{action: poke, tool_mm: [0, 0, 200], operations: [{name: above, height_mm: 100},
+        {name: prepare, height_mm: 20}, {name: contact, height_mm: 0}, {name: act, depth_mm: 10},
+        {name: up, height_mm: 100}, {name: clear}]}"""
+    )
+    change(content)
+    (tmp_path / "poke.yaml").write_text(yaml.safe_dump(content))
+    return tmp_path / "poke.yaml"
+
+
+def test_a_procedure_of_ones_own(tmp_path):
+    made = read_procedure(_written(tmp_path, lambda content: None))
+    assert isinstance(made, Procedure) and made.operations[3].depth_mm == 10
+    assert set(load_hand(tmp_path).procedures) == {"poke"}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c["operations"].pop(), "expected above, prepare, contact, act, up, clear"),
+        (lambda c: c["operations"][0].update(hight_mm=3), "unknown 'hight_mm'; allowed: name"),
+        (lambda c: c["operations"][3].update(height_mm=3), "both given"),
+        (lambda c: c["operations"][0].update(speed_mm_s=-1), "speed_mm_s is -1; .* above 0"),
+        (lambda c: c["operations"][0].update(speed_mm_s=float("nan")), "expected a number"),
+        (lambda c: c["operations"][0].update(effort_nm="much"), "effort_nm is 'much'"),
+        (lambda c: c.update(tool_mm=[1, 2]), "expected three numbers"),
+        (lambda c: c.update(action=3), "action is 3"),
+        (lambda c: c.update(operations="all"), "operations are None"),
+    ],
+)
+def test_a_wrong_procedure_is_refused_in_one_line(tmp_path, change, said):
+    with pytest.raises(BadFile, match=said) as refused:
+        read_procedure(_written(tmp_path, change))
+    assert "\n" not in str(refused.value)
+
+
+def test_files_that_are_no_hand_are_refused(tmp_path):
+    with pytest.raises(BadFile, match="no such folder"):
+        load_hand(tmp_path / "none")
+    with pytest.raises(BadFile, match="no action in it"):
+        load_hand(tmp_path)
+    (tmp_path / "a.yaml").write_text("!!python/object/apply:os.system [exit]")
+    with pytest.raises(BadFile, match="not a YAML file"):
+        load_hand(tmp_path)
+    _written(tmp_path, lambda content: None)
+    (tmp_path / "a.yaml").write_text((tmp_path / "poke.yaml").read_text())
+    with pytest.raises(BadFile, match="two files for the action poke"):
+        load_hand(tmp_path)
+    (tmp_path / "a.yaml").unlink()
+    (tmp_path / "limits.yaml").write_text("low_mm: [1, 1, 1]\nhigh_mm: [0, 0, 0]")
+    with pytest.raises(BadFile, match="is not below"):
+        load_hand(tmp_path)

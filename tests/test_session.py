@@ -1,0 +1,277 @@
+"""A run with a robot: written as it happens, stopped by whatever goes wrong, gone on with after."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from jshape import JShapeError
+from jshape.errors import BadFile, MissingDepth
+from jshape.robot.arms.base import ArmError, EffortLimit, PoseRefused
+from jshape.robot.cameras.base import CameraLost
+from jshape.robot.checks import BedMoved, Occluded, check_still, moved_mm, touched_by
+from jshape.robot.procedure import NAMES
+from jshape.robot.session import Session
+from jshape.store import journal, runs
+from tests.conftest import ROOT
+from tests.stage import mold, robot_of
+
+
+def quiet(line):
+    """Says nothing."""
+
+
+@pytest.fixture
+def session(tmp_path, molded):
+    return Session.start(tmp_path / "run", molded[1], {"bank": "fixture"}, say=quiet)
+
+
+def _summary(session):
+    return json.loads((session.run.folder / "summary.json").read_text())
+
+
+def _events(session):
+    return [event["event"] for event in journal.events(session.run.folder / journal.NAME)]
+
+
+def test_a_run_molds_the_bed_and_keeps_all_of_it(session, bank, molded):
+    now, goal, applied = molded
+    with robot_of(bank, now) as robot:
+        summary = mold(session, robot, bank)
+    assert sorted(robot.arm.acted) == sorted(applied)
+    assert summary == _summary(session) and summary["stop"] == "CONVERGED"
+    assert summary["obtained_mm"] < 0.02 < 0.2 < summary["before_mm"]
+    assert robot.arm.stops and robot.arm.closed == 1 and robot.eye.closed == 1
+    run = runs.Run.open(session.run.folder)
+    assert len(run) == 3 and run.depth(2).shape == bank.camera.shape
+    for step in run.steps:
+        assert [one["operation"] for one in step["operations"]] == list(NAMES)
+    assert _events(session)[:5] == ["started", "looked", "planned", "acting", "operation"]
+    assert _events(session)[-1] == "stopped"
+
+
+def test_a_plan_is_carried_out_as_it_is(session, bank, molded):
+    from jshape import plan
+    from tests.stage import PLACES
+
+    now, goal, applied = molded
+    planned = plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5)
+    with robot_of(bank, now) as robot:
+        summary = session.mold(robot, bank, plan=planned)
+    assert [name for name, *_ in robot.arm.acted] == list(planned.actions)
+    assert summary["stop"] == "PLAN_ENDED"
+    predicted = [step["predicted_mm"] for step in summary["steps"]]
+    np.testing.assert_allclose(predicted, planned.distances_mm[1:], rtol=1e-6)
+
+
+def test_people_are_asked_and_may_say_no(session, bank, molded):
+    asked = []
+
+    def ask(ahead):
+        asked.append(ahead.actions[0])
+        return len(asked) < 2
+
+    with robot_of(bank, molded[0]) as robot:
+        summary = mold(session, robot, bank, confirm=ask)
+    assert len(asked) == 2 and len(robot.arm.acted) == 1 and summary["stop"] == "DECLINED"
+
+
+def _unplugged(robot):
+    def lost(counts):
+        raise CameraLost("test camera: nothing came for 5 s")
+
+    robot.eye.spoil = lost
+
+
+def _frozen(robot):
+    kept = robot.eye.frame()
+    robot.eye.spoil = lambda counts: kept
+
+
+def _without_depth(robot):
+    holes = np.random.default_rng(0).random(robot.camera.shape) < 0.6
+    robot.eye.spoil = lambda counts: np.where(holes, 0, counts).astype(np.uint16)
+
+
+def _occluded(robot):
+    def hand(counts):
+        counts[150:200, 100:160] = round(0.3 / robot.eye.depth_unit)
+        return counts
+
+    robot.eye.spoil = hand
+
+
+def _moved(robot):
+    robot.eye.spoil = lambda counts: (counts + round(0.003 / robot.eye.depth_unit)).astype("uint16")
+
+
+EYES = {
+    "unplugged": (_unplugged, CameraLost, "nothing came for 5 s"),
+    "frozen": (_frozen, CameraLost, "3 frames are the same to the bit"),
+    "60 % missing": (_without_depth, MissingDepth, "have no depth reading"),
+    "occluded": (_occluded, Occluded, "something is in front of the bed"),
+    "moved": (_moved, BedMoved, "the bed or the camera was moved"),
+}
+
+
+@pytest.mark.parametrize("fault", EYES)
+@pytest.mark.parametrize("after", [0, 1])
+def test_an_eye_that_fails_ends_the_run_in_a_clear_state(session, bank, molded, fault, after):
+    """Before anything was done, or once an action was."""
+    spoil, error, said = EYES[fault]
+    if fault == "moved" and after == 0:
+        pytest.skip("a bed that was never seen elsewhere has not moved")
+
+    def acted(operation):
+        if operation == "clear" and after:
+            spoil(robot)
+
+    with robot_of(bank, molded[0], acted) as robot:
+        if not after:
+            spoil(robot)
+        with pytest.raises(error, match=said):
+            mold(session, robot, bank)
+    assert robot.arm.stops and len(robot.arm.acted) == after
+    summary = _summary(session)
+    assert summary["state"] == "aborted" and summary["error"] == error.__name__
+    assert said.split()[0] in summary["stop"] and "\n" not in summary["stop"]
+    assert _events(session)[-1] == "aborted"
+    _goes_on(session, bank, robot)
+
+
+ARMS = {
+    "refuses a pose": PoseRefused("inverse kinematics found no way to (1, 2, 3) mm"),
+    "breaks": ArmError("a fuse blew"),
+    "effort": EffortLimit("act: effort 130 Nm; the hard limit is 120"),
+    "bug": ZeroDivisionError("a mistake of ours"),
+    "Ctrl-C": KeyboardInterrupt(),
+}
+
+
+@pytest.mark.parametrize("fault", ARMS)
+@pytest.mark.parametrize("when", ["above", "act", "clear"])
+def test_an_arm_that_fails_is_stopped_and_the_run_is_whole(session, bank, molded, fault, when):
+    problem = ARMS[fault]
+    done = []
+
+    def fails(operation):
+        done.append(operation)
+        if operation == when and len(done) > len(NAMES):  # in the second action
+            raise problem
+
+    with robot_of(bank, molded[0], fails) as robot:
+        with pytest.raises(type(problem)):
+            mold(session, robot, bank)
+        assert robot.arm.stops >= 1
+    state = "interrupted" if fault == "Ctrl-C" else "aborted"
+    assert _summary(session)["state"] == state and len(_summary(session)["steps"]) == 1
+    assert len(runs.Run.open(session.run.folder)) == 1
+    robot.arm.fails = lambda operation: None
+    _goes_on(session, bank, robot)
+
+
+def _goes_on(session, bank, robot):
+    """The same bed, a run resumed: the rest is done, and nothing twice."""
+    robot.eye.spoil = lambda counts: counts
+    robot.arm.fails = lambda operation: None
+    before = len(runs.Run.open(session.run.folder))
+    again = Session.resume(session.run.folder, say=quiet)
+    fresh = robot_of(bank, robot.eye.image)
+    with fresh:
+        summary = mold(again, fresh, bank)
+    assert summary["stop"] == "CONVERGED" and summary["obtained_mm"] < 0.02
+    assert len(summary["steps"]) == before + len(fresh.arm.acted)
+    assert "resumed" in _events(again)
+
+
+def test_two_actions_in_a_row_that_do_not_help_end_the_run(session, bank, molded):
+    """An arm that digs where nothing is wanted; once is bad luck, twice is a reason to stop."""
+    with robot_of(bank, molded[0]) as robot:
+        wanted = robot.arm.move
+
+        def elsewhere(pose, **how):
+            moved = pose.copy()
+            if robot.arm.doing.operation == "act":
+                moved[:2, 3] = [0.12, -0.1]
+            return wanted(moved, **how)
+
+        robot.arm.move = elsewhere
+        summary = mold(session, robot, bank)
+    assert summary["stop"] == "WORSE" and len(summary["steps"]) == 2
+    obtained = [step["obtained_mm"] for step in summary["steps"]]
+    assert summary["before_mm"] < obtained[0] < obtained[1]
+
+
+def test_a_full_disk_stops_the_arm(session, bank, molded, monkeypatch):
+    """The journal is written before the arm moves: what cannot be kept is not done."""
+    from pathlib import Path
+
+    monkeypatch.setattr(journal, "NAME", "full")
+    (session.run.folder / "full").symlink_to(Path("/dev/full"))
+    with robot_of(bank, molded[0]) as robot, pytest.raises(BadFile, match="No space left"):
+        mold(session, robot, bank)
+    assert robot.arm.stops and not robot.arm.acted
+    assert _summary(session)["state"] == "aborted"
+
+
+def test_a_run_that_is_none_is_not_resumed(tmp_path, session, bank, molded):
+    with pytest.raises(BadFile):
+        Session.resume(tmp_path / "none", say=quiet)
+    (session.run.folder / "goal.npy").unlink()
+    with pytest.raises(BadFile, match="not a run of `jshape mold`"):
+        Session.resume(session.run.folder, say=quiet)
+
+
+def test_a_run_whose_steps_are_done_says_so(session, bank, molded):
+    with robot_of(bank, molded[0]) as robot:
+        mold(session, robot, bank, max_steps=1, tolerance=0.0)
+    again = Session.resume(session.run.folder, say=quiet)
+    with robot_of(bank, molded[0]) as robot, pytest.raises(JShapeError, match="all 1 actions"):
+        mold(again, robot, bank, max_steps=1)
+
+
+def _killed(folder, event):
+    """A process that dies at an event; how many actions are on disk afterwards."""
+    command = [sys.executable, "-m", "tests.stage", str(folder), str(event)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    return done.returncode
+
+
+@pytest.mark.parametrize("event", [6, pytest.param(None, marks=pytest.mark.slow)])
+def test_a_killed_process_leaves_a_run_that_goes_on(tmp_path, bank, molded, event):
+    """Dead at one event, or (slow) at each of them; what was done by then is on disk."""
+    events = [event] if event is not None else range(40)
+    for number in events:
+        folder = tmp_path / f"run{number}"
+        code = _killed(folder, number)
+        if code == 0:
+            break
+        assert code == 9
+        steps = len(runs.Run.open(folder))
+        # An action has six operations, and stands between "acting" and the look after it.
+        written = len(journal.events(folder / journal.NAME)) if number else 0
+        assert written == number and steps == max(0, (number - 2) // 9)
+        resumed = Session.resume(folder, say=quiet)
+        with robot_of(bank, molded[0]) as robot:
+            summary = mold(resumed, robot, bank, max_steps=9)
+        assert summary["stop"] in ("CONVERGED", "NO_IMPROVEMENT")
+    else:
+        assert event is not None  # the slow test saw the run end by itself
+
+
+def test_what_an_action_touched_may_change(rng):
+    before = 0.45 + 0.0001 * rng.standard_normal((395, 480)).astype(np.float32)
+    after, touched = before.copy(), touched_by(_camera(), (240, 197), (100, 80))
+    after[touched] += 0.02
+    check_still(before, after, touched)
+    assert moved_mm(before, after, touched) == 0.0
+    with pytest.raises(BedMoved, match="1.5 mm"):
+        check_still(before, after + 0.0015, touched)
+
+
+def _camera():
+    from jshape import PAPER_BOX
+
+    return PAPER_BOX

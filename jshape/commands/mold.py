@@ -28,14 +28,14 @@ def mold(options: argparse.Namespace) -> dict[str, Any]:
     """Mold what the camera sees into what is wanted."""
     how = over_devices(options.devices)
     say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
-    if options.desired is None and not options.resume:
-        raise BadFile("no DESIRED image; only --resume goes on without one")
     session = Session.resume(options.out, say=say) if options.resume else None
     bank_name = options.bank or (session.run.meta["bank"] if session else DEFAULT_BANK)
     bank = banks.load_bank(bank_name)
     confirm = asking(options)
     with robot_of(options, bank, say) as robot:
         if session is None:
+            if options.desired is None:
+                raise BadFile("no DESIRED image; only --resume goes on without one")
             goal = goal_of(options.desired, robot, bank, options)
             meta = {
                 "what": "mold", "bank": str(bank_name), "arm": options.arm,

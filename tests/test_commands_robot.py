@@ -1,0 +1,94 @@
+"""`jshape mold` and `jshape execute` at the command line, with the simulated arm."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from jshape.camera import PAPER_BOX
+from jshape.cli import main
+from jshape.robot.arms.names import bed_of, open_arm
+from jshape.robot.simulated import SimulatedWorld
+from jshape.store.cameras import write_camera
+
+QUICK = ["--bank", "flour-robot", "--frames", "3"]
+TRIED = ["--stride", "24", "--strengths", "1", "--max-steps", "1"]
+
+
+@pytest.fixture(scope="module")
+def goal(tmp_path_factory):
+    """The bed of `sim:3` after a knock."""
+    folder = tmp_path_factory.mktemp("goal")
+    world = SimulatedWorld(jax.random.key(5), bed_of(3)[0])
+    world.act("knock", (230, 200))
+    np.save(folder / "goal.npy", np.asarray(world.look(), np.float32))
+    write_camera(folder / "camera.json", PAPER_BOX, 0.0001)
+    return folder / "goal.npy"
+
+
+def test_the_bed_is_molded_and_the_run_says_how(goal, tmp_path, capsys):
+    out = tmp_path / "run"
+    assert main(["mold", str(goal), "--arm", "sim:3", "--yes", "--out", str(out), *QUICK, *TRIED,
+                 "--json"]) == 0  # fmt: skip
+    summary = json.loads(capsys.readouterr().out)
+    assert summary == json.loads((out / "summary.json").read_text())
+    assert [step["action"] for step in summary["steps"]] == ["knock"]
+    assert summary["obtained_mm"] < 0.7 * summary["before_mm"]
+    u, v = summary["steps"][0]["position"]
+    assert abs(u - 230) <= 4 and abs(v - 200) <= 4
+    contact = summary["steps"][0]["operations"][2]
+    assert contact["operation"] == "contact" and contact["contact"]
+    written = {"goal.npy", "log.jsonl", "plan.json", "result.png", "run.json", "start.png"}
+    assert written | {"steps.png", "summary.json"} <= {p.name for p in out.iterdir()}
+
+    again = ["mold", "--resume", "--arm", "sim:3", "--yes", "--out", str(out), *QUICK, *TRIED]
+    assert main(again) == 2
+    assert "all 1 actions of the run are done" in capsys.readouterr().err
+    assert main([*again, "--max-steps", "2"]) == 0  # the bed of this process is untouched
+    assert len((out / "steps.jsonl").read_text().splitlines()) == 2
+
+
+def test_a_plan_is_carried_out(goal, tmp_path, capsys):
+    start = tmp_path / "start.npy"
+    np.save(start, np.asarray(SimulatedWorld(jax.random.key(5), bed_of(3)[0]).look(), np.float32))
+    write_camera(tmp_path / "camera.json", PAPER_BOX, 0.0001)
+    assert main(["plan", str(start), str(goal), "--bank", "flour-robot", "--stride", "24",
+                 "--max-steps", "1", "--out", str(tmp_path / "plan")]) == 0  # fmt: skip
+    plan = str(tmp_path / "plan" / "plan.json")
+    out = ["--out", str(tmp_path / "run"), "--yes", *QUICK]
+    assert main(["execute", plan, "--arm", "sim:3", *out]) == 0
+    said = capsys.readouterr().out
+    assert "stopped: the plan is at its end" in said and "knock" in said
+    dry = ["--out", str(tmp_path / "dry"), "--yes", *QUICK]
+    assert main(["execute", plan, "--arm", "dry", "--camera", str(start), *dry]) == 0
+    said = capsys.readouterr().out
+    assert "knock x1.00: contact" in said and "tool to (" in said and "  home" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--arm", "dry", "--yes"], "the arm dry brings no camera; name one with --camera"),
+        (["--arm", "kuka", "--yes"], "'kuka' is not an arm; allowed: dry, sim[:SEED], mujoco"),
+        (["--arm", "sim:x", "--yes"], "a seed is a whole number"),
+        (["--arm", "sim"], "nobody can be asked here; --yes acts without asking"),
+        (["--arm", "sim", "--yes", "--hand", "nowhere"], "nowhere: no such folder"),
+        (["--arm", "sim", "--yes", "--base", "nowhere.json"], "nowhere.json"),
+        (["--arm", "sim", "--yes", "--camera", "nowhere"], "nowhere: is not a camera; allowed:"),
+        (["--arm", "sim", "--yes", "--resume"], "run"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(goal, tmp_path, capsys, options, said):
+    command = ["mold", str(goal), "--out", str(tmp_path / "run"), *QUICK, *options]
+    assert main(command) == 2
+    error = capsys.readouterr().err.splitlines()
+    assert said in error[-1] and error[-1].startswith("jshape: error: ")
+    assert not (tmp_path / "run").exists()
+
+
+def test_every_arm_by_name_acts(capsys):
+    from jshape.robot.arms.base import Arm
+
+    for name in ("dry", "sim:1"):
+        assert isinstance(open_arm(name, PAPER_BOX).arm, Arm)

@@ -6,10 +6,28 @@ import os
 import sys
 from collections.abc import Sequence
 
-from jshape.commands import arguments, dataset, demo, evaluate, experiment, plan, train
+from jshape.commands import (
+    arguments,
+    calibrate,
+    camera,
+    dataset,
+    demo,
+    evaluate,
+    execute,
+    experiment,
+    mold,
+    plan,
+    record,
+    train,
+    waypoints,
+)
+from jshape.devices import remember_compiled
 from jshape.errors import JShapeError
 
-COMMANDS = (demo, plan, dataset, train, evaluate, experiment)
+COMMANDS = (
+    *(demo, plan, mold, execute, dataset, train, evaluate, experiment),
+    *(record, camera, calibrate, waypoints),
+)
 """Each adds its parser; a new command is one file and its name here."""
 
 
@@ -42,6 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not hasattr(options, "run"):
         getattr(options, "help_of", parser).print_help(sys.stderr)
         return 2
+    remember_compiled()
     try:
         result = options.run(options)
         if options.json:

@@ -72,7 +72,7 @@ def entries_of(names: Sequence[str]) -> tuple[dict[str, Entry], list[str]]:
 
 
 def options_of(entry: Entry, bank: Bank, loop: str) -> dict[str, Any]:
-    """Options of `mold` as the library takes them: the bank itself, gains of d, the loop's budget."""
+    """Options of `mold` as the library takes them: the bank itself, gains of d, the budget."""
     options = {name: value for name, value in entry.items() if name != "min_gain_mm"}
     least = entry["min_gain_mm"] / float(metric.to_mm(1.0, bank.camera))
     evaluations = entry.get("evaluations", {}).get(loop)

@@ -47,7 +47,7 @@ def read_array(path: str | os.PathLike) -> np.ndarray:
     path = Path(path)
     data = read_bytes(path, limit=FILE_LIMIT)
     if data.startswith(_PNG):
-        image = _read_png(path, data)
+        image = read_png(path, data)
     elif data.startswith(_NPY):
         image = parse_npy(data, str(path))
     elif data.startswith(_EXR):
@@ -92,7 +92,7 @@ def _check_size(path: Path, width: int, height: int) -> None:
         raise BadImage(f"{path}: {width}x{height} pixels; at most {PIXEL_LIMIT:,} are read")
 
 
-def _read_png(path: Path, data: bytes) -> np.ndarray:
+def read_png(path: Path, data: bytes) -> np.ndarray:
     """A grey PNG of 8 or 16 bits; checked so far that the decoder finds nothing to print."""
     broken = BadImage(f"{path}: the PNG is cut off or damaged")
     header, body, at = b"", [], len(_PNG)

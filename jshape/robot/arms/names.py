@@ -12,7 +12,6 @@ import numpy as np
 
 from jshape import sim
 from jshape.camera import Camera
-from jshape.data.simulate import random_bed
 from jshape.errors import JShapeError
 from jshape.robot.arms.base import Arm
 from jshape.robot.arms.dry_run import DryRun
@@ -20,6 +19,11 @@ from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.simulated import SimulatedWorld
+
+HILLS = 0.003
+"""Standard deviation of a bed's surface, metres."""
+BOX = (0.50, 0.40)
+"""The paper's wooden box, metres along u and v."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +70,12 @@ def open_arm(
     return KINDS[name].open(int(number), material, camera, say)
 
 
-def bed_of(seed: int) -> tuple[sim.Bed, jax.Array, jax.Array]:
+def bed_of(
+    seed: int, size: tuple[float, float] = sim.bed.SIZE
+) -> tuple[sim.Bed, jax.Array, jax.Array]:
     """The uneven bed of a seed, and keys for its hand and its camera."""
     for_bed, for_world, for_eye = jax.random.split(jax.random.key(seed), 3)
-    return random_bed(for_bed, "irregular", std=0.003), for_world, for_eye
+    return sim.irregular_bed(for_bed, std=HILLS, size=size), for_world, for_eye
 
 
 def _dry(seed: int, material: str, camera: Camera, say: Callable[[str], object]) -> Opened:
@@ -85,7 +91,8 @@ def _sim(seed: int, material: str, camera: Camera, say: Callable[[str], object])
 def _mujoco(seed: int, material: str, camera: Camera, say: Callable[[str], object]) -> Opened:
     from jshape.robot.twin import make_twin
 
-    arm, eye, base_camera = make_twin(seed, bed_of(seed)[0], material=material)
+    bed, for_world, _ = bed_of(seed, size=BOX)
+    arm, eye, base_camera = make_twin(for_world, bed, material=material)
     return Opened(arm, eye, base_camera)
 
 

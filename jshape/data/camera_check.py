@@ -1,0 +1,231 @@
+"""Is the set-up of a depth camera good enough?  Measured on frames of a levelled, resting bed."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jshape._typing import Float, Num
+from jshape.camera import Camera
+from jshape.data.depth import outside_range
+from jshape.data.missing import LIMIT
+from jshape.errors import BadImage, JShapeError
+
+VALID_LEAST = 1.0 - LIMIT
+"""Least share of readings: plans fill up to a tenth of the pixels and refuse more."""
+NOISE_MOST_MM = 0.9
+"""Most noise of one frame: twice a D435's at 0.45 m, and the most that cutting recordings and
+finding boxes were measured with (docs/recordings.md)."""
+RESIDUAL_MOST_MM = 3.0
+"""Most deviation from a plane: twice the unevenness of a bed levelled by hand (1.5 mm)."""
+TILT_MOST_DEG = 2.0
+"""Most tilt: across the 190 mm of a grasp's ROI, 2 degrees are 6.6 mm, a quarter of the 25 mm that
+it digs; across a box of 0.5 m, 17 mm, a third of the depth range.  The paper's is perpendicular."""
+INSIDE_LEAST = 0.99
+"""Least share of the bed's readings within the depth range: what lies beyond is clipped."""
+FLAT_LEAST = 0.5
+"""Least share of the readings that belong to one plane; else it is not the bed that fills the
+view, and what is said of the plane is not said of the bed."""
+HEIGHT = 0.45
+"""Distance of the paper's camera from the bed, metres."""
+HEIGHT_OFF = 0.015
+"""Banks are trained at `HEIGHT`; so far from it, effects are 3 % larger or smaller in pixels."""
+
+_NEAR = 0.010
+_TRIES = 200
+_SAMPLE = 2000
+
+
+class SetUp(NamedTuple):
+    """What was measured."""
+
+    frames: int
+    valid: float
+    """Share of pixels with a reading, over all frames."""
+    frozen: bool
+    """All frames are the same to the bit."""
+    noise_mm: float
+    """Median over the pixels of a reading's standard deviation over time; NaN of one frame."""
+    distance: float
+    """Mean depth of the bed's plane over the image, metres."""
+    tilt_deg: float
+    """Angle of the bed's plane against the image plane."""
+    tilt_towards: tuple[float, float]
+    """Degrees of it along u and v: positive where the right, the lower side is farther away."""
+    residual_mm: float
+    """Robust standard deviation (1.48 times the median) of the distances from that plane."""
+    flat: float
+    """Share of the readings within 10 mm of it."""
+    inside: float
+    """Share of those within the camera's depth range."""
+
+
+class Measured(NamedTuple):
+    """A set-up with its images."""
+
+    setup: SetUp
+    depth: Float[np.ndarray, "H W"]
+    """Mean depth in metres, NaN where there was never a reading."""
+    noise: Float[np.ndarray, "H W"]
+    """Standard deviation over time, mm; NaN where there were fewer than two readings."""
+    off: Float[np.ndarray, "H W"]
+    """Distance from the plane in mm, positive towards the camera; NaN without a reading."""
+
+
+def measure(
+    stack: Num[np.ndarray, "T H W"], camera: Camera, depth_unit: float, *, still: bool = False
+) -> Measured:
+    """What frames of a resting bed say of the set-up.
+
+    Args:
+      stack: (T, H, W) counts, 0 = no reading.
+      camera: that took them.
+      depth_unit: metres per count.
+      still: the same frame over and over is what this camera should send.
+
+    Raises:
+      BadImage: frames of another size, or without enough readings to fit a plane to.
+    """
+    if stack.shape[1:] != camera.shape:
+        raise BadImage(f"frames have {stack.shape[1:]} (rows, columns); expected {camera.shape}")
+    seen = stack > 0
+    count = seen.sum(0)
+    depth, noise = _over_time(stack, count, depth_unit)
+    plane = _plane(depth, camera)
+    off, bed = _off(depth, camera, plane)
+    near = np.abs(off) < 1e3 * _NEAR  # NaN is not
+    readings = np.isfinite(depth)
+    inside = ~outside_range(depth[near], camera)
+    length = float(np.linalg.norm(plane))
+    a, b, c = plane
+    setup = SetUp(
+        frames=len(stack),
+        valid=float(seen.mean()),
+        frozen=len(stack) > 2 and not still and bool((stack == stack[0]).all()),
+        noise_mm=float(np.nanmedian(noise)) if np.isfinite(noise).any() else float("nan"),
+        distance=float(bed.mean()),
+        tilt_deg=float(np.degrees(np.arccos(np.clip(c / length, -1.0, 1.0)))),
+        # 1/z falls where the bed is farther away.
+        tilt_towards=(float(np.degrees(np.arctan2(-a, c))), float(np.degrees(np.arctan2(-b, c)))),
+        residual_mm=float(1.4826 * np.median(np.abs(off[near]))),
+        flat=float(near.sum() / readings.sum()),
+        inside=float(inside.mean()),
+    )
+    return Measured(setup, depth, noise, off)
+
+
+def verdict(setup: SetUp, camera: Camera) -> list[tuple[bool, str]]:
+    """In words whether a set-up is good enough: (good, sentence) of each thing that matters."""
+    low, high = float(camera.z_min), float(camera.z_max)
+    near = abs(setup.distance - HEIGHT) <= HEIGHT_OFF
+    along = dict(zip(("right", "lower"), setup.tilt_towards, strict=True))
+    side = max(along, key=lambda name: abs(along[name]))
+    other = {"right": "left", "lower": "upper"}
+    farther = side if along[side] > 0 else other[side]
+    said = [(
+        setup.valid >= VALID_LEAST,
+        f"{setup.valid:.1%} of the pixels have a reading",
+        f"at least {VALID_LEAST:.0%} are needed: look for glare, things too near, dark material",
+    )]  # fmt: skip
+    if setup.frozen:
+        said.append((False, "all frames are the same to the bit", "the stream is frozen"))
+    elif np.isfinite(setup.noise_mm):
+        said.append((
+            setup.noise_mm <= NOISE_MOST_MM,
+            f"a reading varies by {setup.noise_mm:.2f} mm from frame to frame",
+            f"at most {NOISE_MOST_MM:g} mm: come nearer, give more light or texture",
+        ))  # fmt: skip
+    said.append((
+        setup.flat >= FLAT_LEAST,
+        f"{setup.flat:.0%} of the readings lie in one plane",
+        f"less than {FLAT_LEAST:.0%} is no bed that fills the view: level it, and cut the box out "
+        "with --window",
+    ))  # fmt: skip
+    if setup.flat >= FLAT_LEAST:
+        said += [
+            (
+                setup.residual_mm <= RESIDUAL_MOST_MM,
+                f"the bed deviates from that plane by {setup.residual_mm:.2f} mm",
+                f"at most {RESIDUAL_MOST_MM:g} mm: level the bed for this check",
+            ),
+            (
+                setup.tilt_deg <= TILT_MOST_DEG,
+                f"the bed is tilted by {setup.tilt_deg:.1f} degrees against the image",
+                f"at most {TILT_MOST_DEG:g}: the {farther} side is farther away",
+            ),
+        ]
+    said.append((
+        setup.inside >= INSIDE_LEAST,
+        f"{setup.inside:.1%} of the bed is {low:g} to {high:g} m away, {setup.distance:.3f} m on "
+        "average" + ("" if near else f" (not {HEIGHT:g}: plan with --reproject)"),
+        f"at least {INSIDE_LEAST:.0%}: move the camera, or state another --depth-range",
+    ))  # fmt: skip
+    return [(good, what if good else f"{what}; {mend}") for good, what, mend in said]
+
+
+def _over_time(stack, count, depth_unit) -> tuple[np.ndarray, np.ndarray]:
+    """Mean depth in metres, and standard deviation in mm, over each pixel's readings."""
+    base = stack.max(0).astype(np.float32)  # differences to it keep float32's digits
+    total, squares = np.zeros(base.shape, np.float32), np.zeros(base.shape, np.float32)
+    for frame in stack:
+        gap = np.where(frame > 0, frame - base, np.float32(0.0))
+        total += gap
+        squares += gap * gap
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / count
+        spread = np.sqrt(np.maximum(squares - total * mean, 0.0) / (count - 1))
+    depth = np.where(count > 0, (base + mean) * depth_unit, np.nan)
+    noise = np.where(count > 1, 1e3 * depth_unit * spread, np.nan)
+    return depth.astype(np.float32), noise.astype(np.float32)
+
+
+def _rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    x = (np.arange(camera.width) - float(camera.u0)) / float(camera.fx)
+    y = (np.arange(camera.height) - float(camera.v0)) / float(camera.fy)
+    return np.broadcast_to(x, camera.shape), np.broadcast_to(y[:, None], camera.shape)
+
+
+def _plane(depth: np.ndarray, camera: Camera) -> np.ndarray:
+    """(a, b, c) of the plane a x + b y + c = 1/z that most readings lie in.
+
+    A plane in space is a plane in inverse depth.  Of many planes through three readings the one
+    with most others near it is taken (walls and table do not pull), then fitted to those.
+    """
+    there = np.isfinite(depth)
+    if there.sum() < 100:
+        raise BadImage(f"{int(there.sum())} pixels have a reading; a plane needs 100")
+    x, y = (ray[there] for ray in _rays(camera))
+    z = depth[there].astype(np.float64)
+    terms = np.stack([x, y, np.ones_like(x)], 1)
+    rng = np.random.default_rng(0)
+    some = rng.choice(len(z), min(len(z), _SAMPLE), replace=False)
+    best, most = None, -1
+    for _ in range(_TRIES):
+        three = rng.choice(some, 3, replace=False)
+        try:
+            plane = np.linalg.solve(terms[three], 1.0 / z[three])
+        except np.linalg.LinAlgError:  # in a row
+            continue
+        near = _gap(terms[some], z[some], plane) < _NEAR
+        if near.sum() > most:
+            best, most = plane, near.sum()
+    if best is None:
+        raise JShapeError("no plane fits these readings")
+    for _ in range(3):
+        near = _gap(terms, z, best) < _NEAR
+        # An error of 1/z counts z^2 times as much in z.
+        weight = z[near] ** 2
+        best = np.linalg.lstsq(weight[:, None] * terms[near], weight / z[near], rcond=None)[0]
+    return best
+
+
+def _gap(terms: np.ndarray, z: np.ndarray, plane: np.ndarray) -> np.ndarray:
+    """Distances of readings from a plane, metres."""
+    return np.abs(z * (terms @ plane) - 1.0) / np.linalg.norm(plane)
+
+
+def _off(depth: np.ndarray, camera: Camera, plane: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) signed distances in mm from a plane; and (H, W) the plane's own depth, metres."""
+    x, y = _rays(camera)
+    inverse = plane[0] * x + plane[1] * y + plane[2]
+    off = 1e3 * (1.0 - depth * inverse) / np.linalg.norm(plane)
+    return off.astype(np.float32), 1.0 / inverse

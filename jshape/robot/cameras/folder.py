@@ -1,0 +1,76 @@
+"""Cameras over files: a recording's folder, and one depth picture."""
+
+import itertools
+import os
+from pathlib import Path
+
+import numpy as np
+
+from jshape.camera import D435_BAZAR, PAPER_BOX, Camera
+from jshape.data.depth import to_metres, wrong_shape
+from jshape.data.intrinsics import FLOAT_UNIT, counts_of
+from jshape.errors import BadCamera, BadImage
+from jshape.robot.cameras.played import Played
+from jshape.store.cameras import DEPTH_UNIT, read_camera
+from jshape.store.formats import read_array
+from jshape.store.recordings import CAMERA, open_recording
+
+
+def folder_camera(folder: str | os.PathLike) -> Played:
+    """The frames of a recording: a folder with `camera.json` and numbered 16-bit frames.
+
+    Numbers may be missing: what was dropped does not matter to who looks.
+
+    Raises:
+      BadDataset, BadCamera: as for `store.recordings.open_recording`.
+    """
+    found = open_recording(folder, allow_gaps=True)
+    return Played(
+        Path(folder).name or str(folder),
+        found.camera,
+        found.depth_unit,
+        found.frames(),
+        count=len(found),
+    )
+
+
+def picture_camera(
+    path: str | os.PathLike, *, camera: tuple[Camera, float] | None = None
+) -> Played:
+    """One depth picture, again and again: 16-bit PNG or TIFF (counts), NPY or EXR (metres).
+
+    Args:
+      path: the picture.
+      camera: whose it is, and metres per count; None: what `camera.json` beside it says, else the
+        paper's camera if the size is its.
+
+    Raises:
+      BadFile, BadImage: it cannot be read, is no depth picture or has another size.
+      BadCamera: nothing says whose it is.
+    """
+    path = Path(path)
+    raw = read_array(path)
+    if raw.dtype == np.uint8:
+        raise BadImage(f"{path}: holds luminance (8 bits); a camera's frames are 16-bit or metres")
+    if camera is None:
+        camera = _beside(path, raw.shape)
+    made_by, unit = camera
+    if raw.shape != made_by.shape:
+        raise BadImage(wrong_shape(str(path), raw.shape, made_by))
+    if raw.dtype == np.uint16:
+        counts = raw
+    else:
+        counts, unit = counts_of(to_metres(raw, unit, str(path))), FLOAT_UNIT
+    again = (counts.copy() for _ in itertools.repeat(None))
+    return Played(path.name, made_by, unit, again, still=True)
+
+
+def _beside(path: Path, shape: tuple[int, ...]) -> tuple[Camera, float]:
+    if (path.parent / CAMERA).is_file():
+        return read_camera(path.parent / CAMERA)
+    for known in (PAPER_BOX, D435_BAZAR):
+        if known.shape == shape:
+            return known, DEPTH_UNIT
+    raise BadCamera(
+        f"{path}: nothing says what its camera is; give --camera FILE, or put a {CAMERA} beside it"
+    )

@@ -1,0 +1,296 @@
+"""Intel RealSense cameras through their SDK: live, or from what the SDK has recorded.
+
+What a device says of itself is taken from it: intrinsics, metres per count, name.  The filters are
+the SDK's own.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jshape._typing import Num
+from jshape.data.intrinsics import Z_RANGE, pinhole
+from jshape.errors import BadFile, JShapeError
+from jshape.robot.cameras.base import TIMEOUT, CameraLost, EndOfFrames
+from jshape.store.files import one_line
+
+SUFFIXES = (".db3", ".bag")
+"""Recordings of the SDK: .db3 since 2.58, .bag before."""
+ALPHA = 0.4
+"""Weight of the newest frame in the SDK's temporal filter (its default)."""
+REACH = 0.01
+"""Metres by which a pixel must change to be taken as it is instead of being smoothed: more than
+noise.  The SDK counts in depth units, 1 to 100 of them."""
+PERSISTENCE = 3
+"""A missing pixel keeps its last depth if two of the last four frames had one (SDK default)."""
+FARTHEST = 1
+"""Hole filling from the farthest neighbour: the SDK's default."""
+
+_POLL_MS = 200
+
+
+class Source(NamedTuple):
+    """Where depth frames of the SDK come from."""
+
+    name: str
+    profile: Any
+    """The SDK's video stream profile of the depth stream."""
+    unit: float
+    """Metres per count."""
+    wait: Callable[[int], Any]
+    """The next depth frame within so many milliseconds, or None."""
+    ended: Callable[[], bool]
+    """Whether none will ever come, since a recording is at its end."""
+    stop: Callable[[], None]
+    live: bool
+
+
+class RealSense:
+    """A RealSense depth camera."""
+
+    def __init__(
+        self,
+        serial: str | None = None,
+        *,
+        file: str | Path | None = None,
+        source: Source | None = None,
+        size: tuple[int, int] = (848, 480),
+        fps: int = 30,
+        z_range: tuple[float, float] = Z_RANGE,
+        temporal: bool = True,
+        holes: bool = False,
+        timeout: float = TIMEOUT,
+    ):
+        """Start a camera, or a recording from its beginning.
+
+        Args:
+          serial: of the device; None: the only one, or the first.
+          file: a recording of the SDK, every frame of which is played, however slowly it is asked.
+          source: frames of the SDK from elsewhere, such as `queued` gives.
+          size: (width, height) of a device's frames.
+          fps: a device's frames per second.
+          z_range: depths between which the bed lies, metres.
+          temporal: smooth over time and bridge short gaps, by the SDK's filter.  Not for recordings
+            that are averaged later: a hand that leaves stays for some frames where nothing is read.
+          holes: fill what has no reading from its neighbours.  Off: jshape counts missing readings,
+            and fills better where they are few.
+          timeout: seconds after which it counts as lost.
+
+        Raises:
+          JShapeError: the SDK is not installed.
+          CameraLost: no such camera is connected, or it does not start.
+          BadFile: the recording cannot be read, or has no depth.
+          BadCamera: intrinsics that make no sense.
+        """
+        rs = sdk()
+        if source is None:
+            source = played(file) if file is not None else connected(serial, size, fps)
+        self._source: Source | None = source
+        try:
+            self.name = source.name
+            self.depth_unit = source.unit
+            lens = source.profile.get_intrinsics()
+            focal, centre = (lens.fx, lens.fy), (lens.ppx, lens.ppy)
+            pixels = (lens.width, lens.height)
+            self.camera = pinhole(source.name, pixels, focal, centre, lens.coeffs, z_range)
+            self.live = source.live
+            self._timeout = timeout
+            self._filters = []
+            if temporal:
+                near = float(np.clip(REACH / source.unit, 1, 100))
+                self._filters.append(rs.temporal_filter(ALPHA, near, PERSISTENCE))
+            if holes:
+                self._filters.append(rs.hole_filling_filter(FARTHEST))
+        except BaseException:
+            self.close()
+            raise
+
+    def frame(self) -> Num[np.ndarray, "H W"]:
+        """The next frame, filtered: (H, W) uint16 counts of `depth_unit`.
+
+        Raises:
+          CameraLost: nothing came in time, or it was closed.
+          EndOfFrames: the recording is at its end.
+        """
+        if self._source is None:
+            raise CameraLost(f"{self.name}: was closed")
+        frame = self._next(self._source)
+        for each in self._filters:
+            frame = each.process(frame)
+        return np.array(frame.as_depth_frame().get_data())
+
+    def _next(self, source: Source) -> Any:
+        until = time.monotonic() + self._timeout
+        while True:
+            ended = source.ended()  # asked before: a last frame may have come before the end
+            left = until - time.monotonic()
+            try:
+                frame = source.wait(max(1, min(_POLL_MS, round(1000 * left))))
+            except RuntimeError as problem:
+                raise CameraLost(f"{self.name}: is lost: {one_line(problem)}") from None
+            if frame is not None:
+                return frame
+            if ended:
+                raise EndOfFrames(f"{self.name}: has no more frames")
+            if left <= 0:
+                raise CameraLost(
+                    f"{self.name}: has sent nothing for {self._timeout:g} s; is it unplugged?"
+                )
+
+    def close(self) -> None:
+        """Stop the device; a second time does nothing."""
+        source, self._source = self._source, None
+        if source is not None:
+            source.stop()
+
+    def __enter__(self) -> "RealSense":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        problem: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class Device(NamedTuple):
+    """A connected camera."""
+
+    name: str
+    serial: str
+
+
+def devices() -> list[Device]:
+    """The RealSense cameras that are connected.
+
+    Raises:
+      JShapeError: the SDK is not installed.
+    """
+    rs = sdk()
+    info = rs.camera_info
+    try:
+        return [
+            Device(d.get_info(info.name), d.get_info(info.serial_number))
+            for d in rs.context().query_devices()
+        ]
+    except RuntimeError as problem:
+        raise CameraLost(f"RealSense cameras cannot be listed: {one_line(problem)}") from None
+
+
+def sdk() -> Any:
+    """The SDK's module.
+
+    Raises:
+      JShapeError: it is not installed, or cannot be loaded.
+    """
+    try:
+        import pyrealsense2 as rs
+    except ImportError as problem:
+        raise JShapeError(
+            "RealSense cameras need the SDK: pip install 'jshape[realsense]', and on Debian "
+            f"apt install libusb-1.0-0 ({one_line(problem, 100)})"
+        ) from None
+    return rs
+
+
+def connected(serial: str | None, size: tuple[int, int], fps: int) -> Source:
+    """Frames of a device that is plugged in.  Raises CameraLost if it is not, or does not start."""
+    rs = sdk()
+    found = devices()  # the pipeline would wait a quarter of a minute for one to come
+    if not found:
+        raise CameraLost("no RealSense camera is connected")
+    if serial is not None and serial not in [d.serial for d in found]:
+        names = ", ".join(f"{d.name} {d.serial}" for d in found)
+        raise CameraLost(f"no RealSense camera {serial} is connected; there is {names}")
+    pipe, config = rs.pipeline(), rs.config()
+    if serial is not None:
+        config.enable_device(serial)
+    config.enable_stream(rs.stream.depth, *size, rs.format.z16, fps)
+    try:
+        started = pipe.start(config)
+    except RuntimeError as problem:
+        raise CameraLost(
+            f"RealSense {serial or found[0].serial} does not start with {size[0]}x{size[1]} at "
+            f"{fps} frames/s: {one_line(problem)}"
+        ) from None
+    return _piped(rs, pipe, started, live=True)
+
+
+def played(file: str | Path) -> Source:
+    """Every frame of a recording of the SDK.  Raises BadFile if it cannot be played."""
+    rs = sdk()
+    file = Path(file)
+    if not file.is_file():
+        raise BadFile(f"{file}: {'is not a file' if file.exists() else 'no such file'}")
+    if file.suffix not in SUFFIXES:
+        raise BadFile(f"{file}: the SDK's recordings are {' or '.join(SUFFIXES)}")
+    pipe, config = rs.pipeline(), rs.config()
+    try:
+        config.enable_device_from_file(str(file), repeat_playback=False)
+        config.enable_stream(rs.stream.depth)
+        # Before it starts: in real time, frames that are not asked for in time are dropped.
+        ready = config.resolve(rs.pipeline_wrapper(pipe)).get_device().as_playback()
+        ready.set_real_time(False)
+        started = pipe.start(config)
+    except RuntimeError as problem:
+        reason = str(problem).rpartition("Reason: ")[2]
+        raise BadFile(
+            f"{file}: not a recording of the RealSense SDK with depth, or damaged: "
+            f"{one_line(reason, 120)}"
+        ) from None
+    return _piped(rs, pipe, started, live=False)
+
+
+def queued(queue: Any, profile: Any, unit: float, name: str = "RealSense") -> Source:
+    """Frames that a started sensor of the SDK puts into an `rs.frame_queue`.
+
+    Args:
+      queue: that the sensor was started with.
+      profile: of its depth stream.
+      unit: metres per count.
+      name: of the device.
+    """
+
+    def wait(milliseconds: int) -> Any:
+        there, frame = queue.try_wait_for_frame(milliseconds)
+        return frame if there else None
+
+    video = profile.as_video_stream_profile()
+    return Source(name, video, _decimal(unit), wait, lambda: False, lambda: None, True)
+
+
+def _piped(rs: Any, pipe: Any, started: Any, *, live: bool) -> Source:
+    def wait(milliseconds: int) -> Any:
+        there, frames = pipe.try_wait_for_frames(milliseconds)
+        frame = frames.get_depth_frame() if there else None
+        return frame or None
+
+    device = started.get_device()
+    player = None if live else device.as_playback()
+    try:
+        name = device.get_info(rs.camera_info.name)
+        if device.supports(rs.camera_info.serial_number):
+            name += f" {device.get_info(rs.camera_info.serial_number)}"
+        return Source(
+            name,
+            started.get_stream(rs.stream.depth).as_video_stream_profile(),
+            _decimal(device.first_depth_sensor().get_depth_scale()),
+            wait,
+            lambda: player is not None and player.current_status() == rs.playback_status.stopped,
+            pipe.stop,
+            live,
+        )
+    except RuntimeError as problem:
+        pipe.stop()
+        raise CameraLost(f"RealSense: says nothing of itself: {one_line(problem)}") from None
+
+
+def _decimal(unit: float) -> float:
+    """A float32 as the shortest decimal that gives it back: 0.0001, not 0.00009999999747."""
+    return float(str(np.float32(unit)))

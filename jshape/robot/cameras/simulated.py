@@ -1,0 +1,60 @@
+"""A camera over a simulated bed: it sees what a hand does to it, with a D435's noise and holes."""
+
+from collections.abc import Iterator
+from typing import Protocol, runtime_checkable
+
+import jax
+import numpy as np
+
+from jshape import sim
+from jshape._typing import Array, Key
+from jshape.camera import Camera
+from jshape.data.recording import LEVELLED_STD
+from jshape.data.simulate import DEPTH_UNIT
+from jshape.robot.cameras.played import Played
+from jshape.robot.simulated import SimulatedWorld
+
+NOISE = 0.00045
+"""Standard deviation of one frame at 0.45 m, metres."""
+HOLES = 0.002
+"""Share of pixels without a reading."""
+
+
+@runtime_checkable
+class HasBed(Protocol):
+    """What a simulated camera looks at; `SimulatedWorld` is one."""
+
+    bed: sim.Bed
+    camera: Camera
+
+
+def simulated_camera(
+    world: HasBed, key: Key[Array, ""], *, noise: float = NOISE, holes: float = HOLES
+) -> Played:
+    """A camera that sees the bed of a world as it is at each frame.
+
+    Args:
+      world: whose bed and camera; both may change it while the camera runs.
+      key: consumed; of the noise.
+      noise: standard deviation of one frame at 0.45 m, metres; 0 sends still frames.
+      holes: share of pixels without a reading.
+    """
+    still = noise == 0 and holes == 0
+    name = "simulated camera"
+    frames = _frames(world, key, noise, holes)
+    return Played(name, world.camera, DEPTH_UNIT, frames, live=True, still=still)
+
+
+def levelled_world(seed: int = 0) -> SimulatedWorld:
+    """A world whose bed somebody has just levelled by hand."""
+    for_bed, for_world = jax.random.split(jax.random.key(seed))
+    return SimulatedWorld(for_world, sim.irregular_bed(for_bed, LEVELLED_STD))
+
+
+def _frames(world: HasBed, key: Key[Array, ""], noise: float, holes: float) -> Iterator[np.ndarray]:
+    bed = depth = None
+    while True:
+        if world.bed is not bed:  # looking along every ray takes longer than noise does
+            bed, depth = world.bed, sim.render(world.bed, world.camera)
+        key, now = jax.random.split(key)
+        yield np.array(sim.to_uint16(sim.sensor(now, depth, noise, holes), DEPTH_UNIT))

@@ -1,0 +1,47 @@
+"""A window of another camera's frames: the box without the table around it."""
+
+from types import TracebackType
+
+import numpy as np
+
+from jshape._typing import Num
+from jshape.robot.cameras.base import DepthCamera
+
+
+class Window:
+    """A camera that shows a window of another one's frames; its principal point moves with it."""
+
+    def __init__(self, inside: DepthCamera, left: int, top: int, width: int, height: int):
+        """A window, in pixels of the other camera.
+
+        Raises:
+          BadCamera: it is empty or leaves the image.
+        """
+        self.camera = inside.camera.crop(left, top, width, height)
+        self.name = inside.name
+        self.depth_unit = inside.depth_unit
+        self.still = bool(getattr(inside, "still", False))
+        self.live = bool(getattr(inside, "live", False))
+        self.count = getattr(inside, "count", None)
+        self._inside = inside
+        self._part = np.s_[top : top + height, left : left + width]
+
+    def frame(self) -> Num[np.ndarray, "H W"]:
+        """The window of the next frame.  Raises as the other camera does."""
+        return np.ascontiguousarray(self._inside.frame()[self._part])
+
+    def close(self) -> None:
+        """Close the other camera."""
+        self._inside.close()
+
+    def __enter__(self) -> "Window":
+        self._inside.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        problem: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,283 @@
+"""Depth frames in ROS bags: ROS 1, ROS 2 (SQLite) and MCAP, and librealsense's bare .db3.
+
+Frames are (H, W) uint16 counts, 0 = no reading.  Only images and their intrinsics are unpacked, by
+the message definitions that rosbags brings: those in the bag are never turned into code.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.camera import Camera
+from jshape.data.depth import wrong_shape
+from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, pinhole, same_frames
+from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
+from jshape.store.bag_images import COMPRESSED, IMAGE, decode, encoding_of
+from jshape.store.cameras import DEPTH_UNIT
+from jshape.store.files import one_line
+
+SUFFIXES = (".bag", ".db3", ".mcap")
+"""Bags that are one file; a folder with `METADATA` is one too."""
+METADATA = "metadata.yaml"
+"""What marks the folder of a ROS 2 bag."""
+INFO = "sensor_msgs/msg/CameraInfo"
+
+_SDK = "/device_0/"
+_PACKED = "/compressedDepth"
+_LISTED = 8
+
+
+@dataclass
+class DepthBag:
+    """An open bag, of which one topic's frames are read one at a time."""
+
+    path: Path
+    topic: str
+    camera: Camera
+    depth_unit: float
+    """Metres per count."""
+    count: int
+    """Frames, as the bag's index says."""
+    _messages: "_Messages"
+    _metres: bool
+
+    def frames(self) -> Iterator[np.ndarray]:
+        """The frames (H, W) uint16 in the order of their time.
+
+        Raises:
+          BadFile: the bag is damaged from here on.
+          BadImage: a frame has another size or encoding than the first.
+        """
+        for number, message in enumerate(self._messages.of(self.topic)):
+            where = f"{self.path}: frame {number} of {_shown(self.topic)}"
+            raw = _decoded(message, where)
+            if (raw.dtype.kind == "f") != self._metres:
+                raise BadImage(f"{where}: has another encoding than the first")
+            if raw.shape != self.camera.shape:
+                raise BadImage(wrong_shape(where, raw.shape, self.camera))
+            yield counts_of(raw) if self._metres else raw
+
+    def close(self) -> None:
+        """Let go of the file; a second time does nothing."""
+        self._messages.close()
+
+
+def open_bag(
+    path: str | os.PathLike,
+    *,
+    topic: str | None = None,
+    camera: tuple[Camera, float] | None = None,
+    z_range: tuple[float, float] = Z_RANGE,
+) -> DepthBag:
+    """Open a bag and find the depth frames in it.
+
+    16UC1 is counts of 0.001 m, as ROS has it (or of the unit that librealsense states beside its
+    frames, or of the camera given); 32FC1 is metres, and becomes counts of 0.0001 m.
+
+    Args:
+      path: a file, or the folder of a ROS 2 bag.
+      topic: of the frames; None if there is only one depth topic.
+      camera: intrinsics and metres per count instead of what the bag says.
+      z_range: depths between which the bed lies, metres, where `camera` does not say.
+
+    Raises:
+      JShapeError: rosbags is not installed.
+      BadFile: no such bag, one that is damaged or cut off, no depth topic or several.
+      BadCamera: no CameraInfo, or one that makes no sense or belongs to frames of another size.
+      BadImage: the first frame is not a depth image.
+    """
+    path = Path(path)
+    messages = _Messages(path)
+    try:
+        topic = _choose(messages, topic)
+        where = f"{path}: {_shown(topic)}"
+        first = _decoded(messages.first(topic), where)
+        metres = first.dtype.kind == "f"
+        size = (first.shape[1], first.shape[0])
+        if camera is not None:
+            seen, unit = same_frames(camera[0], size, where), camera[1]
+        else:
+            seen = _camera(messages, topic, z_range)
+            unit = _sdk_unit(messages, topic) or DEPTH_UNIT
+            if (seen.width, seen.height) != size:
+                raise BadCamera(
+                    f"{where}: has {size[0]}x{size[1]} pixels; its CameraInfo is for "
+                    f"{seen.width}x{seen.height}; --camera FILE replaces it"
+                )
+        count = messages.count(topic)
+        return DepthBag(path, topic, seen, FLOAT_UNIT if metres else unit, count, messages, metres)
+    except BaseException:
+        messages.close()
+        raise
+
+
+def _decoded(message: Any, where: str) -> np.ndarray:
+    try:
+        return decode(message, where)
+    except JShapeError:
+        raise
+    except Exception as problem:  # fields of any content: a step of 0, a header cut off
+        raise BadImage(f"{where}: not a depth image: {one_line(problem)}") from None
+
+
+class _Messages:
+    """The messages of an open bag, by topic; whatever rosbags raises becomes one line."""
+
+    def __init__(self, path: Path):
+        try:
+            from rosbags import rosbag1, rosbag2
+            from rosbags.typesys import Stores, get_typestore
+        except ImportError:
+            raise JShapeError(
+                f"{path}: bags are read by rosbags: pip install 'jshape[ros]' (what a RealSense "
+                f"recorded also plays as realsense:{path.name})"
+            ) from None
+        if not path.exists():
+            raise BadFile(f"{path}: no such file")
+        if path.is_dir() and not (path / METADATA).is_file():
+            raise BadFile(f"{path}: has no {METADATA}, so it is not a ROS 2 bag")
+        if path.is_file() and path.suffix not in SUFFIXES:
+            raise BadFile(f"{path}: is not a bag; allowed: {', '.join(SUFFIXES)}")
+        self.path = path
+        old = path.suffix == ".bag" and path.is_file()
+        store = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
+        self._unpack = store.deserialize_ros1 if old else store.deserialize_cdr
+        self._open = False
+        with self._readable():
+            self._reader: Any = rosbag1.Reader(path) if old else rosbag2.Reader(path)
+            self._reader.open()
+            self._open = True
+            # Several publishers of one topic are several connections.
+            self.types = {c.topic: c.msgtype for c in self._reader.connections}
+
+    def count(self, topic: str) -> int:
+        return sum(c.msgcount for c in self._reader.connections if c.topic == topic)
+
+    def of(self, topic: str) -> Iterator[Any]:
+        """The messages of a topic in the order of their time."""
+        if not self._open:
+            raise BadFile(f"{self.path}: the bag was closed")
+        with self._readable():
+            chosen = [c for c in self._reader.connections if c.topic == topic]
+            messages = self._reader.messages(connections=chosen)
+        while True:
+            with self._readable():
+                found = next(messages, None)
+                if found is None:
+                    return
+                connection, _, raw = found
+                message = self._unpack(raw, connection.msgtype)
+            yield message
+
+    def first(self, topic: str) -> Any:
+        found = next(self.of(topic), None)
+        if found is None:
+            raise BadFile(f"{self.path}: {_shown(topic)}: has no messages")
+        return found
+
+    def close(self) -> None:
+        if self._open:
+            self._open = False
+            with self._readable():
+                self._reader.close()
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        try:
+            yield
+        except JShapeError:
+            raise
+        except Exception as problem:  # rosbags, SQLite, LZ4, YAML: no common type
+            reason = one_line(problem, 120) or type(problem).__name__
+            hint = ""
+            if self.path.suffix == ".bag" and any(t.startswith(_SDK) for t in self._topics()):
+                hint = f"; it looks recorded by a RealSense: try realsense:{self.path.name}"
+            raise BadFile(
+                f"{self.path}: cannot be read: the bag is cut off or damaged ({reason}){hint}"
+            ) from None
+
+    def _topics(self) -> list[str]:
+        return list(getattr(self, "types", ()))
+
+
+def _choose(messages: _Messages, topic: str | None) -> str:
+    """The depth topic: the one that is named, or the only one."""
+    if topic is not None:
+        if topic not in messages.types:
+            raise BadFile(
+                f"{messages.path}: has no topic {_shown(topic)}; {_listed(messages.types)}"
+            )
+        if messages.types[topic] not in (IMAGE, COMPRESSED):
+            kind = _shown(messages.types[topic])
+            raise BadFile(f"{messages.path}: {_shown(topic)} is {kind}, not an image")
+        return topic
+    depths = []
+    for name, kind in messages.types.items():
+        if kind in (IMAGE, COMPRESSED) and messages.count(name):
+            message = messages.first(name)
+            if encoding_of(message, name) is not None:
+                depths.append(name)
+    # The same frames twice: packed ones are left where they are there as they were, too.
+    plain = [d for d in depths if not d.endswith(_PACKED) or d.removesuffix(_PACKED) not in depths]
+    if len(plain) == 1:
+        return plain[0]
+    if plain:
+        raise BadFile(
+            f"{messages.path}: has {len(plain)} depth topics: "
+            f"{', '.join(_shown(d) for d in plain[:_LISTED])}; choose one with --topic"
+        )
+    raise BadFile(f"{messages.path}: has no depth topic; {_listed(messages.types)}")
+
+
+def _shown(name: str) -> str:
+    """A name out of a bag, which may hold anything, for an error of one line."""
+    return one_line(name, 100)
+
+
+def _listed(types: dict[str, str]) -> str:
+    named = [_shown(f"{topic} ({kind.split('/')[-1]})") for topic, kind in sorted(types.items())]
+    more = f" and {len(named) - _LISTED} more" if len(named) > _LISTED else ""
+    return f"topics: {', '.join(named[:_LISTED]) or '(none)'}{more}"
+
+
+def _camera(messages: _Messages, topic: str, z_range: tuple[float, float]) -> Camera:
+    """The camera that the CameraInfo beside a topic states."""
+    base = topic.removesuffix(_PACKED).rpartition("/")[0]
+    beside = f"{base}/camera_info"
+    if messages.types.get(beside) != INFO or not messages.count(beside):
+        others = [t for t, kind in messages.types.items() if kind == INFO and messages.count(t)]
+        found = f"; there is {', '.join(_shown(t) for t in others[:3])}" if others else ""
+        raise BadCamera(
+            f"{messages.path}: has no CameraInfo on {_shown(beside)}{found}; "
+            "say with --camera FILE what the camera is"
+        )
+    info = messages.first(beside)
+    # ROS 1 writes them as capitals.
+    k, d = (getattr(info, n, getattr(info, n.upper(), None)) for n in "kd")
+    k = np.asarray(k, float).reshape(-1)
+    where = f"{messages.path}: CameraInfo on {_shown(beside)}"
+    return pinhole(
+        where,
+        (info.width, info.height),
+        (k[0], k[4]),
+        (k[2], k[5]),
+        np.asarray(d, float).reshape(-1),
+        z_range,
+    )
+
+
+def _sdk_unit(messages: _Messages, topic: str) -> float | None:
+    """Metres per count of librealsense's recordings: an option of the sensor, as text."""
+    option = "/".join(topic.split("/")[:3]) + "/option/Depth_Units/value"
+    if not topic.startswith(_SDK) or messages.types.get(option) != "std_msgs/msg/String":
+        return None
+    try:
+        unit = float(messages.first(option).data)
+    except ValueError:
+        return None
+    return unit if 0 < unit < 1 else None

@@ -1,0 +1,277 @@
+"""Bags of ROS 1, ROS 2 and MCAP, written here: what is read from them, and every damage named."""
+
+import sys
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from jshape import Camera
+from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
+from jshape.store.bags import open_bag
+
+pytest.importorskip("rosbags")
+
+from tests.written_bags import (  # noqa: E402
+    FORMATS,
+    INFO,
+    TOPIC,
+    depth_bag,
+    image,
+    info,
+    packed,
+    write_bag,
+)
+
+SMALL = Camera(40, 30, 50.0, 51.0, 19.5, 14.5, 0.42, 0.47)
+
+
+@pytest.fixture
+def counts(rng):
+    frames = rng.integers(430, 470, (4, *SMALL.shape)).astype(np.uint16)
+    frames[:, :3, :3] = 0
+    return frames
+
+
+@pytest.fixture
+def metres(counts):
+    frames = (counts * np.float32(1e-3) + np.float32(0.00023)).astype(np.float32)
+    frames[:, :3, :3] = [np.nan, 0.0, np.inf]
+    return frames
+
+
+def read(path, **options):
+    bag = open_bag(path, **options)
+    try:
+        return bag, np.stack(list(bag.frames()))
+    finally:
+        bag.close()
+        bag.close()
+
+
+def refused(match, path, kind=BadFile, frames=False, **options):
+    with pytest.raises(kind, match=match) as found:
+        bag = open_bag(path, **options)
+        try:
+            list(bag.frames())
+        finally:
+            bag.close()
+        assert frames, "it should have been refused at once"
+    message = str(found.value)
+    assert "\n" not in message and len(message) < 500 and str(path) in message
+    return message
+
+
+@pytest.mark.parametrize("how", FORMATS)
+@pytest.mark.parametrize("make", [image, packed], ids=["plain", "compressedDepth"])
+def test_counts_come_to_the_bit(how, make, tmp_path, counts):
+    bag, frames = read(depth_bag(tmp_path / "bag", how, SMALL, counts, make))
+    np.testing.assert_array_equal(frames, counts)
+    assert (bag.camera, bag.depth_unit, bag.topic, bag.count) == (SMALL, 1e-3, TOPIC, 4)
+
+
+@pytest.mark.parametrize("how", FORMATS)
+def test_metres_become_tenths_of_millimetres(how, tmp_path, metres):
+    bag, frames = read(depth_bag(tmp_path / "bag", how, SMALL, metres))
+    assert bag.depth_unit == 1e-4 and frames.dtype == np.uint16 and not frames[:, :3, :3].any()
+    good = frames > 0
+    assert good.sum() == 4 * (SMALL.width * SMALL.height - 9)
+    assert np.abs(frames * 1e-4 - metres)[good].max() < 0.51e-4
+
+
+def test_quantised_metres_come_within_their_steps(tmp_path, metres):
+    _, frames = read(depth_bag(tmp_path / "bag", "ros2", SMALL, metres, packed))
+    good = frames > 0
+    assert not frames[:, :3, :3].any() and good[:, 3:, 3:].all()
+    # Steps of 1/z: dz = z^2 / a, half of it off at most, and half a count.
+    most = 0.5 * 0.47**2 / (100.0 * 101.0) + 0.51e-4
+    assert np.abs(frames * 1e-4 - metres)[good].max() < most
+
+
+def test_big_endian_and_padded_rows(tmp_path, counts):
+    topics = [(TOPIC, [image(counts[0], big=True, pad=6)]), (INFO, [info(SMALL)])]
+    _, frames = read(write_bag(tmp_path / "bag", "ros1", topics))
+    np.testing.assert_array_equal(frames, counts[:1])
+
+
+def test_the_only_depth_topic_is_found_among_others(tmp_path, counts):
+    colour = np.zeros((*SMALL.shape, 1), np.uint16)
+    topics = [
+        ("/camera/infra1/image_rect_raw", [image(colour[..., 0], "mono16")]),
+        ("/camera/infra1/camera_info", [info(SMALL, fx=77.0)]),
+        (TOPIC, [image(counts[0])]),
+        (TOPIC + "/compressedDepth", [packed(counts[0])]),
+        (INFO, [info(SMALL)]),
+        ("/camera/colour/camera_info", [info(SMALL, fx=99.0)]),
+    ]
+    path = write_bag(tmp_path / "bag", "mcap", topics)
+    bag, frames = read(path)
+    assert bag.topic == TOPIC and bag.camera.fx == 50.0
+    bag, again = read(path, topic=TOPIC + "/compressedDepth")
+    assert bag.camera.fx == 50.0
+    np.testing.assert_array_equal(frames, again)
+    bag, _ = read(path, topic="/camera/infra1/image_rect_raw")  # asked for by name: so it is
+    assert bag.camera.fx == 77.0
+
+
+def test_several_depth_topics_are_a_question(tmp_path, counts):
+    topics = [
+        ("/left/depth", [image(counts[0])]), ("/left/camera_info", [info(SMALL)]),
+        ("/right/depth", [image(counts[1])]), ("/right/camera_info", [info(SMALL, fx=60.0)]),
+    ]  # fmt: skip
+    path = write_bag(tmp_path / "bag", "ros2", topics)
+    refused("has 2 depth topics: /left/depth, /right/depth; choose one with --topic", path)
+    assert read(path, topic="/right/depth")[0].camera.fx == 60.0
+    refused("has no topic /x; topics: /left/camera_info", path, topic="/x")
+    refused("is sensor_msgs/msg/CameraInfo, not an image", path, topic="/left/camera_info")
+
+
+def test_names_out_of_a_bag_stay_on_one_line(tmp_path, counts):
+    topic = "/a\nb/" + 300 * "x"
+    path = write_bag(tmp_path / "bag", "ros1", [(topic, [image(counts[0])])])
+    refused("has no CameraInfo on /a b/camera_info", path, BadCamera)
+    refused("has no topic /y; topics: /a b/xxx", path, topic="/y")
+
+
+def test_no_depth_topic_lists_what_there_is(tmp_path, counts):
+    path = write_bag(tmp_path / "bag", "ros2", [(INFO, [info(SMALL)])])
+    refused(r"has no depth topic; topics: /camera/depth/camera_info \(CameraInfo\)", path)
+
+
+@pytest.mark.parametrize("how", FORMATS)
+def test_a_bag_without_camera_info_needs_a_camera(how, tmp_path, counts):
+    path = write_bag(tmp_path / "bag", how, [(TOPIC, [image(f) for f in counts])])
+    refused("has no CameraInfo on /camera/depth/camera_info; .*--camera FILE", path, BadCamera)
+    bag, frames = read(path, camera=(SMALL, 5e-4))
+    assert bag.camera == SMALL and bag.depth_unit == 5e-4
+    np.testing.assert_array_equal(frames, counts)
+
+
+def test_another_cameras_info_is_named_and_not_taken(tmp_path, counts):
+    topics = [(TOPIC, [image(counts[0])]), ("/colour/camera_info", [info(SMALL)])]
+    path = write_bag(tmp_path / "bag", "ros2", topics)
+    refused("there is /colour/camera_info", path, BadCamera)
+
+
+@pytest.mark.parametrize(
+    "wrong, match",
+    [
+        ({"fx": 0.0}, "camera_info: fx is 0.0; it must be positive"),
+        ({"fy": -50.0}, "fy is -50.0; it must be positive"),
+        ({"fx": np.nan}, "fx is nan; it must be a finite number"),
+        ({"u0": np.inf}, "u0 is inf"),
+        ({"size": (80, 60)}, "has 40x30 pixels; its CameraInfo is for 80x60"),
+        ({"size": (0, 0)}, "width is 0"),
+        ({"distortion": (0.1, -0.2, 0.0, 0.0, 0.0)}, "the lens distorts .0.1, -0.2"),
+    ],
+    ids=["zero", "negative", "nan", "inf", "size", "empty", "distorted"],
+)
+def test_wrong_intrinsics_are_refused(wrong, match, tmp_path, counts):
+    match = match.replace("distorts .", r"distorts \(coefficients ")
+    path = write_bag(
+        tmp_path / "bag", "ros2", [(TOPIC, [image(counts[0])]), (INFO, [info(SMALL, **wrong)])]
+    )
+    refused(match, path, BadCamera)
+    assert read(path, camera=(SMALL, 1e-3))[0].camera == SMALL
+    wide = replace(SMALL, width=80)
+    refused("40x30 pixels; the camera given for it makes 80x30", path, BadCamera,
+            camera=(wide, 1e-3))  # fmt: skip
+
+
+def test_frames_that_change_within_a_bag(tmp_path, counts, metres):
+    topics = [(TOPIC, [image(counts[0]), image(counts[1, :20])]), (INFO, [info(SMALL)])]
+    path = write_bag(tmp_path / "size", "ros2", topics)
+    refused("frame 1 of .*: has 40x20 pixels; the camera makes 40x30", path, BadImage)
+    topics = [(TOPIC, [image(counts[0]), image(metres[1])]), (INFO, [info(SMALL)])]
+    path = write_bag(tmp_path / "kind", "ros2", topics)
+    refused("frame 1 of .*: has another encoding than the first", path, BadImage)
+
+
+def test_what_is_no_depth_image_is_said(tmp_path, counts):
+    def one(name, make, match):
+        path = write_bag(tmp_path / name, "ros2", [(TOPIC, [make]), (INFO, [info(SMALL)])])
+        refused(match, path, BadImage, topic=TOPIC)
+
+    one("colour", image(counts[0], "rgb8"), "is 'rgb8'; depth is one of 16UC1, 32FC1")
+    one("short", image(counts[0, :, :7].copy(), "32FC1"), "the frame is cut off")
+    one("rvl", _rvl(counts[0]), "holds no PNG; RVL is not read")
+    one("jpeg", packed(counts[0], "; jpeg compressed bgr8"), "packed depth is compressedDepth")
+    one("8 bits", _eight(counts[0]), "holds a PNG of uint8; packed depth has 16 bits")
+    one("torn", _torn(counts[0]), "the PNG is cut off or damaged")
+
+
+def _rvl(array):
+    make = packed(array, "; compressedDepth rvl")
+    return lambda *a: _with(make(*a), lambda data: np.r_[data[:12], np.arange(50, dtype=np.uint8)])
+
+
+def _eight(array):
+    small = cv2.imencode(".png", array.astype(np.uint8))[1].reshape(-1)
+    return lambda *a: _with(packed(array)(*a), lambda data: np.r_[data[:12], small])
+
+
+def _torn(array):
+    make = packed(array)
+    return lambda *a: _with(make(*a), lambda data: data[: len(data) // 2])
+
+
+def _with(message, change):
+    message.data = change(message.data)
+    return message
+
+
+@pytest.mark.parametrize("how", FORMATS)
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9, 0.995])
+def test_a_truncated_bag_is_one_line(how, share, tmp_path, rng):
+    frames = rng.integers(430, 470, (6, 60, 80)).astype(np.uint16)
+    camera = Camera(80, 60, 50.0, 50.0, 40.0, 30.0, 0.4, 0.5)
+    path = depth_bag(tmp_path / "bag", how, camera, frames)
+    inside = path if how == "ros1" else next(p for p in path.iterdir() if p.suffix != ".yaml")
+    data = inside.read_bytes()
+    inside.write_bytes(data[: int(share * len(data))])
+    refused("cut off or damaged", path, JShapeError, frames=True)
+    if how != "ros1":
+        refused("cut off or damaged", inside, JShapeError, frames=True)
+
+
+def test_what_is_no_bag_is_said(tmp_path):
+    refused("no such file", tmp_path / "none.bag")
+    (tmp_path / "folder").mkdir()
+    refused("has no metadata.yaml", tmp_path / "folder")
+    (tmp_path / "folder" / "metadata.yaml").write_text("hello: [")
+    refused("cut off or damaged", tmp_path / "folder")
+    for suffix in (".bag", ".db3", ".mcap"):
+        for content in (b"", b"hello", bytes(5000)):
+            path = tmp_path / f"junk{suffix}"
+            path.write_bytes(content)
+            refused("cut off or damaged|has no depth topic", path)
+    (tmp_path / "a.txt").write_text("a")
+    refused("is not a bag; allowed: .bag, .db3, .mcap", tmp_path / "a.txt")
+
+
+def test_missing_rosbags_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    refused(r"pip install 'jshape\[ros\]'", tmp_path / "a.db3", JShapeError)
+
+
+def test_a_closed_bag_is_closed(tmp_path, counts):
+    bag = open_bag(depth_bag(tmp_path / "bag", "ros2", SMALL, counts))
+    frames = bag.frames()
+    next(frames)
+    bag.close()
+    with pytest.raises(BadFile):
+        list(frames)
+    with pytest.raises(BadFile, match="was closed"):
+        next(bag.frames())
+
+
+def test_what_librealsense_records_is_read_without_it(tmp_path, counts):
+    """Its .db3 has no metadata, its own topic names, and the unit as a text."""
+    pytest.importorskip("pyrealsense2")
+    from tests.virtual_realsense import record
+
+    record(tmp_path / "rec.db3", SMALL, 1e-4, counts)
+    bag, frames = read(tmp_path / "rec.db3")
+    np.testing.assert_array_equal(frames, counts)
+    assert bag.depth_unit == 1e-4 and bag.camera == SMALL

@@ -1,0 +1,272 @@
+"""`jshape record` and `jshape camera`, as people use them; and from a recording to a bank."""
+
+import csv
+import json
+import signal
+from pathlib import Path
+
+import cv2
+import jax
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, Camera
+from jshape.cli import main
+from jshape.commands import cameras
+from jshape.data.recording import simulate_recording
+from jshape.data.simulate import DEPTH_UNIT
+from jshape.errors import BadFile
+from jshape.robot.cameras.base import CameraLost
+from jshape.robot.cameras.played import Played
+from jshape.store.banks import load_bank
+from jshape.store.cameras import write_camera
+from jshape.store.recordings import open_recording, recording_writer
+
+SMALL = Camera(64, 48, 60.0, 61.0, 31.0, 24.0, 0.42, 0.47)
+
+
+def noisy(rng, count):
+    return np.rint(4500 + rng.normal(0, 4.5, (count, *SMALL.shape))).astype(np.uint16)
+
+
+@pytest.fixture
+def folder(tmp_path, rng):
+    with recording_writer(tmp_path / "source", SMALL, 1e-4) as add:
+        for counts in noisy(rng, 6):
+            add(counts)
+    return tmp_path / "source"
+
+
+@pytest.fixture
+def watched(monkeypatch):
+    """Puts frames of the test's own before `jshape record` and `jshape camera check`."""
+
+    def put(frames, **options):
+        camera = Played("watched", SMALL, 1e-4, frames, **options)
+        monkeypatch.setattr(cameras, "opened", lambda _: camera)
+        return camera
+
+    return put
+
+
+def run(capsys, *words):
+    code = main([str(w) for w in words])
+    return code, *capsys.readouterr()
+
+
+def test_a_recording_is_copied_to_the_bit(folder, tmp_path, capsys):
+    code, out, err = run(capsys, "record", folder, "--out", tmp_path / "rec")
+    assert code == 0 and not err
+    assert "source: 6 frames of 64x48 in" in out and "(the end of the recording)" in out
+    assert "100.0% of the pixels have a reading" in out
+    first, second = open_recording(folder), open_recording(tmp_path / "rec")
+    assert (second.camera, second.depth_unit) == (SMALL, 1e-4)
+    for a, b in zip(first.frames(), second.frames(), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_frames_windows_and_json(folder, tmp_path, capsys):
+    code, out, _ = run(capsys, "record", folder, "--out", tmp_path / "rec", "--frames", 2,
+                       "--window", "10,20,30x25", "--depth-range", "0.3,1", "--json")  # fmt: skip
+    found = json.loads(out)
+    assert code == 0 and found["frames"] == 2 and found["stopped"] == "as many as asked"
+    assert found["camera"] == "source" and found["valid_share"] == 1.0
+    recording = open_recording(tmp_path / "rec")
+    assert recording.camera.shape == (25, 30) and recording.camera.u0 == 21.0
+    assert (recording.camera.z_min, recording.camera.z_max) == (0.3, 1.0)
+
+
+def test_a_simulated_camera_is_recorded_for_a_time(tmp_path, capsys):
+    code, out, _ = run(capsys, "record", "sim", "--out", tmp_path / "rec", "--seconds", "0.7s",
+                       "--every", "0.2s", "--window", "0,0,64x48", "--json")  # fmt: skip
+    assert code == 0 and 1 <= json.loads(out)["frames"] <= 5
+
+
+def test_one_frame_of_a_picture_and_no_clock_for_recordings(folder, tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "a.png"), np.full(SMALL.shape, 4500, np.uint16))
+    write_camera(tmp_path / "camera.json", SMALL, 1e-4)
+    assert run(capsys, "record", tmp_path / "a.png", "--out", tmp_path / "one")[0] == 0
+    assert len(open_recording(tmp_path / "one")) == 1
+    code, out, _ = run(capsys, "record", tmp_path / "a.png", "--out", tmp_path / "20",
+                       "--frames", 20)  # fmt: skip
+    assert code == 0 and "20 frames" in out, "a picture that stays the same is not stuck"
+    code, _, err = run(capsys, "record", folder, "--out", tmp_path / "x", "--seconds", "2s")
+    assert code == 2 and "--seconds and --every are for live cameras" in err
+    assert not (tmp_path / "x").exists()
+
+
+def test_what_is_there_is_not_replaced_unless_asked(folder, tmp_path, capsys):
+    assert run(capsys, "record", folder, "--out", tmp_path / "rec", "--frames", 1)[0] == 0
+    code, _, err = run(capsys, "record", folder, "--out", tmp_path / "rec")
+    assert code == 2 and "exists" in err
+    assert run(capsys, "record", folder, "--out", tmp_path / "rec", "--overwrite")[0] == 0
+    assert len(open_recording(tmp_path / "rec")) == 6
+
+
+def failing(frames, problem):
+    yield from frames
+    raise problem
+
+
+def test_ctrl_c_keeps_what_was_recorded(watched, tmp_path, capsys, rng):
+    watched(failing(noisy(rng, 3), KeyboardInterrupt()), live=True)
+    code, out, _ = run(capsys, "record", "it", "--out", tmp_path / "rec")
+    assert code == 0 and "3 frames" in out and "(interrupted)" in out
+    assert len(open_recording(tmp_path / "rec")) == 3
+    watched(failing([], KeyboardInterrupt()), live=True)
+    code, _, err = run(capsys, "record", "it", "--out", tmp_path / "none")
+    assert code == 130 and "interrupted" in err and not (tmp_path / "none").exists()
+
+
+def test_a_real_signal_keeps_what_was_recorded(watched, tmp_path, capsys, rng):
+    def frames():
+        for k, counts in enumerate(noisy(rng, 9)):
+            if k == 4:
+                signal.raise_signal(signal.SIGINT)
+            yield counts
+
+    watched(frames(), live=True)
+    assert run(capsys, "record", "it", "--out", tmp_path / "rec")[0] == 0
+    assert len(open_recording(tmp_path / "rec")) == 4
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["rec"], "nothing is left beside it"
+
+
+@pytest.mark.parametrize("problem", [CameraLost("watched: is gone"), BadFile("bag: torn")])
+def test_a_lost_camera_keeps_what_was_recorded(problem, watched, tmp_path, capsys, rng):
+    watched(failing(noisy(rng, 2), problem))
+    code, _, err = run(capsys, "record", "it", "--out", tmp_path / "rec")
+    assert code == 2 and f"{problem}; what came before, 2 frames, is kept in" in err
+    assert err.count("\n") == 1 and len(open_recording(tmp_path / "rec")) == 2
+    watched(failing([], problem))
+    code, _, err = run(capsys, "record", "it", "--out", tmp_path / "none")
+    assert code == 2 and str(problem) in err and not (tmp_path / "none").exists()
+
+
+def test_a_stuck_camera_ends_the_recording(watched, tmp_path, capsys, rng):
+    first, second = noisy(rng, 2)
+    watched(iter([first, *[second] * 99]), live=True)
+    code, _, err = run(capsys, "record", "it", "--out", tmp_path / "rec")
+    assert code == 2 and "15 frames are the same to the bit: it is stuck; what came before" in err
+    assert len(open_recording(tmp_path / "rec")) == 15
+
+
+def test_a_full_disk_keeps_what_was_recorded(watched, tmp_path, capsys, rng, monkeypatch):
+    from jshape.store import recordings
+
+    real, calls = recordings.write_counts_png, []
+
+    def full(path, counts):
+        calls.append(path)
+        if len(calls) > 3:
+            raise BadFile(f"{path}: cannot be written: No space left on device")
+        return real(path, counts)
+
+    monkeypatch.setattr(recordings, "write_counts_png", full)
+    watched(iter(noisy(rng, 9)), live=True)
+    code, _, err = run(capsys, "record", "it", "--out", tmp_path / "rec")
+    assert code == 2 and "No space left" in err and "3 frames, is kept" in err
+    assert len(open_recording(tmp_path / "rec")) == 3
+
+
+def test_too_many_missing_readings_are_said(watched, tmp_path, capsys, rng):
+    frames = noisy(rng, 5)
+    frames[:, :, :38] = 0
+    watched(iter(frames))
+    code, out, _ = run(capsys, "record", "it", "--out", tmp_path / "rec")
+    assert code == 0 and "40.6% of the pixels have a reading; too few: see jshape camera" in out
+    watched(iter(frames))
+    code, out, _ = run(capsys, "camera", "check", "it")
+    assert code == 0 and "BAD 40.6% of the pixels have a reading" in out
+
+
+# camera check, camera list.
+
+
+def test_check_says_good_and_draws(tmp_path, capsys):
+    picture = tmp_path / "check.png"
+    words = ("camera", "check", "sim", "--frames", 12, "--out", picture)
+    code, out, err = run(capsys, *words)
+    assert code == 0 and not err
+    assert "480x395 pixels, fx 433, fy 433" in out and "good enough to record" in out
+    assert out.count("  ok  ") == 6 and "BAD" not in out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert run(capsys, *words)[0] == 2
+    assert run(capsys, *words, "--overwrite")[0] == 0
+
+
+def test_check_says_what_is_wrong_and_prints_json(folder, tmp_path, capsys, watched, rng):
+    code, out, _ = run(capsys, "camera", "check", folder, "--json", "--depth-range", "0.3,0.4")
+    found = json.loads(out)
+    assert code == 0 and found["frames"] == 6 and found["good"] is False
+    assert found["intrinsics"]["fx"] == 60.0 and found["intrinsics"]["depth_unit"] == 1e-4
+    assert [line["good"] for line in found["verdict"]] == [True] * 5 + [False]
+    same = noisy(rng, 1)[0]
+    watched(iter([same] * 60), live=True)
+    code, out, _ = run(capsys, "camera", "check", "it")
+    assert "BAD all frames are the same to the bit; the stream is frozen" in out
+    assert "not good enough: 1 of 6 to mend" in out
+    watched(iter([same]))
+    code, out, _ = run(capsys, "camera", "check", "it", "--json")
+    assert json.loads(out)["noise_mm"] is None
+
+
+def test_check_of_what_is_not_there(capsys, tmp_path):
+    for words, match in (
+        (("camera", "check", "nowhere"), "nowhere: is not a camera"),
+        (("camera", "check", "sim", "--window", "1,2,3"), "is not LEFT,TOP,WIDTHxHEIGHT"),
+        (("camera", "check", "sim", "--depth-range", "1"), "is not two depths in metres"),
+        (("camera", "check", "sim", "--window", "0,0,999x9"), "leaves the 480x395 image"),
+    ):
+        try:
+            code = main(list(words))
+        except SystemExit as stopped:
+            code = stopped.code
+        err = capsys.readouterr().err
+        assert code == 2 and match in err and err.count("\n") == 1
+    assert main(["camera"]) == 2
+
+
+def test_list(capsys, monkeypatch):
+    pytest.importorskip("pyrealsense2")
+    from jshape.robot.cameras import realsense
+
+    monkeypatch.setattr(realsense, "devices", list)
+    code, out, _ = run(capsys, "camera", "list")
+    assert code == 0 and "no RealSense camera is connected" in out and "realsense:SERIAL" in out
+    found = [realsense.Device("Intel RealSense D435", "42")]
+    monkeypatch.setattr(realsense, "devices", lambda: found)
+    assert "realsense:42" in run(capsys, "camera", "list")[1]
+    code, out, _ = run(capsys, "camera", "list", "--json")
+    assert json.loads(out) == {"devices": [{"name": "Intel RealSense D435", "serial": "42"}]}
+
+
+def test_from_a_recording_of_the_sdk_to_a_bank(tmp_path, capsys):
+    """What the SDK's recorder wrote of a (virtual) D435, all the way by the command line."""
+    pytest.importorskip("pyrealsense2")
+    from tests.virtual_realsense import record
+
+    truth, frames = simulate_recording(
+        jax.random.key(9), ["poke"] * 4, idle=1, still=8, move=3, rest=3
+    )
+    record(tmp_path / "session.db3", PAPER_BOX, DEPTH_UNIT, frames)
+    rec, cut, pairs, bank = (tmp_path / n for n in ("rec", "cut", "pairs", "bank"))
+    for words in (
+        ("record", f"realsense:{tmp_path}/session.db3", "--out", rec),
+        ("dataset", "segment", rec, cut, "--action", "poke", "--agent", "human",
+         "--material", "flour"),
+        ("dataset", "annotate", cut, pairs),
+        ("train", pairs, "--kind", "D", "--out", bank),
+    ):  # fmt: skip
+        code, out, err = run(capsys, *words)
+        assert code == 0, err
+    assert len(open_recording(rec)) == truth.frames
+    with open(pairs / "pairs.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4
+    actions = [c for c in truth.changes if c["kind"] == "action"]
+    for row, change in zip(rows, actions, strict=True):
+        u, v = change["position"]
+        assert abs(int(row["u"]) - u) < 12 and abs(int(row["v"]) - v) < 12
+    loaded = load_bank(bank)
+    assert loaded.actions == ("poke",) and loaded.camera == PAPER_BOX
+    assert Path(pairs / "contact_sheet.png").exists()

@@ -1,0 +1,113 @@
+"""Bags as ROS 1, ROS 2 and MCAP record them, written for a test."""
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rosbags import rosbag1, rosbag2
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.typesys import Stores, get_typestore
+
+from jshape.camera import Camera
+
+TOPIC = "/camera/depth/image_rect_raw"
+INFO = "/camera/depth/camera_info"
+FORMATS = ("ros1", "ros2", "mcap")
+
+QUANTISATION = 100.0
+FARTHEST = 10.0
+
+
+def write_bag(path: Path, how: str, topics) -> Path:
+    """A bag of one of `FORMATS`; `topics` is (topic, [message makers]) pairs, taken in turn.
+
+    A maker is called with (types, seconds, ros1) and returns a message.  Returns what to open.
+    """
+    ros1 = how == "ros1"
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    if ros1:
+        path = path.with_suffix(".bag")
+        writer = rosbag1.Writer(path)
+    else:
+        plugin = StoragePlugin.MCAP if how == "mcap" else StoragePlugin.SQLITE3
+        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+    pack = store.serialize_ros1 if ros1 else store.serialize_cdr
+    with writer as bag:
+        connections = {}
+        for topic, makers in topics:
+            for k, make in enumerate(makers):
+                message = make(store.types, k, ros1)
+                kind = message.__msgtype__
+                if topic not in connections:
+                    connections[topic] = bag.add_connection(topic, kind, typestore=store)
+                bag.write(connections[topic], 10**9 * (1 + k), pack(message, kind))
+    return path
+
+
+def header(types, k, ros1):
+    stamp = types["builtin_interfaces/msg/Time"](sec=1 + k, nanosec=0)
+    more = {"seq": k} if ros1 else {}
+    return types["std_msgs/msg/Header"](stamp=stamp, frame_id="depth", **more)
+
+
+def image(array, encoding=None, big=False, pad=0):
+    """A maker of a sensor_msgs/Image, its rows padded by some bytes."""
+    name = encoding or {"u2": "16UC1", "f4": "32FC1"}[array.dtype.str[1:]]
+
+    def make(types, k, ros1):
+        stored = array.astype(array.dtype.newbyteorder(">" if big else "<"))
+        rows = stored.view(np.uint8).reshape(len(array), -1)
+        rows = np.pad(rows, ((0, 0), (0, pad)))
+        return types["sensor_msgs/msg/Image"](
+            header=header(types, k, ros1), height=array.shape[0], width=array.shape[1],
+            encoding=name, is_bigendian=int(big), step=rows.shape[1], data=rows.reshape(-1).copy(),
+        )  # fmt: skip
+
+    return make
+
+
+def packed(array, quality="; compressedDepth png"):
+    """A maker of what compressed_depth_image_transport sends: counts, or metres as 1/z."""
+    if array.dtype == np.uint16:
+        name, a, b, counts = "16UC1", 0.0, 0.0, array
+    else:
+        name, a = "32FC1", QUANTISATION * (QUANTISATION + 1)
+        b = 1.0 - a / FARTHEST
+        good = np.isfinite(array) & (array > 0) & (array < FARTHEST)
+        inverse = a / np.where(good, array, 1.0) + b
+        counts = np.where(good, np.rint(inverse), 0).astype(np.uint16)
+    data = struct.pack("<iff", 0, a, b) + cv2.imencode(".png", counts)[1].tobytes()
+
+    def make(types, k, ros1):
+        return types["sensor_msgs/msg/CompressedImage"](
+            header=header(types, k, ros1), format=name + quality,
+            data=np.frombuffer(data, np.uint8),
+        )  # fmt: skip
+
+    return make
+
+
+def info(camera: Camera, distortion=(0.0,) * 5, size=None, **wrong):
+    """A maker of the CameraInfo of a camera; `wrong` replaces fx, fy, u0 or v0."""
+    n = {f: float(wrong.get(f, getattr(camera, f))) for f in ("fx", "fy", "u0", "v0")}
+    width, height = size or (camera.width, camera.height)
+    k9 = np.array([n["fx"], 0, n["u0"], 0, n["fy"], n["v0"], 0, 0, 1], float)
+    p12 = np.array([n["fx"], 0, n["u0"], 0, 0, n["fy"], n["v0"], 0, 0, 0, 1, 0], float)
+
+    def make(types, k, ros1):
+        roi = types["sensor_msgs/msg/RegionOfInterest"](
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        return types["sensor_msgs/msg/CameraInfo"](
+            header(types, k, ros1), height, width, "plumb_bob", np.array(distortion, float), k9,
+            np.eye(3).reshape(-1), p12, 0, 0, roi,
+        )  # fmt: skip
+
+    return make
+
+
+def depth_bag(path: Path, how: str, camera: Camera, frames, make=image) -> Path:
+    """The usual bag: depth frames and their CameraInfo."""
+    topics = [(TOPIC, [make(f) for f in frames]), (INFO, [info(camera)] * len(frames))]
+    return write_bag(path, how, topics)

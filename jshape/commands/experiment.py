@@ -43,9 +43,32 @@ def planning(options: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
+def robot(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape experiment robot`: the paper's six goals, molded by a robot that looks."""
+    from jshape.experiments.robot import run_robot
+
+    say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
+    result = run_robot(
+        options.out, arm=options.arm, bank_name=options.bank, seed=options.seed,
+        overwrite=options.overwrite, say=say,
+    )  # fmt: skip
+    say(f"tables and pictures: {options.out}")
+    return result
+
+
+def twin(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape experiment twin`: every action at every place in the physics twin."""
+    from jshape.experiments.twin import check_twin
+
+    say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
+    result = check_twin(options.out, key=options.seed, overwrite=options.overwrite, say=say)
+    say((options.out / "report.md").read_text())
+    return result
+
+
 def add(commands: Any) -> None:
     """The parser of `jshape experiment`."""
-    experiment = commands.add_parser("experiment", help="measure planners on simulated problems")
+    experiment = commands.add_parser("experiment", help="measure planners and the robot's twin")
     experiment.set_defaults(help_of=experiment)
     experiments = experiment.add_subparsers(
         dest="subcommand", metavar="WHAT", parser_class=arguments.Parser
@@ -73,3 +96,17 @@ def add(commands: Any) -> None:
     )
     arguments.add_devices(parser)
     parser.add_argument("--seconds", type=arguments.positive, help="for each plan (no limit)")
+
+    parser = arguments.command(
+        experiments, "robot", robot, "the paper's six robot problems, in the physics twin"
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder for runs and tables")
+    parser.add_argument("--arm", choices=("mujoco", "sim"), default="mujoco", help="(mujoco)")
+    parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
+    parser.add_argument("--seed", type=arguments.seed, default=0, help="other problems")
+
+    parser = arguments.command(
+        experiments, "twin", twin, "grasp, knock and poke at 15 places: collisions, place errors"
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder for the tables")
+    parser.add_argument("--seed", type=arguments.seed, default=0, help="another bed")

@@ -1,0 +1,47 @@
+"""The paper's robot problems: what is asked, what is written, and that a robot solves one."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, actions
+from jshape.errors import UnknownName
+from jshape.experiments import robot
+
+
+def test_problems_are_the_papers():
+    """Grasp, knock and poke once each on the grid of 15, apart from one another."""
+    grid = {tuple(place) for place in actions.grid(PAPER_BOX, 5, 3).tolist()}
+    seen = set()
+    for number, agent in enumerate(robot.AGENTS):
+        bed, goal, applied = robot._problem(0, number, agent)
+        assert sorted(one.action for one in applied) == ["grasp", "knock", "poke"]
+        assert {one.position for one in applied} <= grid
+        u = sorted(one.position[0] for one in applied)
+        assert min(np.diff(u)) > 100 and goal.shape == PAPER_BOX.shape
+        seen.add(tuple((one.action, one.position) for one in applied))
+    assert len(seen) == 6
+
+
+def test_a_problem_is_solved_and_written_down(tmp_path, monkeypatch):
+    monkeypatch.setattr(robot, "AGENTS", ("robot",))
+    monkeypatch.setattr(robot, "TRIED", {"positions": "5x3", "max_steps": 3})
+    lines = []
+    content = robot.run_robot(
+        tmp_path / "six", arm="sim", bank_name="flour-robot", say=lines.append
+    )
+    (row,) = content["rows"]
+    assert row["retrieved"] == 1.0 and sorted(row["actions"]) == ["grasp", "knock", "poke"]
+    assert (np.diff(row["obtained_mm"]) < 0).all()
+    assert row["obtained_mm"][-1] < 0.5 * row["obtained_mm"][0]
+    assert content == json.loads((tmp_path / "six" / "robot.json").read_text())
+    assert "| 1 | robot |" in (tmp_path / "six" / "report.md").read_text()
+    for name in ("robot.png", "curves.png"):
+        assert (tmp_path / "six" / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_arm_that_is_none_is_refused(tmp_path):
+    with pytest.raises(UnknownName, match="mujoco, sim"):
+        robot.run_robot(tmp_path / "six", arm="kuka")
+    assert not (tmp_path / "six").exists()

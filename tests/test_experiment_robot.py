@@ -26,7 +26,7 @@ def test_problems_are_the_papers():
 
 def test_a_problem_is_solved_and_written_down(tmp_path, monkeypatch):
     monkeypatch.setattr(robot, "AGENTS", ("robot",))
-    monkeypatch.setattr(robot, "TRIED", {"positions": "5x3", "max_steps": 3})
+    monkeypatch.setattr(robot, "TRIED", {"max_steps": 3})
     lines = []
     content = robot.run_robot(
         tmp_path / "six", arm="sim", bank_name="flour-robot", say=lines.append

@@ -19,7 +19,7 @@ from jshape.errors import UnknownName
 from jshape.experiments.measures import Retrieval, retrieval
 from jshape.experiments.problems import Applied
 from jshape.planning import DEFAULT_BANK
-from jshape.robot.arms.names import BOX, Opened
+from jshape.robot.arms.names import BOX
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.loop import Molding, Step, mold
@@ -86,10 +86,7 @@ def run_robot(
         bed, goal, applied = _problem(seed, number, agent)
         names = ", ".join(f"{a.action} at {tuple(a.position)}" for a in applied)
         say(f"problem {number + 1}, a goal made by a {agent}: {names}")
-        opened = _opened(arm, bed, seed + number)
-        with Robot(
-            opened.eye, opened.arm, load_hand(), bank.camera, base_camera=opened.base_camera
-        ) as robot:
+        with _robot(arm, bed, seed + number) as robot:
             result = mold(
                 robot, goal, bank, min_gain=least, patience=2, watch=True,
                 on_step=lambda step, depth: say(_line(step)), **TRIED,
@@ -124,15 +121,16 @@ def _problem(seed: int, number: int, agent: str) -> tuple[sim.Bed, np.ndarray, l
     return bed, image_of_depth(other.look(), PAPER_BOX, where="goal").image, applied
 
 
-def _opened(arm: str, bed: sim.Bed, seed: int) -> Opened:
-    """The arm over a bed, with its camera."""
+def _robot(arm: str, bed: sim.Bed, seed: int) -> Robot:
+    """A robot of one of `ARMS` over a bed."""
     if arm == "sim":
         for_world, for_eye = jax.random.split(jax.random.key(seed))
         world = SimulatedWorld(for_world, bed)
-        return Opened(SimulatedArm(world), simulated_camera(world, for_eye))
+        return Robot(simulated_camera(world, for_eye), SimulatedArm(world), load_hand(), PAPER_BOX)
     from jshape.robot.twin import make_twin
 
-    return Opened(*make_twin(seed, bed, camera=PAPER_BOX))
+    made = make_twin(seed, bed, camera=PAPER_BOX)
+    return Robot(made.camera, made.arm, load_hand(), PAPER_BOX, base_camera=made.base_camera)
 
 
 def _row(

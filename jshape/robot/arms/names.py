@@ -19,6 +19,7 @@ from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.simulated import SimulatedWorld
+from jshape.sim.bed import SIZE
 
 HILLS = 0.003
 """Standard deviation of a bed's surface, metres."""
@@ -71,7 +72,7 @@ def open_arm(
 
 
 def bed_of(
-    seed: int, size: tuple[float, float] = sim.bed.SIZE
+    seed: int, size: tuple[float, float] = SIZE
 ) -> tuple[sim.Bed, jax.Array, jax.Array]:
     """The uneven bed of a seed, and keys for its hand and its camera."""
     for_bed, for_world, for_eye = jax.random.split(jax.random.key(seed), 3)

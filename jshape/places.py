@@ -62,10 +62,14 @@ def dense_positions(bank: Bank, stride: int) -> dict[str, np.ndarray]:
     """Every `stride` pixels along u and v, (N_a, 2) per action, wherever its own ROI fits.
 
     Raises:
-      JShapeError: a stride that is no whole number from 1.
+      JShapeError: a stride that is no whole number from 1 to the image's shorter side.
     """
-    if not isinstance(stride, int | np.integer) or isinstance(stride, bool) or stride < 1:
-        raise JShapeError(f"stride is {stride!r}; it must be a whole number of pixels from 1")
+    most = min(bank.camera.shape)
+    whole = isinstance(stride, int | np.integer) and not isinstance(stride, bool)
+    if not whole or not 1 <= stride <= most:
+        raise JShapeError(
+            f"stride is {stride!r}; it must be a whole number of pixels from 1 to {most}"
+        )
 
     def line(size: int, roi: int) -> np.ndarray:
         first, last = roi // 2, size - (roi - roi // 2)

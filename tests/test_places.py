@@ -54,7 +54,7 @@ def images(bank):
 
 @settings(max_examples=40, deadline=None)
 @given(
-    size=st.tuples(st.integers(1, 48), st.integers(1, 40)), stride=st.sampled_from([1, 2, 3, 7, 60])
+    size=st.tuples(st.integers(1, 48), st.integers(1, 40)), stride=st.sampled_from([1, 2, 3, 7, 40])
 )
 def test_dense_places_reach_both_ends(size, stride):
     """As many as there can be at that stride, what is left over shared by the two ends."""

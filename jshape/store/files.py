@@ -111,7 +111,10 @@ def check_target(
         if not names:
             return True
         if not overwrite:
-            raise BadFile(f"{target}: the folder exists and is not empty; choose another name")
+            raise BadFile(
+                f"{target}: the folder exists and is not empty; choose another name, or replace it "
+                "with --overwrite (overwrite=True)"
+            )
         if contents is not None and not (target / contents[0]).is_file():
             raise BadFile(
                 f"{target}: the folder holds no {contents[0]}, so it is not replaced; "

@@ -83,7 +83,9 @@ def run_robot(
     rows, stories = [], []
     least = MIN_GAIN_MM / float(metric.to_mm(1.0, bank.camera))
     for number, agent in enumerate(AGENTS):
-        bed, goal, applied = _problem(seed, number, agent)
+        bed, wanted, applied = problem(seed, number, agent)
+        with _robot(arm, wanted, seed + len(AGENTS) + number) as other:
+            goal = image_of_depth(other.look(), bank.camera, where="goal").image
         names = ", ".join(f"{a.action} at {tuple(a.position)}" for a in applied)
         say(f"problem {number + 1}, a goal made by a {agent}: {names}")
         with _robot(arm, bed, seed + number) as robot:
@@ -105,8 +107,8 @@ def run_robot(
     return content
 
 
-def _problem(seed: int, number: int, agent: str) -> tuple[sim.Bed, np.ndarray, list[Applied]]:
-    """A levelled bed, the image wanted of it, and what made that image from a copy of the bed."""
+def problem(seed: int, number: int, agent: str) -> tuple[sim.Bed, sim.Bed, list[Applied]]:
+    """A levelled bed, the bed that is wanted, and what made it from a copy of the first."""
     rng = np.random.default_rng([seed, number])
     for_bed, for_hand = jax.random.split(jax.random.key(int(rng.integers(2**31))))
     bed = sim.irregular_bed(for_bed, std=LEVELLED, size=BOX)
@@ -118,7 +120,7 @@ def _problem(seed: int, number: int, agent: str) -> tuple[sim.Bed, np.ndarray, l
         u, v = places[int(rng.integers(3)) * 5 + column].tolist()
         other.act(str(action), (u, v))
         applied.append(Applied(str(action), (u, v), 1.0, 0.0))
-    return bed, image_of_depth(other.look(), PAPER_BOX, where="goal").image, applied
+    return bed, other.bed, applied
 
 
 def _robot(arm: str, bed: sim.Bed, seed: int) -> Robot:
@@ -194,6 +196,7 @@ def curves(stories: list[Molding]) -> Figure:
     for k, (ax, story) in enumerate(zip(axes, stories, strict=False)):
         pictures.draw_curve(ax, story.first_plan.distances_mm, story.distances_mm)
         ax.set_title(f"problem {k + 1}, goal by a {AGENTS[k]}", fontsize=9)
+    figure.supylabel("distance to the goal (mm)", fontsize=10)
     for ax in axes[len(stories) :]:
         ax.set_axis_off()
     return figure

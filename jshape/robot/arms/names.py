@@ -71,9 +71,7 @@ def open_arm(
     return KINDS[name].open(int(number), material, camera, say)
 
 
-def bed_of(
-    seed: int, size: tuple[float, float] = SIZE
-) -> tuple[sim.Bed, jax.Array, jax.Array]:
+def bed_of(seed: int, size: tuple[float, float] = SIZE) -> tuple[sim.Bed, jax.Array, jax.Array]:
     """The uneven bed of a seed, and keys for its hand and its camera."""
     for_bed, for_world, for_eye = jax.random.split(jax.random.key(seed), 3)
     return sim.irregular_bed(for_bed, std=HILLS, size=size), for_world, for_eye

@@ -1,0 +1,179 @@
+"""The arm of the physics twin: MuJoCo moves it, mink says how, and the bed gives way below it."""
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from jshape._typing import Float
+from jshape.errors import BadPosition, UnknownName
+from jshape.robot.arms.base import ArmError, Doing, EffortLimit, Moved, PoseRefused
+from jshape.robot.twin import fingers
+from jshape.robot.twin.model import FLOOR, RIM
+from jshape.robot.twin.press import Press
+from jshape.robot.twin.world import Twin
+
+HARD = 120.0
+"""Contact effort at which the arm stops for good, Nm."""
+PEAK = 1.875
+"""Highest speed of a smooth motion over its mean speed."""
+SLOWEST = 0.15
+"""A motion takes at least so long, seconds."""
+SETTLE = 0.15
+"""The arm waits so long at the end of a motion, seconds, for what still swings."""
+TURNS = 2.5
+"""The hand's joints turn at most so fast, radians per second."""
+HOMING = 0.8
+"""The arm's joints turn at most so fast on the way home, radians per second."""
+CLEAR = 0.05
+"""The tool leaves the box straight up until it is so far above its rim, metres."""
+LIFTING = 0.1
+"""Speed on that way, metres per second."""
+REFRESH = 5
+"""The bed moves every so many steps of the physics."""
+
+
+class MuJoCoArm:
+    """Moves the twin's arm and hand; implements `Arm`."""
+
+    name = "KUKA LBR iiwa 14 with a five-finger hand (MuJoCo)"
+
+    def __init__(
+        self,
+        twin: Twin,
+        *,
+        hard_limit: float = HARD,
+        watch: Callable[[Twin], None] = lambda twin: None,
+    ):
+        """An arm over a twin's bed.
+
+        Args:
+          twin: the world that it moves in.
+          hard_limit: contact effort at which it stops and raises, Nm.
+          watch: called after every step of the physics, for pictures and measurements.
+        """
+        self.twin = twin
+        self._hard = hard_limit
+        self.watch = watch
+        """Called after every step of the physics."""
+        self._tool = np.eye(4)
+        self._doing: Doing | None = None
+        self._press: Press | None = None
+
+    def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
+        """Remember the tool; when the act begins, work out what it will do to the bed."""
+        self._finish()
+        self._doing, self._tool = doing, np.asarray(tool, float)
+
+    def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
+        """Bring the tool there along a straight line, or as far as the effort allows."""
+        flange = np.asarray(pose, float) @ np.linalg.inv(self._tool)
+        line = self.twin.reach.line(self.twin.target, flange)
+        if self._doing is not None and self._doing.operation == "act":
+            self._press = self._pressing(self._doing, pose)
+        seconds = max(PEAK * line.way[-1] / speed, SLOWEST)
+        joints = line.joints if len(line.way) > 1 else np.repeat(line.joints, 2, axis=0)
+        spline = CubicSpline(np.linspace(0.0, 1.0, len(joints)), joints)
+        return self._follow(spline, seconds, threshold)
+
+    def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
+        """Give the hand a posture; a turn of the wrist may take longer than `seconds`."""
+        try:
+            angles = fingers.angles(name)
+        except UnknownName as problem:
+            raise ArmError(str(problem)) from None
+        twin = self.twin
+        first, last = twin.grip, np.array([angles[joint] for joint in fingers.JOINTS])
+        seconds = max(seconds, PEAK * np.abs(last - first).max() / TURNS)
+
+        def step(share: float, rate: float) -> float:
+            twin.grip = first + share * (last - first)
+            if self._press is not None:
+                self._press.close(share)
+            return twin.step()
+
+        return self._run(step, seconds, threshold)
+
+    def home(self) -> None:
+        """Lead the joints to where the camera looks straight down at the bed."""
+        self._finish()
+        self._lift()
+        first, last = self.twin.target, self.twin.home
+        seconds = max(PEAK * np.abs(last - first).max() / HOMING, SLOWEST)
+        spline = CubicSpline([0.0, 1.0], np.stack([first, last]))
+        self._follow(spline, seconds, self._hard)
+
+    def effort(self) -> float:
+        """The contact effort now, Nm."""
+        return self.twin.effort()
+
+    def pose(self) -> Float[np.ndarray, "4 4"]:
+        """Of the tool now, from the physics."""
+        return self.twin.flange() @ self._tool
+
+    def stop(self) -> None:
+        """Hold still; the bed stays as it is now."""
+        self.twin.halt()
+        self._finish()
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def _lift(self) -> None:
+        """Straight up out of the box, should the tool still be in it."""
+        pose = self.pose()
+        if pose[2, 3] < FLOOR + RIM + CLEAR:
+            pose[2, 3] = FLOOR + RIM + CLEAR
+            with suppress(PoseRefused):  # then the joints' way has to do
+                self._doing = None
+                self.move(pose, speed=LIFTING, threshold=self._hard)
+
+    def _follow(self, spline: CubicSpline, seconds: float, threshold: float) -> Moved:
+        twin, speed = self.twin, spline.derivative()
+
+        def step(share: float, rate: float) -> float:
+            twin.target = spline(share)
+            if self._press is not None:
+                self._press.down(self.pose())
+            return twin.step(speed(share) * rate)
+
+        return self._run(step, seconds, threshold)
+
+    def _run(
+        self, step: Callable[[float, float], float], seconds: float, threshold: float
+    ) -> Moved:
+        """Step until the end, the threshold or the hard limit.
+
+        `step` is given the share of the motion and its rate per second: a smooth start and end
+        (the polynomial of least jerk), so that accelerations stay far below contact efforts.
+        """
+        tick = self.twin.model.opt.timestep
+        count, rest = max(int(np.ceil(seconds / tick)), 1), int(SETTLE / tick)
+        greatest = 0.0
+        for n in range(1, count + rest + 1):
+            t = min(n / count, 1.0)
+            share, rate = t**3 * (10 - 15 * t + 6 * t**2), 30 * (t * (1 - t)) ** 2 / seconds
+            effort = step(share, rate)
+            greatest = max(greatest, effort)
+            self.watch(self.twin)
+            if effort > self._hard:
+                self.stop()
+                raise EffortLimit(
+                    f"contact effort {effort:.0f} Nm; the arm stops at {self._hard:g}"
+                )
+            if effort > threshold:
+                self.twin.halt()
+                return Moved(True, greatest, self.pose())
+        return Moved(False, greatest, self.pose())
+
+    def _pressing(self, doing: Doing, pose: np.ndarray) -> Press:
+        try:
+            return Press(self.twin, doing, self.pose(), np.asarray(pose, float), REFRESH)
+        except (UnknownName, BadPosition) as problem:
+            raise ArmError(str(problem)) from None
+
+    def _finish(self) -> None:
+        if self._press is not None:
+            press, self._press = self._press, None
+            press.finish()

@@ -1,0 +1,169 @@
+"""The twin's state: the physics, the bed that it stands for, and the clock of both."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from jshape import sim
+from jshape._typing import Array, Bool, Float, Key
+from jshape.camera import D435_BAZAR, Camera
+from jshape.errors import UnknownName
+from jshape.robot.twin import fingers, iiwa
+from jshape.robot.twin.engine import mujoco
+from jshape.robot.twin.ik import Reach
+from jshape.robot.twin.model import Obstacle, build, field_of, flange_camera
+
+FILTER = 0.015
+"""Time constant of the low pass that efforts go through, seconds."""
+REST = np.radians([0.0, 27.0, 0.0, -86.0, 0.0, 92.0, -90.0])
+"""Joint angles that the arm likes: elbow up; the hand can turn by 90 to the left, 250 to the right,
+degrees."""
+
+
+class Twin:
+    """A robot, a box and a bed.  `step` moves time; everything else looks or commands."""
+
+    def __init__(
+        self,
+        bed: sim.Bed,
+        *,
+        key: Key[Array, ""] | None = None,
+        material: str = "flour",
+        camera: Camera = D435_BAZAR,
+        obstacle: Obstacle | None = None,
+        spread: float = 0.0,
+    ):
+        """A twin at home over a bed.
+
+        Args:
+          bed: as it is now; its size is the box's.
+          key: for the variability of actions; None is `jax.random.key(0)`.
+          material: of the bed.
+          camera: size and intrinsics of the depth camera on the wrist.
+          obstacle: something rigid in the bed.
+          spread: factor on the robot's variability in `sim.apply_action`.
+
+        Raises:
+          UnknownName: no such material.
+          JShapeError: MuJoCo or mink is not installed.
+        """
+        if material not in sim.MATERIALS:
+            raise UnknownName("material", material, sim.MATERIALS)
+        self._engine = mujoco()
+        scene = build(bed, camera, obstacle)
+        self.model: Any = scene.model
+        self.data: Any = self._engine.MjData(self.model)
+        self.base_camera = scene.base_camera
+        self.camera = camera
+        self.material = material
+        self.obstacle = obstacle
+        self.spread = spread
+        self.reach = Reach(REST)
+        flange = self.base_camera @ np.linalg.inv(flange_camera())
+        self.home = self.reach.solve(flange, REST)
+        self._key = jax.random.key(0) if key is None else key
+        self._arm = _addresses(self.model, iiwa.JOINTS)
+        self._hand = _addresses(self.model, fingers.JOINTS)
+        drives = iiwa.JOINTS, fingers.JOINTS
+        self._drives = [np.array([self.model.actuator(n).id for n in names]) for names in drives]
+        self._bed_geom: int = self.model.geom("bed").id
+        soft = [self._bed_geom] + ([self.model.geom("obstacle").id] if obstacle else [])
+        self._meant = np.array(soft)
+        self.shown = 0
+        """Counts the changes of the height field, so that pictures know when they are stale."""
+        self.collisions: set[tuple[str, str]] = set()
+        """Names of shapes that have met since the start; what is in the box does not count."""
+        self.put(bed)
+        self.target = self.home.copy()
+        """Joint angles that the arm holds, radians."""
+        self.grip = np.array([fingers.angles("fist")[name] for name in fingers.JOINTS])
+        """Joint angles that the hand holds, radians."""
+        self.data.qpos[self._arm], self.data.qpos[self._hand] = self.target, self.grip
+        self._felt = np.zeros(7)
+        self._engine.mj_forward(self.model, self.data)
+
+    def next_key(self) -> Key[Array, ""]:
+        """A fresh key."""
+        self._key, key = jax.random.split(self._key)
+        return key
+
+    def put(self, bed: sim.Bed) -> None:
+        """Take another bed of the same size, as it is at first."""
+        self.bed = self.first = bed
+        self.show(np.asarray(bed.height))
+
+    def show(self, height: Float[np.ndarray, "Y X"]) -> None:
+        """Let the physics have this surface, metres above the floor."""
+        self.model.hfield_data[:] = field_of(sim.loose_bed(height, self.bed.cell))
+        self.shown += 1
+
+    def step(self, speed: Float[np.ndarray, "7"] | None = None) -> float:
+        """Move time by one step of the physics towards `target` and `grip`.
+
+        Args:
+          speed: of `target`, radians per second: with it the arm does not lag behind.
+
+        Returns:
+          The contact effort, Nm.
+        """
+        ahead = self.target if speed is None else self.target + iiwa.LAG * speed
+        self.data.ctrl[self._drives[0]] = ahead
+        self.data.ctrl[self._drives[1]] = self.grip
+        self._engine.mj_step(self.model, self.data)
+        # What the drives give beyond gravity, centrifugal and Coriolis forces.
+        data, arm = self.data, self._arm
+        torque = data.qfrc_actuator[arm] + data.qfrc_gravcomp[arm] - data.qfrc_bias[arm]
+        self._felt += (torque - self._felt) * (self.model.opt.timestep / FILTER)
+        if data.ncon:
+            self._note()
+        return self.effort()
+
+    def effort(self) -> float:
+        """The greatest contact effort over the seven joints, Nm."""
+        return float(np.abs(self._felt).max())
+
+    def joints(self) -> Float[np.ndarray, "7"]:
+        """Angles of the arm now, radians."""
+        return self.data.qpos[self._arm].copy()
+
+    def flange(self) -> Float[np.ndarray, "4 4"]:
+        """Pose of the flange in the base frame, from the physics."""
+        # After a step MuJoCo's poses are those before it.
+        self._engine.mj_kinematics(self.model, self.data)
+        return _pose(self.data.site("flange"))
+
+    def eye(self) -> Float[np.ndarray, "4 4"]:
+        """Pose of the depth camera in the base frame, from the physics."""
+        self._engine.mj_kinematics(self.model, self.data)
+        return _pose(self.data.body("camera"))
+
+    def touches_bed(self) -> bool:
+        """Whether some part of the robot touches the material now."""
+        return bool((self.data.contact.geom == self._bed_geom).any())
+
+    def within_limits(self) -> Bool[np.ndarray, "7"]:
+        """Which joints of the arm are inside their limits now."""
+        return np.abs(self.joints()) <= iiwa.RANGES
+
+    def halt(self) -> None:
+        """Hold everything where it is."""
+        self.target = self.joints()
+        self.grip = self.data.qpos[self._hand].copy()
+
+    def _note(self) -> None:
+        for pair in self.data.contact.geom[~np.isin(self.data.contact.geom, self._meant).any(1)]:
+            one, other = (self.model.geom(shape).name for shape in pair)
+            self.collisions.add((one, other))
+
+
+def _addresses(model: Any, names: tuple[str, ...]) -> np.ndarray:
+    """Places of joints in qpos; all are hinges, so those in qvel are the same."""
+    return np.array([model.joint(name).qposadr[0] for name in names])
+
+
+def _pose(thing: Any) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = np.asarray(thing.xmat).reshape(3, 3)
+    pose[:3, 3] = thing.xpos
+    return pose

@@ -1,0 +1,394 @@
+"""The physics twin: its numbers, its eyes, its reach, and what it does to the bed."""
+
+import os
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from jshape import sim
+from jshape.camera import D435_BAZAR, PAPER_BOX
+from jshape.errors import JShapeError
+from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, PoseRefused
+from jshape.robot.cameras.base import CameraLost, DepthCamera, look
+from jshape.robot.procedure import perform, turned
+from jshape.store.procedures import load_hand
+from tests.conftest import ROOT
+
+IDLE = Doing("poke", "above", 1.0, 0.0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def engine():
+    """MuJoCo through our own door, which chooses how to draw before it is imported."""
+    from jshape.robot.twin.engine import mink, mujoco
+
+    try:
+        mink()
+        return mujoco()
+    except JShapeError as problem:
+        pytest.skip(str(problem))
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_hand()
+
+
+@pytest.fixture(scope="module")
+def flat(engine):
+    """(arm, camera, base_camera) over a flat bed in the paper's box, with perfect eyes."""
+    from jshape.robot.twin import make_twin
+
+    ready = make_twin(0, sim.flat_bed(size=(0.5, 0.4)), camera=PAPER_BOX, noise=0.0)
+    with ready.camera:
+        yield ready
+
+
+@pytest.fixture
+def fresh(flat):
+    """The same with the bed as at first and the arm at home."""
+    arm = flat.arm
+    arm.begin(IDLE, np.eye(4))  # whatever a test left half done
+    arm.twin.put(sim.flat_bed(size=(0.5, 0.4)))
+    arm.home()
+    arm.twin.collisions.clear()
+    yield flat
+
+
+def tool_of(hand, action):
+    tool = np.eye(4)
+    tool[:3, 3] = np.asarray(hand.procedures[action].tool_mm) / 1000.0
+    return tool
+
+
+# --- the model ----------------------------------------------------------------------------------
+
+
+def test_links_and_limits_are_those_of_the_data_sheet(flat, engine):
+    from jshape.robot.twin import iiwa
+
+    model, upright = flat.arm.twin.model, engine.MjData(flat.arm.twin.model)
+    engine.mj_forward(model, upright)
+    height = [upright.body(f"link{k}").xpos[2] for k in range(1, 8)]
+    flange = upright.site("flange").xpos[2]
+    # Base to shoulder, to elbow, to wrist, to flange: KUKA LBR iiwa 14 R820, metres.
+    parts = [height[1], height[3] - height[1], height[5] - height[3], flange - height[5]]
+    np.testing.assert_allclose(parts, [0.360, 0.420, 0.400, 0.126], atol=1e-9)
+    limits = np.degrees([model.joint(name).range for name in iiwa.JOINTS])
+    most = np.array([170, 120, 170, 120, 170, 120, 175])
+    np.testing.assert_allclose(limits, np.stack([-most, most], -1), atol=1e-9)
+    torques = [model.actuator(name).forcerange[1] for name in iiwa.JOINTS]
+    assert torques == [320, 320, 176, 176, 110, 40, 40]
+
+
+def test_fingertips_stand_where_the_strokes_of_the_simulator_begin(flat, hand, engine):
+    from jshape.robot.twin import fingers
+
+    twin, names = flat.arm.twin, list(fingers.FINGERS)
+    apart = {
+        "grasp": (("claw", 1), ("closed", 2), ["thumb", *names]),
+        "pinch": (("pinch_open", 1), ("pinch_closed", 2), ["index", "middle"]),
+        "poke": (("point", 1), ("point", 2), ["index"]),
+    }
+    for action, (*moments, tips) in apart.items():
+        path = np.asarray(sim.stroke(action).path)
+        for posture, moment in moments:
+            data = engine.MjData(twin.model)
+            for name, angle in fingers.angles(posture).items():
+                data.joint(name).qpos = angle
+            engine.mj_forward(twin.model, data)
+            flange = np.eye(4)
+            flange[:3, :3] = data.site("flange").xmat.reshape(3, 3)
+            flange[:3, 3] = data.site("flange").xpos
+            for finger, tip in enumerate(tips):
+                length = (fingers.THUMB_LENGTHS if tip == "thumb" else fingers.LENGTHS)[-1]
+                bone = data.body(f"{tip}_3")
+                end = bone.xpos + bone.xmat.reshape(3, 3)[:, 2] * length
+                end = np.linalg.inv(flange @ tool_of(hand, action)) @ np.append(end, 1.0)
+                off = np.linalg.norm(end[:2] - path[moment, finger].mean(0)[:2])
+                # Four closed fingers cannot be 9 mm apart, as those of the simulator are.
+                assert off < (0.013 if posture == "closed" else 0.001), (posture, tip, off)
+
+
+def test_unknown_postures_are_refused(flat):
+    with pytest.raises(ArmError, match="unknown posture 'salute'; allowed: flat, claw"):
+        flat.arm.posture("salute", seconds=0.1, threshold=10.0)
+
+
+def test_the_twin_is_an_arm_and_a_camera(flat):
+    assert isinstance(flat.arm, Arm) and isinstance(flat.camera, DepthCamera)
+
+
+def test_the_package_does_not_import_mujoco_by_itself():
+    code = "import sys, jshape.robot.twin.start; assert 'mujoco' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_a_missing_mujoco_is_one_line(monkeypatch):
+    from jshape.robot.twin import engine
+
+    monkeypatch.setitem(sys.modules, "mink", None)
+    with pytest.raises(JShapeError, match=r"the twin needs mink.*pip install 'jshape\[sim\]'"):
+        engine.mink()
+
+
+def test_nothing_to_draw_with_is_one_line(flat, monkeypatch):
+    from jshape.robot.twin import engine
+
+    def broken(*_, **__):
+        raise RuntimeError("no\ndisplay")
+
+    monkeypatch.setattr(engine.mujoco(), "Renderer", broken)
+    with pytest.raises(engine.NoPicture, match="no display.*libosmesa6.*libegl1 libegl-mesa0"):
+        engine.renderer(flat.arm.twin.model, 64, 48)
+
+
+# --- the camera ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("camera", [PAPER_BOX, D435_BAZAR], ids=["box", "whole"])
+def test_depth_equals_the_simulators_for_every_posture_at_home(camera):
+    from jshape.robot.twin import fingers, make_twin
+
+    bed = sim.irregular_bed(jax.random.key(3), std=0.008)
+    ready = make_twin(0, bed, camera=camera, noise=0.0)
+    window = np.s_[:] if camera is PAPER_BOX else np.s_[46:441, 181:661]
+    want = np.asarray(sim.render(bed, camera))[window]
+    with ready.camera as eye:
+        for posture in ("flat", "side") if camera is PAPER_BOX else fingers.POSTURES:
+            ready.arm.posture(posture, seconds=0.1, threshold=1e3)
+            depth = eye.depth()
+            off = np.abs(depth[window] - want)
+            assert off.mean() < 0.0001 and off.max() < 0.001, posture  # metres
+            assert depth.min() > 0.40, posture  # nothing of the hand in the whole image
+
+
+def test_frames_are_counts_with_noise_and_lost_once_closed(flat):
+    from jshape.robot.cameras.mujoco import MuJoCoCamera
+
+    with MuJoCoCamera(flat.arm.twin) as eye:
+        frame = eye.frame()
+        assert frame.dtype == np.uint16 and frame.shape == PAPER_BOX.shape
+        assert (frame != eye.frame()).mean() > 0.5
+    with pytest.raises(CameraLost, match="closed"):
+        eye.frame()
+    eye.close()
+
+
+def test_without_noise_the_camera_is_still(fresh):
+    depth = look(fresh.camera, frames=3)
+    assert np.abs(depth - 0.45).mean() < 0.0005
+
+
+# --- inverse kinematics -------------------------------------------------------------------------
+
+
+def test_inverse_kinematics_reaches_what_it_says(flat):
+    from jshape.robot.twin.world import REST
+
+    reach = flat.arm.twin.reach
+    for yaw in (0.0, 0.7, np.pi / 2):
+        pose = flat.base_camera.copy()
+        pose[:3, :3] = pose[:3, :3] @ turned(yaw)
+        pose[:3, 3] += [0.05, -0.1, -0.2]
+        got = reach.pose(reach.solve(pose, REST))
+        assert np.linalg.norm(got[:3, 3] - pose[:3, 3]) < 1e-4
+        assert np.arccos(np.clip((np.trace(got[:3, :3].T @ pose[:3, :3]) - 1) / 2, -1, 1)) < 1e-3
+
+
+def test_lines_are_straight_and_within_the_limits(flat):
+    from jshape.robot.twin import iiwa
+
+    twin = flat.arm.twin
+    end = flat.base_camera.copy()
+    end[:3, 3] += [0.1, 0.1, -0.22]
+    line = twin.reach.line(twin.home, end)
+    points = np.stack([twin.reach.pose(joints)[:3, 3] for joints in line.joints])
+    along = (end[:3, 3] - points[0]) / np.linalg.norm(end[:3, 3] - points[0])
+    aside = (points - points[0]) - ((points - points[0]) @ along)[:, None] * along
+    assert np.linalg.norm(aside, axis=1).max() < 1e-4
+    assert (np.abs(line.joints) < iiwa.RANGES).all()
+
+
+def test_poses_out_of_reach_are_refused_and_the_arm_stays(fresh):
+    arm, before = fresh.arm, fresh.arm.twin.joints()
+    pose = fresh.base_camera.copy()
+    pose[0, 3] += 0.8
+    with pytest.raises(PoseRefused, match=r"no joint angles for the flange at \(\d+, "):
+        arm.move(pose, speed=0.2, threshold=40.0)
+    np.testing.assert_allclose(arm.twin.joints(), before, atol=1e-4)
+
+
+# --- acting -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "posture, action, low, high", [("point", "poke", 6, 25), ("fist", "knock", 8, 40)]
+)
+def test_material_gives_way_before_the_bed_changes(
+    fresh, hand, engine, posture, action, low, high
+):  # docs/twin.md: a fingertip meets about 3 N per millimetre, a fist about 5
+    arm, twin = fresh.arm, fresh.arm.twin
+    arm.begin(IDLE, tool_of(hand, action))
+    for height in (-0.05, 0.004):
+        pose = fresh.base_camera.copy()
+        pose[:3, 3] += pose[:3, :3] @ [0.0, 0.0, 0.45 + height]
+        arm.move(pose, speed=0.1, threshold=100.0)
+        arm.posture(posture, seconds=0.3, threshold=100.0)
+    force, sum_of = np.zeros(6), 0.0
+    for k in range(twin.data.ncon):
+        engine.mj_contactForce(twin.model, twin.data, k, force)
+        sum_of += force[0]
+    assert twin.touches_bed() and low < sum_of < high
+
+
+def test_a_poke_changes_the_bed_as_the_simulator_says(fresh, hand):
+    arm, bed = fresh.arm, fresh.arm.twin.bed
+    point, done, places = np.array([0.06, -0.04, 0.45]), [], []
+
+    def told(one):
+        done.append(one)
+        places.append((np.linalg.inv(fresh.base_camera) @ arm.pose())[:3, 3])
+
+    perform(arm, hand, "poke", point, fresh.base_camera, strength=0.9, told=told)
+    assert [one.operation for one in done] == ["above", "prepare", "contact", "act", "up", "clear"]
+    contact, act, up = done[2], done[3], done[4]
+    assert contact.contact and not act.contact
+    assert contact.effort_nm < 6.0 < act.effort_nm < 30.0
+    assert np.linalg.norm(places[2][:2] - point[:2]) < 0.001  # contact, metres
+    assert 0.45 < places[2][2] < 0.454  # it touched
+    np.testing.assert_allclose(places[3][2], 0.45 + 0.9 * 0.0198, atol=0.0005)
+    np.testing.assert_allclose(up.tool_mm[2], 330.0, atol=0.5)
+    want = sim.apply_action(
+        jax.random.key(0), bed, "flour", "poke", places[2][:2].astype(np.float32),
+        depth_scale=0.9, spread=0.0,
+    )  # fmt: skip
+    np.testing.assert_allclose(arm.twin.bed.height, want.height, atol=2e-4)
+    seen = fresh.camera.depth()
+    assert np.abs(seen - np.asarray(sim.render(want, PAPER_BOX)))[20:-20].mean() < 0.001
+    assert not arm.twin.collisions
+    np.testing.assert_allclose(arm.twin.eye(), fresh.base_camera, atol=1e-4)  # home again
+
+
+def test_a_turned_grasp_closes_and_is_within_its_thresholds(fresh, hand):
+    arm, bed = fresh.arm, fresh.arm.twin.bed
+    done = perform(arm, hand, "grasp", np.array([-0.05, 0.02, 0.45]), fresh.base_camera, yaw=0.8)
+    assert [one.contact for one in done] == [False, False, True, False, False, False]
+    want = sim.apply_action(
+        jax.random.key(0), bed, "flour", "grasp", (-0.05, 0.02), yaw=0.8, spread=0.0
+    )
+    assert np.abs(np.asarray(arm.twin.bed.height) - np.asarray(want.height)).mean() < 1e-4
+
+
+def test_a_buried_obstacle_ends_the_act_and_the_action_goes_on(hand):
+    from jshape.robot.twin import Obstacle, make_twin
+
+    bed = sim.flat_bed(size=(0.5, 0.4))
+    stone = Obstacle((0.05, 0.0), top=sim.DEPTH - 0.008)
+    ready = make_twin(0, bed, obstacle=stone, noise=0.0, spread=1.0)
+    done = perform(ready.arm, hand, "poke", np.array([0.05, 0.0, 0.45]), ready.base_camera)
+    act = done[3]
+    assert len(done) == 6 and act.contact and 30.0 < act.effort_nm < 60.0
+    assert 457.0 < act.tool_mm[2] < 461.0  # on the stone, 8 mm down; the finger gives way a little
+    deepest = float((np.asarray(bed.height) - np.asarray(ready.arm.twin.bed.height)).max())
+    assert 0.005 < deepest < 0.011
+    assert ready.arm.twin.effort() < 1.0  # home, free again
+
+
+def test_the_hard_limit_stops_the_arm(fresh, hand):
+    from jshape.robot.arms.mujoco import MuJoCoArm
+
+    arm = MuJoCoArm(fresh.arm.twin, hard_limit=2.0)
+    with pytest.raises(EffortLimit, match="the arm stops at 2"):
+        perform(arm, hand, "knock", np.array([0.0, 0.0, 0.45]), fresh.base_camera)
+    before = arm.twin.joints()
+    for _ in range(50):
+        arm.twin.step()
+    assert np.abs(arm.twin.joints() - before).max() < 0.01
+
+
+def test_stop_is_always_possible_and_home_lifts_first(fresh, hand):
+    arm = fresh.arm
+    pose = fresh.base_camera.copy()
+    pose[:3, 3] += [0.1, 0.15, -0.455]  # beside a wall, 5 mm in the material
+    arm.stop()
+    arm.begin(IDLE, tool_of(hand, "poke"))
+    arm.move(pose, speed=0.25, threshold=100.0)
+    heights = []
+    arm.watch = lambda twin: heights.append((arm.pose()[2, 3], *arm.pose()[:2, 3]))
+    arm.home()
+    arm.watch = lambda twin: None
+    low = np.array([h for h in heights if h[0] < -0.10 + 0.075])
+    assert np.ptp(low[:, 1:], axis=0).max() < 0.005  # straight up until above the rim
+    assert not arm.twin.collisions
+    arm.stop()
+
+
+# --- pictures and experiments -------------------------------------------------------------------
+
+
+def test_a_bystander_sees_the_robot(fresh):
+    from jshape.robot.twin.picture import Bystander, strip
+
+    with Bystander(fresh.arm.twin, size=(160, 120)) as bystander:
+        picture = bystander.picture()
+    assert picture.shape == (120, 160, 3) and picture.std() > 20
+    assert strip([picture] * 3, ["one", "two", "three"], columns=2).shape == (300, 320, 3)
+
+
+def test_the_check_reports_what_happened(tmp_path, hand):
+    from jshape.experiments.twin import check_twin
+
+    lines = []
+    found = check_twin(tmp_path / "check", names=("poke",), columns=2, rows=1, say=lines.append)
+    (row,) = found["actions"]
+    assert row["completed"] == row["trials"] == 2 and row["collisions"] == 0
+    assert row["place_error_mm"]["max"] < 2.0 and len(lines) == 2
+    assert "act" in found["obstacle"]["on it"]["ended_by_contact"]
+    assert "act" not in found["obstacle"]["beside it"]["ended_by_contact"]
+    assert "| poke | 2 of 2 | 0 |" in (tmp_path / "check" / "report.md").read_text()
+
+
+@pytest.mark.slow
+def test_all_places_of_the_paper():
+    from jshape.experiments.twin import check_twin
+
+    for row in check_twin()["actions"]:
+        assert row["completed"] == row["trials"] == 15, row
+        assert row["collisions"] == 0 and row["joint_margin_degrees"] > 0, row
+        assert row["place_error_mm"]["mean"] <= 2.0, row
+
+
+TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def test_meshes_are_drawn_where_a_copy_of_the_menagerie_is(tmp_path, monkeypatch):
+    from jshape.robot.twin.model import build
+
+    folder = tmp_path / "kuka_iiwa_14"
+    (folder / "assets").mkdir(parents=True)
+    (folder / "assets" / "part.obj").write_text(TETRAHEDRON)
+    (folder / "iiwa14.xml").write_text(
+        """<mujoco><compiler meshdir="assets"/><asset><mesh file="part.obj"/></asset>
+        <worldbody><body name="base"><geom type="mesh" mesh="part"/>
+        <body name="link1" pos="0 0 0.1575"><joint axis="0 0 1"/><geom type="mesh" mesh="part"/>
+        <body name="link2" pos="0 0 0.2025" quat="0 0 1 1"><joint axis="0 0 1"/>
+        <geom type="mesh" mesh="part"/></body></body></body></worldbody></mujoco>"""
+    )
+    monkeypatch.setenv("MENAGERIE_ROOT", str(tmp_path))
+    model = build(sim.flat_bed()).model
+    drawn = [
+        k for k in range(model.ngeom) if model.geom_dataid[k] >= 0 and model.geom(k).name == ""
+    ]
+    assert model.nmesh == 1 and len(drawn) == 3
+    assert not model.geom_contype[drawn].any()
+
+
+@pytest.mark.skipif(not os.environ.get("MENAGERIE_ROOT"), reason="no copy of the Menagerie")
+def test_the_real_menagerie_is_drawn(engine):
+    from jshape.robot.twin.model import build
+
+    assert build(sim.flat_bed()).model.nmesh >= 7

@@ -216,6 +216,37 @@ def test_a_full_disk_stops_the_arm(session, bank, molded, monkeypatch):
     assert _summary(session)["state"] == "aborted"
 
 
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 900 kB: room for a goal, a look and little more."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=900k", "tmpfs", str(folder)]
+    if subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("a small disk needs the right to mount one")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_disk_that_fills_up_keeps_what_was_done(small_disk, bank, molded):
+    session = Session.start(small_disk / "run", molded[1], {"bank": "fixture"}, say=quiet)
+    taken = sum(path.stat().st_size for path in session.run.folder.iterdir())
+    with robot_of(bank, molded[0]) as robot:
+
+        def fill(operation):
+            if operation == "clear":  # all is done but the look and what is written of it
+                (small_disk / "rest").write_bytes(bytes(max(900 * 1024 - taken - 30_000, 0)))
+
+        robot.arm.fails = fill
+        with pytest.raises((BadFile, OSError), match="No space left"):
+            mold(session, robot, bank)
+    assert robot.arm.stops and len(robot.arm.acted) == 1
+    (small_disk / "rest").unlink()
+    subprocess.run(["mount", "-o", "remount,size=8m", str(small_disk)], check=True)
+    assert len(runs.Run.open(session.run.folder)) == 0  # the step's line was not whole
+    _goes_on(session, bank, robot)
+
+
 def test_a_run_that_is_none_is_not_resumed(tmp_path, session, bank, molded):
     with pytest.raises(BadFile):
         Session.resume(tmp_path / "none", say=quiet)

@@ -58,6 +58,12 @@ class Arm:
         self.acted, self.stops, self.homes, self.closed = [], 0, 0, 0
         self.at = np.eye(4)
 
+    def limit(self, *, effort, speed):
+        self.limits = effort, speed
+
+    def check(self, poses, postures, tool):
+        self.checked = len(poses), list(postures)
+
     def begin(self, doing, tool):
         self.doing = doing
         self.fails(doing.operation)
@@ -79,6 +85,7 @@ class Arm:
 
     def home(self):
         self.homes += 1
+        return Moved(False, 0.0, self.at)
 
     def effort(self):
         return 0.0

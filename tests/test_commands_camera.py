@@ -118,7 +118,11 @@ def test_ctrl_c_keeps_what_was_recorded(watched, tmp_path, capsys, rng):
     assert code == 130 and "interrupted" in err and not (tmp_path / "none").exists()
 
 
-def test_a_real_signal_keeps_what_was_recorded(watched, tmp_path, capsys, rng):
+def test_a_real_signal_keeps_what_was_recorded(watched, tmp_path, capsys, rng, request):
+    # A background job is born deaf to Ctrl-C.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
+
     def frames():
         for k, counts in enumerate(noisy(rng, 9)):
             if k == 4:

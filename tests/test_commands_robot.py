@@ -45,6 +45,8 @@ def test_the_bed_is_molded_and_the_run_says_how(goal, tmp_path, capsys):
     again = ["mold", "--resume", "--arm", "sim:3", "--yes", "--out", str(out), *QUICK, *TRIED]
     assert main(again) == 2
     assert "all 1 actions of the run are done" in capsys.readouterr().err
+    assert main([*again, "--arm", "sim:4"]) == 2
+    assert "was begun with the arm sim:3, not sim:4" in capsys.readouterr().err
     assert main([*again, "--max-steps", "2"]) == 0  # the bed of this process is untouched
     assert len((out / "steps.jsonl").read_text().splitlines()) == 2
 
@@ -76,10 +78,12 @@ def test_a_plan_is_carried_out(goal, tmp_path, capsys):
         (["--arm", "sim", "--yes", "--hand", "nowhere"], "nowhere: no such folder"),
         (["--arm", "sim", "--yes", "--base", "nowhere.json"], "nowhere.json"),
         (["--arm", "sim", "--yes", "--camera", "nowhere"], "nowhere: is not a camera; allowed:"),
-        (["--arm", "sim", "--yes", "--resume"], "run"),
+        (["--arm", "sim", "--yes", "--resume"], "give either the image DESIRED, or --resume"),
+        (["--arm", "sim", "--yes", "--camera", "GOAL"], "nothing says where"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(goal, tmp_path, capsys, options, said):
+    options = [str(goal) if option == "GOAL" else option for option in options]
     command = ["mold", str(goal), "--out", str(tmp_path / "run"), *QUICK, *options]
     assert main(command) == 2
     error = capsys.readouterr().err.splitlines()

@@ -82,6 +82,21 @@ def test_an_effort_beyond_the_hard_limit_stops_the_arm(hand):
     assert arm.stops == 1 and arm.moves[-1][0] == "act"
 
 
+@pytest.mark.parametrize("operation", ["above", "up"])
+def test_a_contact_in_the_air_is_a_collision(hand, operation):
+    arm = Recorded({operation: 100.0})
+    with pytest.raises(ArmError, match=f"{operation}: effort 100 Nm: something is in the way"):
+        perform(arm, hand, "knock", POINT, HERE)
+    assert arm.stops == 1 and arm.moves[-1][0] == operation
+
+
+def test_an_effort_that_is_no_number_stops_the_arm(hand):
+    arm = Recorded({"above": float("nan")})
+    with pytest.raises(EffortLimit, match="effort nan Nm"):
+        perform(arm, hand, "knock", POINT, HERE)
+    assert arm.stops == 1
+
+
 @pytest.mark.parametrize("operation", NAMES)
 def test_an_arm_that_fails_is_stopped(hand, operation):
     arm = Recorded(broken=operation)
@@ -94,6 +109,9 @@ def test_what_leaves_the_workspace_is_refused_before_the_arm_moves(hand):
     arm = Recorded()
     with pytest.raises(PoseRefused, match="poke: above goes to .* the workspace is"):
         perform(arm, hand, "poke", np.array([0.5, 0.0, 0.45]), HERE)
+    for strength, yaw in ((-1.0, 0.0), (1e6, 0.0), (1.0, float("nan")), (float("nan"), 0.0)):
+        with pytest.raises(PoseRefused, match="a strength is above 0"):
+            perform(arm, hand, "poke", POINT, HERE, strength=strength, yaw=yaw)
     with pytest.raises(ArmError, match="cannot stroke; it can: grasp"):
         perform(arm, hand, "stroke", POINT, HERE)
     assert not arm.moves
@@ -174,13 +192,15 @@ def _written(tmp_path, change):
     )
     change(content)
     (tmp_path / "poke.yaml").write_text(yaml.safe_dump(content))
+    (tmp_path / "limits.yaml").write_text("effort_nm: 90")
     return tmp_path / "poke.yaml"
 
 
 def test_a_procedure_of_ones_own(tmp_path):
     made = read_procedure(_written(tmp_path, lambda content: None))
     assert isinstance(made, Procedure) and made.operations[3].depth_mm == 10
-    assert set(load_hand(tmp_path).procedures) == {"poke"}
+    hand = load_hand(tmp_path)
+    assert set(hand.procedures) == {"poke"} and hand.limits.effort_nm == 90
 
 
 @pytest.mark.parametrize(
@@ -193,6 +213,10 @@ def test_a_procedure_of_ones_own(tmp_path):
         (lambda c: c["operations"][0].update(speed_mm_s=float("nan")), "expected a number"),
         (lambda c: c["operations"][0].update(effort_nm="much"), "effort_nm is 'much'"),
         (lambda c: c.update(tool_mm=[1, 2]), "expected three numbers"),
+        (lambda c: c.update(tool_mm=[0, 0, 1e5]), "at most 2000 mm"),
+        (lambda c: c["operations"][0].update(height_mm=-40), "touches nothing there"),
+        (lambda c: c["operations"][5].update(effort_nm=4), "nothing else to say of it"),
+        (lambda c: c["operations"][3].update(seconds=1e5), "seconds is 100000; at most 60"),
         (lambda c: c.update(action=3), "action is 3"),
         (lambda c: c.update(operations="all"), "operations are None"),
     ],
@@ -206,6 +230,9 @@ def test_a_wrong_procedure_is_refused_in_one_line(tmp_path, change, said):
 def test_files_that_are_no_hand_are_refused(tmp_path):
     with pytest.raises(BadFile, match="no such folder"):
         load_hand(tmp_path / "none")
+    with pytest.raises(BadFile, match="holds no limits.yaml"):
+        load_hand(tmp_path)
+    (tmp_path / "limits.yaml").write_text("effort_nm: 90")
     with pytest.raises(BadFile, match="no action in it"):
         load_hand(tmp_path)
     (tmp_path / "a.yaml").write_text("!!python/object/apply:os.system [exit]")
@@ -216,6 +243,13 @@ def test_files_that_are_no_hand_are_refused(tmp_path):
     with pytest.raises(BadFile, match="two files for the action poke"):
         load_hand(tmp_path)
     (tmp_path / "a.yaml").unlink()
+    (tmp_path / "b.yml").write_text("")
+    with pytest.raises(BadFile, match="b.yml would not be read; name it b.yaml"):
+        load_hand(tmp_path)
+    (tmp_path / "b.yml").unlink()
+    (tmp_path / "limits.yaml").write_text("effort_nm: 9\neffort_nm: 900")
+    with pytest.raises(BadFile, match="'effort_nm' is given twice"):
+        load_hand(tmp_path)
     (tmp_path / "limits.yaml").write_text("low_mm: [1, 1, 1]\nhigh_mm: [0, 0, 0]")
     with pytest.raises(BadFile, match="is not below"):
         load_hand(tmp_path)

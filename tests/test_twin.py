@@ -13,7 +13,7 @@ from jshape.camera import D435_BAZAR, PAPER_BOX
 from jshape.errors import JShapeError
 from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, PoseRefused
 from jshape.robot.cameras.base import CameraLost, DepthCamera, look
-from jshape.robot.procedure import perform, turned
+from jshape.robot.procedure import Hand, perform, turned
 from jshape.store.procedures import load_hand
 from tests.conftest import ROOT
 
@@ -299,11 +299,14 @@ def test_a_buried_obstacle_ends_the_act_and_the_action_goes_on(hand):
 
 
 def test_the_hard_limit_stops_the_arm(fresh, hand):
-    from jshape.robot.arms.mujoco import MuJoCoArm
+    from dataclasses import replace
 
-    arm = MuJoCoArm(fresh.arm.twin, hard_limit=2.0)
+    arm, knock = fresh.arm, hand.procedures["knock"]
+    weak = [replace(one, effort_nm=2.0) for one in knock.operations]
+    procedures = {"knock": replace(knock, operations=tuple(weak))}
+    weak_hand = Hand(procedures, replace(hand.limits, effort_nm=2.0))
     with pytest.raises(EffortLimit, match="the arm stops at 2"):
-        perform(arm, hand, "knock", np.array([0.0, 0.0, 0.45]), fresh.base_camera)
+        perform(arm, weak_hand, "knock", np.array([0.0, 0.0, 0.45]), fresh.base_camera)
     before = arm.twin.joints()
     for _ in range(50):
         arm.twin.step()

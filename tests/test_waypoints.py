@@ -306,7 +306,7 @@ def test_waypoints_prints_and_writes(folder, capsys):
         (["my-plan", "--out", "ways.txt"], "ends in '.txt'; allowed: .json, .yaml, .yml"),
         (["nothing.json", "--out", "w.json"], "no such file"),
         (["my-plan", "--out", "w.json", "--hand", "nothing"], "nothing: no such folder"),
-        (["my-plan", "--out", "w.json", "--hand", "my-plan"], "no action in it"),
+        (["my-plan", "--out", "w.json", "--hand", "my-plan"], "holds no limits.yaml"),
         (["my-plan", "--out", "w.json", "--base", "my-plan/plan.json"], "expected 'jshape-pose'"),
         (["my-plan", "--out", "w.json", "--base", "inhand.json"], "(--gripper)"),
         (["my-plan", "--out", "w.json", "--gripper", "gripper.json"], "goes with --base"),

@@ -5,7 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from jshape.commands import arguments
-from jshape.commands.robot import HEAD, add_robot, asking, draw, robot_of, tell
+from jshape.commands.robot import (
+    HEAD,
+    add_robot,
+    asking,
+    draw,
+    may_move,
+    resumed,
+    robot_of,
+    tell,
+)
 from jshape.errors import BadFile
 from jshape.planning import DEFAULT_BANK
 from jshape.robot.session import Session
@@ -15,10 +24,11 @@ from jshape.store import banks, plans
 def execute(options: argparse.Namespace) -> dict[str, Any]:
     """Carry a plan out."""
     say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
-    plan = plans.read_plan(options.plan)
+    path = options.plan / "plan.json" if options.plan.is_dir() else options.plan
+    plan = plans.read_plan(path)
     if plan.goal is None:
-        raise BadFile(f"{options.plan}: holds no images, so nothing says what is wanted")
-    session = Session.resume(options.out, say=say) if options.resume else None
+        raise BadFile(f"{path}: holds no images, so nothing says what is wanted")
+    session = resumed(options, say) if options.resume else None
     bank = banks.load_bank(options.bank or DEFAULT_BANK)
     confirm = asking(options)
     with robot_of(options, bank, say) as robot:
@@ -30,10 +40,11 @@ def execute(options: argparse.Namespace) -> dict[str, Any]:
             session = Session.start(
                 options.out, plan.goal, meta, overwrite=options.overwrite, say=say
             )
+        may_move(options)
         say(HEAD)
         summary = session.mold(
             robot, bank, plan=plan, max_steps=max(len(plan), 1), confirm=confirm,
-            draw=draw(bank.rois), max_missing=options.max_missing,
+            blind=options.arm == "dry", draw=draw(bank.rois), max_missing=options.max_missing,
         )  # fmt: skip
     if not options.json:
         tell(summary)
@@ -45,7 +56,7 @@ def add(commands: Any) -> None:
     parser = arguments.command(
         commands, "execute", execute, "carry a plan out, looking after every action"
     )
-    parser.add_argument("plan", type=Path, help="plan.json from `jshape plan --out`")
+    parser.add_argument("plan", type=Path, help="what `jshape plan --out` wrote")
     add_robot(parser)
     parser.add_argument("--bank", default=None, help="of the plan (default: the bundled one)")
     parser.add_argument(

@@ -10,7 +10,16 @@ from jshape import metric
 from jshape.camera import check_camera
 from jshape.commands import arguments
 from jshape.commands.plan import Source, source_of
-from jshape.commands.robot import HEAD, add_robot, asking, draw, robot_of, tell
+from jshape.commands.robot import (
+    HEAD,
+    add_robot,
+    asking,
+    draw,
+    may_move,
+    resumed,
+    robot_of,
+    tell,
+)
 from jshape.data.view import image_of_depth, view_of
 from jshape.devices import over_devices
 from jshape.errors import BadFile
@@ -28,28 +37,30 @@ def mold(options: argparse.Namespace) -> dict[str, Any]:
     """Mold what the camera sees into what is wanted."""
     how = over_devices(options.devices)
     say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
-    session = Session.resume(options.out, say=say) if options.resume else None
+    if options.resume == (options.desired is not None):
+        raise BadFile("give either the image DESIRED, or --resume to go on with the run in --out")
+    session = resumed(options, say) if options.resume else None
     bank_name = options.bank or (session.run.meta["bank"] if session else DEFAULT_BANK)
     bank = banks.load_bank(bank_name)
     confirm = asking(options)
     with robot_of(options, bank, say) as robot:
         if session is None:
-            if options.desired is None:
-                raise BadFile("no DESIRED image; only --resume goes on without one")
             goal = goal_of(options.desired, robot, bank, options)
             meta = {
                 "what": "mold", "bank": str(bank_name), "arm": options.arm,
                 "camera": robot.eye.name, "goal": str(options.desired), "planner": options.planner,
             }  # fmt: skip
             session = Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
+        may_move(options)
         say(HEAD)
         per_mm = 1.0 / float(metric.to_mm(1.0, bank.camera))
         summary = session.mold(
             robot, bank, planner=options.planner, max_steps=options.max_steps, confirm=confirm,
-            draw=draw(bank.rois), stride=options.stride, strengths=options.strengths,
-            yaws=options.yaws, min_gain=options.min_gain_mm * per_mm,
-            tolerance=options.tolerance_mm * per_mm, caution=options.caution,
-            seconds=options.time, max_missing=options.max_missing, seed=options.seed, how=how,
+            blind=options.arm == "dry", draw=draw(bank.rois),
+            stride=options.stride, strengths=options.strengths, yaws=options.yaws,
+            min_gain=options.min_gain_mm * per_mm, tolerance=options.tolerance_mm * per_mm,
+            caution=options.caution, seconds=options.time, seed=options.seed,
+            max_missing=options.max_missing, how=how,
         )  # fmt: skip
     if not options.json:
         tell(summary)

@@ -4,7 +4,7 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,14 @@ from jshape.commands import arguments
 from jshape.errors import JShapeError
 from jshape.planned import Plan
 from jshape.predict.bank import Bank
+from jshape.robot.arms.base import stop_arm
 from jshape.robot.arms.names import KINDS as ARMS
 from jshape.robot.arms.names import open_arm
 from jshape.robot.cameras.names import open_camera
 from jshape.robot.loop import Molding
 from jshape.robot.robot import Robot
+from jshape.robot.session import CONTENTS, Session
+from jshape.store import files, runs
 from jshape.store.poses import read_base_camera
 from jshape.store.procedures import load_hand
 from jshape.viz import pictures
@@ -26,54 +29,99 @@ from jshape.viz import pictures
 HEAD = "step  action                  before     predicted  obtained (mm to the goal)"
 
 
+SIGNALS = [
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
+]
+"""What ends a program as Ctrl-C does; a closed terminal sends SIGHUP."""
+
+
 @contextmanager
 def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any]) -> Iterator[Robot]:
     """The robot that the options name; stopped and closed at the end, at home if people agree.
 
+    Everything is read before the arm is opened, which is the last thing that can fail.
+
     Raises:
-      JShapeError: no such arm or camera, or no camera for an arm that brings none.
+      JShapeError: no such arm or camera, no camera for an arm that brings none, or nothing that
+        says where the camera is.
     """
-    opened = open_arm(options.arm, bank.camera, material=options.material, say=say)
-    eye, base_camera = opened.eye, opened.base_camera
-    if options.camera is not None:
+    if not options.resume:
+        files.check_target(options.out, options.overwrite, contents=(*runs.CONTENTS, *CONTENTS))
+    hand = load_hand(options.hand)
+    base_camera = options.base and read_base_camera(options.base, options.gripper)
+    with ExitStack() as stack:
+        for number in SIGNALS:
+            stack.callback(signal.signal, number, signal.signal(number, _interrupt))
+        eye = options.camera and open_camera(options.camera, camera=options.camera_file)
         if eye is not None:
-            eye.close()
-        eye = open_camera(options.camera, camera=options.camera_file)
-    if eye is None:
-        raise JShapeError(f"the arm {options.arm} brings no camera; name one with --camera")
-    if options.base is not None:
-        base_camera = read_base_camera(options.base, options.gripper)
-    robot = Robot(
-        eye, opened.arm, load_hand(options.hand), bank.camera,
-        base_camera=base_camera, frames=options.frames, reproject=options.reproject,
-    )  # fmt: skip
-    before = signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        yield robot
-    except BaseException:
-        robot.arm.stop()
-        _offer_home(robot, options.yes)
-        raise
-    finally:
-        robot.close()
-        signal.signal(signal.SIGTERM, before)
+            stack.callback(eye.close)
+        opened = open_arm(options.arm, bank.camera, material=options.material, say=say)
+        stack.callback(opened.arm.close)
+        stack.callback(stop_arm, opened.arm)
+        if eye is None:
+            eye = opened.eye
+            base_camera = opened.base_camera if base_camera is None else base_camera
+        if eye is None:
+            raise JShapeError(f"the arm {options.arm} brings no camera; name one with --camera")
+        stack.callback(eye.close)
+        if base_camera is None and opened.moves:
+            raise JShapeError(
+                f"nothing says where {eye.name} is in the frame of {opened.arm.name}; --base takes "
+                "what `jshape calibrate` wrote"
+            )
+        robot = Robot(
+            eye, opened.arm, hand, bank.camera, base_camera=base_camera, frames=options.frames,
+            reproject=options.reproject,
+        )  # fmt: skip
+        try:
+            yield robot
+        except BaseException as problem:
+            broken = stop_arm(robot.arm)
+            if robot.moved:
+                _offer_home(robot, options, problem, broken)
+            raise
 
 
 def _interrupt(number: int, frame: Any) -> None:
     raise KeyboardInterrupt
 
 
-def _offer_home(robot: Robot, yes: bool) -> None:
-    """Ask whether the arm should go home after whatever stopped it; nobody there: it stays."""
-    if yes or not sys.stdin.isatty():
-        print("the arm is stopped where it is", file=sys.stderr)
+def _offer_home(
+    robot: Robot, options: argparse.Namespace, problem: BaseException, broken: str | None
+) -> None:
+    """Say why the arm was stopped, and ask whether it should go home; nobody there: it stays."""
+    why = (
+        "interrupted" if isinstance(problem, KeyboardInterrupt) else " ".join(str(problem).split())
+    )
+    print(f"{why}; the arm is stopped where it is", file=sys.stderr)
+    print(f"jshape {options.command} --resume --out {options.out} goes on", file=sys.stderr)
+    if broken is not None:
+        print(broken, file=sys.stderr)
+    if options.yes or not sys.stdin.isatty():
         return
     try:
-        if _asked("the arm is stopped; go home? [y/N] ") == "y":
-            robot.arm.home()
-    except (JShapeError, KeyboardInterrupt) as problem:
-        robot.arm.stop()
-        print(f"jshape: not at home: {problem}", file=sys.stderr)
+        if _asked("go home? [y/N] ") in YES:
+            robot.home()
+    except (JShapeError, KeyboardInterrupt) as more:
+        stop_arm(robot.arm)
+        print(f"not at home: {str(more) or 'interrupted'}", file=sys.stderr)
+
+
+def may_move(options: argparse.Namespace) -> None:
+    """Ask whether the arm may go home, out of the camera's view, before the first look.
+
+    Raises:
+      JShapeError: it may not.
+    """
+    if (
+        not options.yes
+        and _asked("the arm goes home, out of the camera's view. go? [y/N] ") not in YES
+    ):
+        raise JShapeError("the arm must be out of the camera's view before the first look")
+
+
+YES, ALL = ("y", "yes"), ("a", "all")
+"""What people answer."""
 
 
 def asking(options: argparse.Namespace) -> Callable[[Plan], bool] | None:
@@ -100,15 +148,32 @@ def asking(options: argparse.Namespace) -> Callable[[Plan], bool] | None:
             file=sys.stderr,
         )
         answer = _asked("act? [y]es, [a]ll, [N]o: ")
-        all_of_them = answer == "a"
-        return answer in ("y", "a")
+        all_of_them = answer in ALL
+        return answer in (*YES, *ALL)
 
     return ask
 
 
 def _asked(question: str) -> str:
+    """The whole answer: a word that only begins like a yes is none."""
     print(question, end="", file=sys.stderr, flush=True)
-    return sys.stdin.readline().strip().lower()[:1]
+    return sys.stdin.readline().strip().lower()
+
+
+def resumed(options: argparse.Namespace, say: Callable[[str], Any]) -> Session:
+    """The run to go on with, if it was made with the same arm and bank.
+
+    Raises:
+      JShapeError: it was not, or options that only a new run takes.
+    """
+    if options.overwrite:
+        raise JShapeError("--resume goes on with a run and --overwrite replaces it; give one")
+    session = Session.resume(options.out, say=say)
+    for name, now in (("arm", options.arm), ("bank", options.bank)):
+        then = session.run.meta.get(name)
+        if now is not None and then != str(now):
+            raise JShapeError(f"{options.out}: was begun with the {name} {then}, not {now}")
+    return session
 
 
 def draw(rois: Mapping[str, tuple[int, int]]) -> Callable[[Molding], dict[str, bytes]]:

@@ -11,10 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape._typing import Float
-from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, PoseRefused
+from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, Moved, PoseRefused, stop_arm
 
 NAMES = ("above", "prepare", "contact", "act", "up", "clear")
 """The six operations, in order."""
+IN_THE_AIR = ("above", "up")
+"""Operations that touch nothing: a contact there is a collision, and ends the action."""
+DEEPEST = 10.0
+"""Greatest strength of an action: more than any bed is deep."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class Procedure:
 class Limits:
     """What no operation may exceed, whatever its file says."""
 
-    low_mm: tuple[float, float, float] = (-400.0, -400.0, 250.0)
+    low_mm: tuple[float, float, float] = (-400.0, -400.0, 150.0)
     """Lowest x, y, z of the tool in the camera's frame."""
     high_mm: tuple[float, float, float] = (400.0, 400.0, 498.0)
     """Highest: z is how far below the camera the tool may go.  A stroke that would go deeper ends
@@ -127,8 +131,14 @@ def check_reach(
     """Whether all of an action stays inside the limits, before the arm moves.
 
     Raises:
-      PoseRefused: an operation leaves the workspace, is too fast or trips above the hard limit.
+      PoseRefused: an operation leaves the workspace, is too fast or trips above the hard limit; a
+        strength or yaw that makes no sense.
     """
+    if not (np.isfinite(point).all() and np.isfinite(yaw) and 0 < strength <= DEEPEST):
+        raise PoseRefused(
+            f"{procedure.action}: at {point} m, strength {strength:g}, yaw {yaw:g} rad; a strength "
+            f"is above 0 and at most {DEEPEST:g}, and all are finite"
+        )
     for operation in procedure.operations:
         where = f"{procedure.action}: {operation.name}"
         if operation.speed_mm_s > limits.speed_mm_s:
@@ -176,54 +186,95 @@ def perform(
       told: called after each operation.
 
     Raises:
-      PoseRefused: it leaves the workspace; the arm has not moved.
-      ArmError: the arm did not do it, or there is no such procedure.
+      PoseRefused: it leaves the workspace or what the arm can reach; the arm has not moved.
+      ArmError: the arm did not do it, touched something in the air, or has no such procedure.
       EffortLimit: the effort rose above the hard limit.
     """
-    if action not in hand.procedures:
-        raise ArmError(f"the hand cannot {action}; it can: {', '.join(hand.procedures)}")
-    procedure = hand.procedures[action]
-    check_reach(procedure, hand.limits, point, strength, yaw)
-    tool = np.eye(4)
-    tool[:3, 3] = np.asarray(procedure.tool_mm) / 1000.0
+    prepared = prepare(arm, hand, action, point, base_camera, strength, yaw)
     camera_base = np.linalg.inv(base_camera)
     all_done = []
     try:
-        for operation in procedure.operations:
-            arm.begin(Doing(action, operation.name, strength, yaw), tool)
-            pose = pose_of(operation, point, strength, yaw, hand.limits.high_mm[2])
-            contact, effort = _one(arm, operation, None if pose is None else base_camera @ pose)
-            if effort > hand.limits.effort_nm:
-                raise EffortLimit(
-                    f"{action}: {operation.name}: effort {effort:.0f} Nm; "
-                    f"the hard limit is {hand.limits.effort_nm:g}"
-                )
+        for operation, pose in prepared.operations:
+            arm.begin(Doing(action, operation.name, strength, yaw), prepared.tool)
+            contact, effort = _one(arm, operation, pose, f"{action}: {operation.name}", hand.limits)
             at = (camera_base @ arm.pose())[:3, 3] * 1000.0
             done = Done(operation.name, contact, effort, (at[0].item(), at[1].item(), at[2].item()))
             all_done.append(done)
             told(done)
+    except OSError as problem:  # a driver's connection
+        stop_arm(arm)
+        raise ArmError(f"{arm.name}: {type(problem).__name__}: {problem}") from problem
     except BaseException:
-        arm.stop()
+        stop_arm(arm)
         raise
     return all_done
 
 
-def _one(arm: Arm, operation: Operation, pose: np.ndarray | None) -> tuple[bool, float]:
+class Prepared(NamedTuple):
+    """An action at a place, checked."""
+
+    tool: np.ndarray
+    """(4, 4) pose of the tool in the flange's frame."""
+    operations: list[tuple[Operation, np.ndarray | None]]
+    """Each with the tool's pose (4, 4) in the base frame; None: it goes nowhere."""
+
+
+def prepare(
+    arm: Arm,
+    hand: Hand,
+    action: str,
+    point: Float[np.ndarray, "3"],
+    base_camera: Float[np.ndarray, "4 4"],
+    strength: float = 1.0,
+    yaw: float = 0.0,
+) -> Prepared:
+    """All poses of an action, checked against the limits and by the arm, which does not move.
+
+    Raises:
+      PoseRefused, ArmError: as for `perform`.
+    """
+    if action not in hand.procedures:
+        raise ArmError(f"the hand cannot {action}; it can: {', '.join(hand.procedures)}")
+    procedure, limits = hand.procedures[action], hand.limits
+    check_reach(procedure, limits, point, strength, yaw)
+    tool = np.eye(4)
+    tool[:3, 3] = np.asarray(procedure.tool_mm) / 1000.0
+    operations: list[tuple[Operation, np.ndarray | None]] = []
+    for operation in procedure.operations:
+        pose = pose_of(operation, point, strength, yaw, limits.high_mm[2])
+        operations.append((operation, None if pose is None else base_camera @ pose))
+    arm.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
+    poses = [pose for _, pose in operations if pose is not None]
+    arm.check(poses, [one.posture for one in procedure.operations if one.posture], tool)
+    return Prepared(tool, operations)
+
+
+def _one(
+    arm: Arm, operation: Operation, pose: np.ndarray | None, where: str, limits: Limits
+) -> tuple[bool, float]:
     """Whether the effort ended an operation, and the greatest effort."""
+
+    def judged(moved: Moved) -> tuple[bool, float]:
+        if not moved.effort <= limits.effort_nm:  # NaN too
+            raise EffortLimit(
+                f"{where}: effort {moved.effort:.0f} Nm; the hard limit is {limits.effort_nm:g}"
+            )
+        if moved.contact and operation.name in IN_THE_AIR:
+            raise ArmError(f"{where}: effort {moved.effort:.0f} Nm: something is in the way")
+        return moved.contact, moved.effort
+
     if operation.name == "clear":
-        arm.home()
-        return False, arm.effort()
+        return judged(arm.home())
     contact, effort = False, 0.0
     if pose is not None:
         speed = operation.speed_mm_s / 1000.0
-        moved = arm.move(pose, speed=speed, threshold=operation.effort_nm)
-        contact, effort = moved.contact, moved.effort
+        contact, effort = judged(arm.move(pose, speed=speed, threshold=operation.effort_nm))
     if operation.posture is not None:
         # A hand that touches something on its way down still closes: it is what the action does.
-        moved = arm.posture(
-            operation.posture, seconds=operation.seconds, threshold=operation.effort_nm
+        touched, more = judged(
+            arm.posture(operation.posture, seconds=operation.seconds, threshold=operation.effort_nm)
         )
-        contact, effort = contact or moved.contact, max(effort, moved.effort)
+        contact, effort = contact or touched, max(effort, more)
     return contact, effort
 
 

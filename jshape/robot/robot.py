@@ -10,10 +10,10 @@ from jshape.camera import Camera
 from jshape.data.missing import fill_missing
 from jshape.data.view import View, view_of
 from jshape.errors import JShapeError
-from jshape.robot.arms.base import Arm
+from jshape.robot.arms.base import Arm, stop_arm
 from jshape.robot.cameras.base import FRAMES, DepthCamera, look
 from jshape.robot.checks import check_clear
-from jshape.robot.procedure import Done, Hand, perform
+from jshape.robot.procedure import Done, Hand, perform, prepare
 from jshape.robot.surface import surface_point
 
 
@@ -49,6 +49,8 @@ class Robot:
         self.arm = arm
         self._hand = hand
         self._base_camera = np.eye(4) if base_camera is None else np.asarray(base_camera)
+        self.moved = False
+        """The arm was told to move."""
         self._frames = frames
         self._reproject = reproject
         self.told = told
@@ -84,6 +86,7 @@ class Robot:
         Raises:
           ArmError: it cannot, or did not.
         """
+        self.moved = True
         perform(
             self.arm, self._hand, action, self.point(position), self._base_camera,
             strength=strength, yaw=yaw, told=self.told,
@@ -100,10 +103,33 @@ class Robot:
         whole, _ = fill_missing(self._seen, limit=1.0, where=self.eye.name)
         return surface_point(whole, self.camera, position, rise=self._view.rise)
 
+    def check(
+        self,
+        action: str,
+        position: tuple[float | int, float | int],
+        strength: float = 1.0,
+        yaw: float = 0.0,
+    ) -> None:
+        """Whether it could carry an action out; nothing moves.  Raises as `act`."""
+        prepare(
+            self.arm, self._hand, action, self.point(position), self._base_camera, strength, yaw
+        )
+
+    def home(self) -> None:
+        """Bring the arm out of the camera's view.
+
+        Raises:
+          ArmError: it did not.
+        """
+        limits = self._hand.limits
+        self.arm.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
+        self.moved = True
+        self.arm.home()
+
     def close(self) -> None:
         """Stop the arm, let go of both."""
         try:
-            self.arm.stop()
+            stop_arm(self.arm)
             self.arm.close()
         finally:
             self.eye.close()

@@ -6,6 +6,7 @@ in `steps.jsonl` per action, all that happened in `log.jsonl`, and at the end pi
 """
 
 import contextlib
+import hashlib
 import io
 import time
 from collections.abc import Callable, Mapping
@@ -15,20 +16,24 @@ from typing import Any
 
 import numpy as np
 
+from jshape.camera import check_same_camera
 from jshape.errors import BadFile, JShapeError
 from jshape.planned import Plan
 from jshape.predict.bank import Bank
+from jshape.robot.arms.base import stop_arm
 from jshape.robot.loop import Molding, Step, mold
-from jshape.robot.procedure import Done
+from jshape.robot.procedure import NAMES, Done
 from jshape.robot.robot import Robot
 from jshape.store import files, formats, images, journal, plans, runs
 
 GOAL, START, SUMMARY, PLAN = "goal.npy", "start.png", "summary.json", "plan.json"
-PICTURES = ("result.png", "steps.png")
-CONTENTS = (journal.NAME, GOAL, START, SUMMARY, PLAN, *PICTURES)
+MARK, PICTURES = "plan.sha256.json", ("result.png", "steps.png")
+CONTENTS = (journal.NAME, journal.LOCK, GOAL, START, SUMMARY, PLAN, MARK, *PICTURES)
 """What a session writes beside the run's own files."""
 PATIENCE = 2
 """The loop ends when so many actions in a row did not lower the distance."""
+AT_THE_BED = NAMES[NAMES.index("contact") :]
+"""Operations after which the bed may have changed."""
 
 Say = Callable[[str], Any]
 Draw = Callable[[Molding], Mapping[str, bytes]]
@@ -74,9 +79,25 @@ class Session:
           BadFile: no run of a robot, or a damaged one.
         """
         run = runs.Run.open(folder)
-        if not (folder / GOAL).is_file():
-            raise BadFile(f"{folder}: holds no {GOAL}, so it is not a run of `jshape mold`")
+        if not (folder / GOAL).is_file() or not isinstance(run.meta.get("bank"), str):
+            raise BadFile(f"{folder}: is not a run of `jshape mold` or `jshape execute`")
         return cls(run, formats.read_array(folder / GOAL), say, True)
+
+    @property
+    def done(self) -> int:
+        """Actions that were done, or begun so far that the bed may have changed.
+
+        One that was not looked at any more, since something ended the run, is not among the run's
+        steps: the journal knows of it.
+        """
+        path, count, touched = self.run.folder / journal.NAME, 0, False
+        for event in journal.events(path) if path.is_file() else []:
+            if event["event"] == "acting":
+                touched = False
+            elif event["event"] == "operation" and event.get("operation") in AT_THE_BED:
+                count += not touched
+                touched = True
+        return max(count, len(self.run))
 
     def mold(
         self,
@@ -85,17 +106,21 @@ class Session:
         *,
         max_steps: int = 16,
         plan: Plan | None = None,
+        blind: bool = False,
         confirm: Callable[[Plan], bool] | None = None,
         draw: Draw | None = None,
         **options: Any,
     ) -> dict[str, Any]:
-        """Look, plan, ask, act, look again, until the loop stops.
+        """Bring the arm home, look, plan, ask, act, look again, until the loop stops.
 
         Args:
           robot: looks and acts; the caller closes it.
           bank: predicts.
           max_steps: most actions of the run, those before it was resumed included.
-          plan: carried out action by action instead of plans made on the way.
+          plan: carried out action by action instead of plans made on the way; all of it is checked
+            before the first.
+          blind: the bed does not change, as with an arm that only says what it would do: the first
+            plan is gone through, whatever is seen.
           confirm: asked before each action; None: nobody is asked.
           draw: makes the pictures of the run.
           **options: of `jshape.robot.loop.mold`.
@@ -107,8 +132,25 @@ class Session:
           JShapeError: what ended the run; the arm is stopped, and `summary.json` says so too.
           KeyboardInterrupt: likewise.
         """
-        done = len(self.run)
+        with journal.alone(self.run.folder):
+            self.run = runs.Run.open(self.run.folder)  # another program may have gone on with it
+            return self._mold(robot, bank, max_steps, plan, blind, confirm, draw, options)
+
+    def _mold(
+        self,
+        robot: Robot,
+        bank: Bank,
+        max_steps: int,
+        plan: Plan | None,
+        blind: bool,
+        confirm: Callable[[Plan], bool] | None,
+        draw: Draw | None,
+        options: dict[str, Any],
+    ) -> dict[str, Any]:
+        done = self.done
         if plan is not None:
+            self._same_plan(plan)
+            check_same_camera(bank.camera, plan.camera, "the plan's")
             plan = plan.rest(min(done, len(plan)))
         left = max_steps - done
         if left <= 0:
@@ -117,7 +159,19 @@ class Session:
         operations: list[dict[str, Any]] = []
         self._operations = operations
 
+        if done > len(self.run):
+            self._say("the last action was begun and not looked at: it counts as done")
+        checked = plan is None
+
         def ask(ahead: Plan) -> bool:
+            nonlocal checked
+            if not checked:
+                for name, place, strength, yaw in zip(
+                    ahead.actions, ahead.exact_positions.tolist(), ahead.strengths.tolist(),
+                    ahead.yaws.tolist(), strict=True,
+                ):  # fmt: skip
+                    robot.check(name, (place[0], place[1]), strength, yaw)
+                checked = True
             (u, v), d = ahead.exact_positions[0].tolist(), ahead.distances_mm
             planned = {
                 "action": ahead.actions[0], "position": [u, v],
@@ -141,16 +195,32 @@ class Session:
         watched = _Watched(robot, self._looked)
         try:
             self._note("resumed" if self._resumed else "started", steps=done)
+            self._note("homing")
+            robot.home()
             result = mold(
-                watched, self.goal, bank, max_steps=left, first=plan, replan=plan is None,
-                patience=PATIENCE, watch=True, confirm=ask, on_step=report, **options,
+                watched, self.goal, bank, max_steps=left, first=plan,
+                replan=plan is None and not blind, patience=None if blind else PATIENCE,
+                watch=True, confirm=ask, on_step=report, **options,
             )  # fmt: skip
         except BaseException as problem:
-            robot.arm.stop()
-            self._aborted(problem)
+            self._aborted(problem, stop_arm(robot.arm))
             raise
-        robot.arm.stop()
+        stop_arm(robot.arm)
         return self._finish(result, draw)
+
+    def _same_plan(self, plan: Plan) -> None:
+        """Keep what a plan does, or compare it with what was kept.
+
+        Raises:
+          BadFile: the run was begun with another plan.
+        """
+        doing = [plan.actions, plan.exact_positions.tolist(), plan.strengths.tolist()]
+        mark = hashlib.sha256(repr([*doing, plan.yaws.tolist()]).encode()).hexdigest()
+        path = self.run.folder / MARK
+        if not path.is_file():
+            files.write_json(path, {"sha256": mark})
+        elif files.read_json(path).get("sha256") != mark:
+            raise BadFile(f"{self.run.folder}: the run was begun with another plan")
 
     def _operation(self, done: Done) -> None:
         self._operations.append(done._asdict())
@@ -166,14 +236,14 @@ class Session:
         when = {"event": event, "time": datetime.now(UTC).isoformat(timespec="milliseconds")}
         journal.note(self.run.folder / journal.NAME, when | {"clock": time.monotonic()} | more)
 
-    def _aborted(self, problem: BaseException) -> None:
-        """Say what ended the run, as far as the disk still takes it."""
+    def _aborted(self, problem: BaseException, broken: str | None) -> None:
+        """Say what ended the run, as far as the disk still takes it; and what went on breaking."""
         interrupted = isinstance(problem, KeyboardInterrupt)
         why = "interrupted" if interrupted else " ".join(str(problem).split())
         summary = {
             "state": "interrupted" if interrupted else "aborted",
-            "error": type(problem).__name__,
-            "stop": why,
+            "stop": type(problem).__name__,
+            "why": why if broken is None else f"{why}; {broken}",
             "steps": list(self.run.steps),
         }
         with contextlib.suppress(JShapeError):
@@ -183,21 +253,22 @@ class Session:
 
     def _finish(self, result: Molding, draw: Draw | None) -> dict[str, Any]:
         self._note("stopped", stop=result.stop.name)
-        measured = result.distances_mm
+        measured, steps = result.distances_mm, list(self.run.steps)
         summary = {
             "state": "finished",
             "stop": result.stop.name,
             "why": str(result.stop),
-            "before_mm": float(measured[0]),
+            "before_mm": float(steps[0]["before_mm"] if steps else measured[0]),
             "predicted_mm": float(result.first_plan.distances_mm[-1]),
             "obtained_mm": float(measured[-1]),
-            "steps": list(self.run.steps),
+            "steps": steps,
             "out": str(self.run.folder),
         }
-        plans.write_plan(self.run.folder / PLAN, result.first_plan)
+        files.write_json(self.run.folder / SUMMARY, summary)
+        if not (self.run.folder / PLAN).is_file():
+            plans.write_plan(self.run.folder / PLAN, result.first_plan)
         for name, picture in (draw(result) if draw else {}).items():
             files.write_atomic(self.run.folder / name, picture)
-        files.write_json(self.run.folder / SUMMARY, summary)
         return summary
 
 

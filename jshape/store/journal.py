@@ -1,13 +1,21 @@
 """A journal on disk: one JSON line for each thing that happened, on disk before the next begins."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from jshape.errors import BadFile
 from jshape.store.files import json_text, parse_json, read_bytes, refuse
 
+try:
+    import fcntl
+except ImportError:  # Windows: nothing keeps two programs apart there
+    fcntl = None
+
 NAME = "log.jsonl"
+LOCK = "log.lock"
 LIMIT = 256 * 2**20
 """Largest journal that is read, bytes."""
 
@@ -36,3 +44,24 @@ def events(path: Path) -> list[dict[str, Any]]:
     """
     *lines, _ = read_bytes(path, limit=LIMIT).split(b"\n")
     return [parse_json(line, f"{path}: line {k + 1}") for k, line in enumerate(lines)]
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Keep other programs out of a run until the block ends.
+
+    Raises:
+      BadFile: another program has the run, or the lock cannot be made.
+    """
+    path = folder / LOCK
+    try:
+        file = path.open("ab")
+    except OSError as problem:
+        refuse(path, "cannot be written", problem)
+    with file:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise BadFile(f"{folder}: another program goes on with this run") from None
+        yield

@@ -9,12 +9,36 @@ from typing import Any
 import yaml
 
 from jshape.errors import BadFile
-from jshape.robot.procedure import NAMES, Hand, Limits, Operation, Procedure
+from jshape.robot.procedure import IN_THE_AIR, NAMES, Hand, Limits, Operation, Procedure
 from jshape.store.files import one_line, read_bytes
 
 LIMITS = "limits.yaml"
 FILE_LIMIT = 2**20
 """Largest file that is read, bytes."""
+REACH_MM = 2000.0
+"""No arm's tool is farther than this from anything, mm."""
+MOST = {
+    "height_mm": REACH_MM,
+    "depth_mm": REACH_MM,
+    "speed_mm_s": 2000.0,
+    "seconds": 60.0,
+    "effort_nm": 1000.0,
+}
+"""Greatest numbers of an operation: beyond them somebody mistook a unit."""
+
+
+class _Strict(yaml.SafeLoader):
+    """A safe loader that refuses a name that is given twice."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict:
+        """As the safe loader, unless a key is there already."""
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]  # pyright: ignore
+        twice = [key for k, key in enumerate(keys) if key in keys[:k]]
+        if twice:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"{twice[0]!r} is given twice", node.start_mark
+            )
+        return super().construct_mapping(node, deep)
 
 
 def load_hand(folder: str | os.PathLike | None = None) -> Hand:
@@ -24,12 +48,17 @@ def load_hand(folder: str | os.PathLike | None = None) -> Hand:
       folder: with `limits.yaml` and `ACTION.yaml`; None is the hand of the simulated robot.
 
     Raises:
-      BadFile: no such folder, no action in it, or a file that is not as it should be.
+      BadFile: no such folder, no limits or no action in it, or a file that is not as it should be.
     """
     folder = Path(__file__).parents[1] / "robot" / "hand" if folder is None else Path(folder)
     if not folder.is_dir():
         raise BadFile(f"{folder}: no such folder; a hand is a folder with {LIMITS} and ACTION.yaml")
-    limits = _limits(folder / LIMITS) if (folder / LIMITS).is_file() else Limits()
+    if not (folder / LIMITS).is_file():
+        raise BadFile(f"{folder}: holds no {LIMITS}, so nothing says what the arm must not exceed")
+    limits = _limits(folder / LIMITS)
+    other = sorted(path.name for path in folder.glob("*.yml"))
+    if other:
+        raise BadFile(f"{folder}: {other[0]} would not be read; name it {other[0][:-4]}.yaml")
     found = [read_procedure(path) for path in sorted(folder.glob("*.yaml")) if path.name != LIMITS]
     if not found:
         raise BadFile(f"{folder}: no action in it; expected files like knock.yaml")
@@ -75,6 +104,13 @@ def _operation(content: dict[str, Any], where: str) -> Operation:
         read[name] = _number(value, f"{where}: {name}")
         if read[name] <= 0 and name != "height_mm":
             raise BadFile(f"{where}: {name} is {value!r}; expected a number above 0")
+    for name, most in MOST.items():
+        if abs(read.get(name, 0.0)) > most:
+            raise BadFile(f"{where}: {name} is {read[name]:g}; at most {most:g}")
+    if content["name"] == "clear" and len(content) > 1:
+        raise BadFile(f"{where}: the arm goes home, there is nothing else to say of it")
+    if content["name"] in IN_THE_AIR and not read.get("height_mm", 0.0) > 0:
+        raise BadFile(f"{where}: needs a height_mm above 0: the tool touches nothing there")
     if "height_mm" in content and "depth_mm" in content:
         raise BadFile(f"{where}: height_mm and depth_mm are both given; one says where the tool is")
     return Operation(**read)
@@ -89,14 +125,18 @@ def _limits(path: Path) -> Limits:
     made = Limits(**read)
     if not all(low < high for low, high in zip(made.low_mm, made.high_mm, strict=True)):
         raise BadFile(f"{path}: low_mm {made.low_mm} is not below high_mm {made.high_mm}")
-    if made.speed_mm_s <= 0 or made.effort_nm <= 0:
-        raise BadFile(f"{path}: speed_mm_s and effort_nm must be above 0")
+    for name in ("speed_mm_s", "effort_nm"):
+        if not 0 < getattr(made, name) <= MOST[name]:
+            raise BadFile(
+                f"{path}: {name} is {getattr(made, name):g}; it must be above 0 and at most "
+                f"{MOST[name]:g}"
+            )
     return made
 
 
 def _parsed(path: Path) -> Any:
     try:
-        return yaml.safe_load(read_bytes(path, limit=FILE_LIMIT).decode())
+        return yaml.load(read_bytes(path, limit=FILE_LIMIT).decode(), _Strict)
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as problem:
         raise BadFile(f"{path}: not a YAML file: {one_line(problem)}") from None
 
@@ -120,4 +160,6 @@ def _three(value: Any, where: str) -> tuple[float, float, float]:
     if not isinstance(value, list) or len(value) != 3:
         raise BadFile(f"{where} is {value!r}; expected three numbers")
     x, y, z = (_number(one, where) for one in value)
+    if max(abs(x), abs(y), abs(z)) > REACH_MM:
+        raise BadFile(f"{where} is {value!r}; at most {REACH_MM:g} mm")
     return x, y, z

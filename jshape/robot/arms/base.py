@@ -5,12 +5,16 @@ that touches the material; at yaw 0 it is parallel to the camera's: x to the rig
 down the image, z into the bed.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from jshape._typing import Float
 from jshape.errors import JShapeError
+
+POSTURES = ("claw", "closed", "fist", "side", "point", "pinch_open", "pinch_closed")
+"""What the bundled files of actions ask of a hand."""
 
 
 class ArmError(JShapeError):
@@ -55,6 +59,34 @@ class Arm(Protocol):
     name: str
     """What people call it."""
 
+    def limit(self, *, effort: float, speed: float) -> None:
+        """What no motion may exceed from now on, the way home included.
+
+        Args:
+          effort: contact effort in Nm at which it stops at once and raises `EffortLimit`.
+          speed: of the tool, metres per second.
+        """
+        ...
+
+    def check(
+        self,
+        poses: Sequence[Float[np.ndarray, "4 4"]],
+        postures: Sequence[str],
+        tool: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Whether it can go to these poses one after the other; it does not move.
+
+        Args:
+          poses: of the tool in the base frame.
+          postures: names of what the hand is to do.
+          tool: as for `begin`.
+
+        Raises:
+          PoseRefused: a pose that it cannot reach.
+          ArmError: a posture that it does not know.
+        """
+        ...
+
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
         """Told before each operation.
 
@@ -83,7 +115,7 @@ class Arm(Protocol):
         """Give the hand a posture; end early at contact.
 
         Args:
-          name: claw, fist, point, pinch_open, pinch_closed, side or flat.
+          name: one of `POSTURES`, or of those in your own hand's files.
           seconds: how long it takes.
           threshold: contact effort in Nm that ends it.
 
@@ -92,8 +124,11 @@ class Arm(Protocol):
         """
         ...
 
-    def home(self) -> None:
-        """Go to the pose in which the camera sees the whole bed.  Raises as `move`."""
+    def home(self) -> Moved:
+        """Go to the pose in which the camera sees the whole bed: from wherever it is, up first.
+
+        Raises as `move`.
+        """
         ...
 
     def effort(self) -> float:
@@ -111,3 +146,12 @@ class Arm(Protocol):
     def close(self) -> None:
         """Let go of the hardware, after `stop`."""
         ...
+
+
+def stop_arm(arm: Arm) -> str | None:
+    """Stop an arm whatever it does about it; what went wrong with that, in one line."""
+    try:
+        arm.stop()
+    except Exception as problem:  # a broken driver: there is nothing left but to say so
+        return f"{arm.name}: did not stop: {type(problem).__name__}: {problem}"
+    return None

@@ -1,6 +1,7 @@
 """An arm that only says what it would do."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -20,6 +21,17 @@ class DryRun:
         """`say` is given each line."""
         self._say = say
         self._pose = np.eye(4)
+
+    def limit(self, *, effort: float, speed: float) -> None:
+        """It makes no motion."""
+
+    def check(
+        self,
+        poses: Sequence[Float[np.ndarray, "4 4"]],
+        postures: Sequence[str],
+        tool: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """It can do all of it."""
 
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
         """Say what comes."""
@@ -41,10 +53,11 @@ class DryRun:
         self._say(f"  hand: {name}, {seconds:g} s, until {threshold:g} Nm")
         return Moved(False, 0.0, self.pose())
 
-    def home(self) -> None:
+    def home(self) -> Moved:
         """Say so."""
         self._pose = np.eye(4)
         self._say("  home")
+        return Moved(False, 0.0, self.pose())
 
     def effort(self) -> float:
         """None."""
@@ -55,8 +68,9 @@ class DryRun:
         return self._pose.copy()
 
     def stop(self) -> None:
-        """Say so."""
-        self._say("  stop")
+        """Say so, if anybody still listens."""
+        with suppress(OSError):
+            self._say("  stop")
 
     def close(self) -> None:
         """Nothing to let go of."""

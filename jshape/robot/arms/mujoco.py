@@ -1,6 +1,6 @@
 """The arm of the physics twin: MuJoCo moves it, mink says how, and the bed gives way below it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -15,7 +15,7 @@ from jshape.robot.twin.press import Press
 from jshape.robot.twin.world import Twin
 
 HARD = 120.0
-"""Contact effort at which the arm stops for good, Nm."""
+"""Contact effort at which the arm stops for good unless `limit` says otherwise, Nm."""
 PEAK = 1.875
 """Highest speed of a smooth motion over its mean speed."""
 SLOWEST = 0.15
@@ -26,6 +26,10 @@ TURNS = 2.5
 """The hand's joints turn at most so fast, radians per second."""
 HOMING = 0.8
 """The arm's joints turn at most so fast on the way home, radians per second."""
+FASTEST = 0.25
+"""Of the tool on the way home unless `limit` says otherwise, metres per second."""
+SAMPLES = 41
+"""Points of the way home at which the tool's speed is looked at."""
 CLEAR = 0.05
 """The tool leaves the box straight up until it is so far above its rim, metres."""
 LIFTING = 0.1
@@ -43,23 +47,40 @@ class MuJoCoArm:
         self,
         twin: Twin,
         *,
-        hard_limit: float = HARD,
         watch: Callable[[Twin], None] = lambda twin: None,
     ):
         """An arm over a twin's bed.
 
         Args:
           twin: the world that it moves in.
-          hard_limit: contact effort at which it stops and raises, Nm.
           watch: called after every step of the physics, for pictures and measurements.
         """
         self.twin = twin
-        self._hard = hard_limit
+        self._hard = HARD
+        self._fastest = FASTEST
         self.watch = watch
         """Called after every step of the physics."""
         self._tool = np.eye(4)
         self._doing: Doing | None = None
         self._press: Press | None = None
+
+    def limit(self, *, effort: float, speed: float) -> None:
+        """Stop at this effort; bring the tool home no faster than this."""
+        self._hard, self._fastest = effort, speed
+
+    def check(
+        self,
+        poses: Sequence[Float[np.ndarray, "4 4"]],
+        postures: Sequence[str],
+        tool: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Inverse kinematics along all of the lines, from where the arm is."""
+        for name in postures:
+            if name not in fingers.POSTURES:
+                raise ArmError(str(UnknownName("posture", name, fingers.POSTURES)))
+        joints, flange = self.twin.target, np.linalg.inv(np.asarray(tool, float))
+        for pose in poses:
+            joints = self.twin.reach.line(joints, np.asarray(pose, float) @ flange).joints[-1]
 
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
         """Remember the tool; when the act begins, work out what it will do to the bed."""
@@ -95,14 +116,21 @@ class MuJoCoArm:
 
         return self._run(step, seconds, threshold)
 
-    def home(self) -> None:
-        """Lead the joints to where the camera looks straight down at the bed."""
+    def home(self) -> Moved:
+        """Up, and lead the joints to where the camera looks straight down at the bed."""
         self._finish()
         self._lift()
         first, last = self.twin.target, self.twin.home
-        seconds = max(PEAK * np.abs(last - first).max() / HOMING, SLOWEST)
         spline = CubicSpline([0.0, 1.0], np.stack([first, last]))
-        self._follow(spline, seconds, self._hard)
+        # Joints that turn slowly may still sweep the hand along a wide arc.
+        poses = [self.twin.reach.pose(spline(share)) for share in np.linspace(0.0, 1.0, SAMPLES)]
+        ways = [
+            np.diff([point[:3, 3] for point in line], axis=0)
+            for line in (poses, [pose @ self._tool for pose in poses])
+        ]
+        steepest = (SAMPLES - 1) * max(np.linalg.norm(way, axis=1).max() for way in ways)
+        seconds = PEAK * max(np.abs(last - first).max() / HOMING, steepest / self._fastest)
+        return self._follow(spline, max(seconds, SLOWEST), self._hard)
 
     def effort(self) -> float:
         """The contact effort now, Nm."""

@@ -35,7 +35,9 @@ class Opened:
     eye: DepthCamera | None = None
     """The camera above its own bed."""
     base_camera: np.ndarray | None = None
-    """(4, 4) pose of that camera in the arm's base frame; None: the same."""
+    """(4, 4) pose of that camera in the arm's base frame."""
+    moves: bool = True
+    """False: it only says what it would do, and needs to know of no camera."""
 
 
 class Kind(NamedTuple):
@@ -66,7 +68,7 @@ def open_arm(
         allowed = ", ".join(kind.example for kind in KINDS.values())
         raise JShapeError(f"{text!r} is not an arm; allowed: {allowed}")
     number = number or "0"
-    if not number.isdecimal() or int(number) >= 2**32:
+    if not number.isdecimal() or len(number) > 10 or int(number) >= 2**32:
         raise JShapeError(f"{text}: a seed is a whole number from 0 to {2**32 - 1}, as in sim:7")
     return KINDS[name].open(int(number), material, camera, say)
 
@@ -78,13 +80,13 @@ def bed_of(seed: int, size: tuple[float, float] = SIZE) -> tuple[sim.Bed, jax.Ar
 
 
 def _dry(seed: int, material: str, camera: Camera, say: Callable[[str], object]) -> Opened:
-    return Opened(DryRun(say))
+    return Opened(DryRun(say), moves=False)
 
 
 def _sim(seed: int, material: str, camera: Camera, say: Callable[[str], object]) -> Opened:
     bed, for_world, for_eye = bed_of(seed)
     world = SimulatedWorld(for_world, bed, material=material, camera=camera)
-    return Opened(SimulatedArm(world), simulated_camera(world, for_eye))
+    return Opened(SimulatedArm(world), simulated_camera(world, for_eye), np.eye(4))
 
 
 def _mujoco(seed: int, material: str, camera: Camera, say: Callable[[str], object]) -> Opened:

@@ -1,11 +1,13 @@
 """An arm over the height-field bed: it moves at once, feels the material, and the bed gives way."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jshape import sim
 from jshape._typing import Float
 from jshape.actions import PAPER_Z
-from jshape.robot.arms.base import ArmError, Doing, Moved
+from jshape.robot.arms.base import ArmError, Doing, EffortLimit, Moved
 from jshape.robot.simulated import SimulatedWorld
 
 TOUCH = 5.0
@@ -36,9 +38,22 @@ class SimulatedArm:
         self._obstacle = None if obstacle_mm is None else obstacle_mm / 1000.0
         self._pose = np.eye(4)
         self._effort = 0.0
+        self._hard = np.inf
         self._doing: Doing | None = None
         self._surface = np.nan  # depth of the bed where the stroke began
         self._wanted = 0.0  # metres below it that were commanded
+
+    def limit(self, *, effort: float, speed: float) -> None:
+        """Stop at this effort; it has no speed."""
+        self._hard = effort
+
+    def check(
+        self,
+        poses: Sequence[Float[np.ndarray, "4 4"]],
+        postures: Sequence[str],
+        tool: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """It goes everywhere; the bed knows its hand."""
 
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
         """Remember what is being done; coming up, the bed changes."""
@@ -59,6 +74,10 @@ class SimulatedArm:
         self._pose = np.array(pose)
         self._pose[:3, 3] = line[end]
         self._effort = float(efforts[end])
+        if self._effort > self._hard:
+            raise EffortLimit(
+                f"contact effort {self._effort:.0f} Nm; the arm stops at {self._hard:g}"
+            )
         if self._doing is not None and self._doing.operation == "act":
             self._surface = float(self._bed_depth(target[None])[0])
             self._wanted = float(target[2]) - self._surface
@@ -68,10 +87,14 @@ class SimulatedArm:
         """Any; the bed knows its hand."""
         return Moved(False, self._effort, self.pose())
 
-    def home(self) -> None:
-        """Out of the view."""
+    def home(self) -> Moved:
+        """Out of the view; a stroke that was begun has left its trace."""
+        if self._doing is not None and self._doing.operation == "act":
+            self._reshape(self._doing)
+        self._doing = None
         self._pose = np.eye(4)
         self._effort = 0.0
+        return Moved(False, 0.0, self.pose())
 
     def effort(self) -> float:
         """At the last place."""

@@ -6,12 +6,13 @@ READY := $(VENV)/ready
 BENCH_READY := $(VENV)/bench-ready
 export JAX_PLATFORMS ?= cpu
 
-.PHONY: help demo test test-slow lint bench bank clean
+.PHONY: help demo test test-slow lint bench bank notebooks clean
 
 help:
 	@echo "make demo   simulate a bed and mold it into a goal, with pictures in runs/demo"
 	@echo "make test   run the tests        make lint   ruff and pyright"
 	@echo "make bench  measure speed beside what others use"
+	@echo "make notebooks  run the lessons and keep their outputs"
 	@echo "make bank   make the bundled banks again (20 minutes)"
 
 $(VENV)/bin/python:
@@ -43,6 +44,9 @@ lint: $(READY)
 
 bench: $(BENCH_READY)
 	$(BIN)/python -m benchmarks.run --out bench
+
+notebooks: $(READY)
+	JSHAPE_CACHE=off $(BIN)/python -m notebooks.execute
 
 bank: $(READY)
 	$(BIN)/python -m jshape.experiments.banks weights

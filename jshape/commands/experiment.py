@@ -7,6 +7,8 @@ from typing import Any
 from jshape.commands import arguments
 from jshape.commands.tables import print_table, progress
 from jshape.devices import over_devices
+from jshape.errors import JShapeError
+from jshape.experiments import EXPERIMENTS
 
 
 def planning(options: argparse.Namespace) -> dict[str, Any]:
@@ -66,9 +68,81 @@ def twin(options: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
+# Options that some experiments have, by the keyword of their `run`.
+OPTIONS: dict[str, dict[str, Any]] = {
+    "kinds": {"nargs": "+", "metavar": "KIND", "help": "of banks: D P C CR DC DCR"},
+    "sizes": {
+        "nargs": "+", "type": arguments.positive_count, "metavar": "N",
+        "help": "pairs per action to fit to (5 10 25 50 75)",
+    },
+    "actions": {"nargs": "+", "metavar": "ACTION", "help": "names (all of the data, or a few)"},
+    "pairs": {"type": arguments.positive_count, "help": "simulated per action and agent"},
+    "partitions": {"type": arguments.positive_count, "help": "of the pairs (4; quick: fewer)"},
+    "width": {"type": arguments.positive_count, "help": "of the networks (8; quick: 4)"},
+    "epochs": {"type": arguments.positive_count, "help": "of the networks (40; quick: 30)"},
+}  # fmt: skip
+
+
+def with_page(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape experiment NAME`: one of those that end in a page."""
+    from jshape.experiments.pages import PAGE
+    from jshape.experiments.report import run_one
+
+    name = options.subcommand
+    given = {key: getattr(options, key) for key in EXPERIMENTS[name].options}
+    given = {key: value for key, value in given.items() if value is not None}
+    data = options.data if EXPERIMENTS[name].data else None
+    if data is not None and "pairs" in given:
+        raise JShapeError("--pairs: of the simulator; with --data nothing is simulated")
+    say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
+    result = run_one(
+        name, options.out, data=data, quick=options.quick, seed=options.seed,
+        overwrite=options.overwrite, say=say, progress=progress, **given,
+    )  # fmt: skip
+    for text in (*result["paragraphs"], *result["notes"]):
+        say(f"\n{text}")
+    say(f"\npage, tables and pictures: {options.out / PAGE}")
+    return result
+
+
+def every(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape experiment all`: those that end in a page, and a page in front of them."""
+    from jshape.experiments.report import PAGE, run_all
+
+    say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
+    result = run_all(
+        options.out, names=options.only, data=options.data, quick=options.quick,
+        seed=options.seed, overwrite=options.overwrite, say=say, progress=progress,
+    )  # fmt: skip
+    say(f"report: {options.out / PAGE}")
+    return result
+
+
+def _add_pages(experiments: Any) -> None:
+    """The parsers of the experiments that end in a page, and of all of them."""
+    for name, entry in EXPERIMENTS.items():
+        parser = arguments.command(experiments, name, with_page, entry.what)
+        _add_common(parser, entry.data)
+        for key in entry.options:
+            parser.add_argument(f"--{key}", default=None, **OPTIONS[key])
+    parser = arguments.command(experiments, "all", every, f"a report: {', '.join(EXPERIMENTS)}")
+    _add_common(parser, True)
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="these experiments only")
+
+
+def _add_common(parser: argparse.ArgumentParser, data: bool) -> None:
+    parser.add_argument("--out", type=Path, required=True, help="folder for the page")
+    parser.add_argument("--quick", action="store_true", help="few and small of everything")
+    parser.add_argument("--seed", type=arguments.seed, default=0, help="of everything random")
+    if data:
+        parser.add_argument("--data", type=Path, help="a data set (default: simulated pairs)")
+
+
 def add(commands: Any) -> None:
     """The parser of `jshape experiment`."""
-    experiment = commands.add_parser("experiment", help="measure planners and the robot's twin")
+    experiment = commands.add_parser(
+        "experiment", help="measure the metric, predictors, planners and the robot's twin"
+    )
     experiment.set_defaults(help_of=experiment)
     experiments = experiment.add_subparsers(
         dest="subcommand", metavar="WHAT", parser_class=arguments.Parser
@@ -110,3 +184,4 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("--out", type=Path, required=True, help="folder for the tables")
     parser.add_argument("--seed", type=arguments.seed, default=0, help="another bed")
+    _add_pages(experiments)

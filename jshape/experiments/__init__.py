@@ -1,1 +1,44 @@
 """Whole runs that show something: each makes its data, figures and report."""
+
+from typing import NamedTuple
+
+
+class Experiment(NamedTuple):
+    """One that ends in a page (`pages`): its module has `run(out, quick=, seed=, ...)`."""
+
+    module: str
+    """Where it is; loaded when it is run."""
+    what: str
+    """One line of help."""
+    data: bool = False
+    """Takes a data set."""
+    options: tuple[str, ...] = ()
+    """What else may be asked for: names of the keywords of `run`."""
+
+
+_STUDY = ("actions", "pairs", "partitions", "width", "epochs")
+
+EXPERIMENTS = {
+    "metric": Experiment(
+        "jshape.experiments.metric", "the distance d beside Chamfer, ICP and the earth mover"
+    ),
+    "viewpoint": Experiment(
+        "jshape.experiments.viewpoint", "d with and without R from other viewpoints"
+    ),
+    "prediction": Experiment(
+        "jshape.experiments.prediction",
+        "errors of prediction with the same agent and across agents",
+        True,
+        ("kinds", *_STUDY),
+    ),
+    "datasize": Experiment(
+        "jshape.experiments.datasize",
+        "errors of prediction against the size of the training set",
+        True,
+        ("kinds", "sizes", *_STUDY),
+    ),
+    "refinement": Experiment(
+        "jshape.experiments.refinement", "networks with and without refinement", True, _STUDY
+    ),
+}
+"""By name, in the order of the report: a new one is a module and a row here."""

@@ -1,0 +1,201 @@
+"""What an experiment leaves: a folder with its numbers, its figures, and a page that explains them.
+
+`results.csv` and `results.json` hold the same rows; `page.html` stands alone beside its figures,
+without scripts or links that leave the folder.
+"""
+
+import csv
+import html
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from jshape.store import files
+from jshape.viz.pictures import png
+
+JSON, CSV, PAGE = "results.json", "results.csv", "page.html"
+DPI = 110
+"""Of figures, dots per inch."""
+STYLE = """
+body{font:16px/1.55 system-ui,sans-serif;color:#222;background:#fff;max-width:62rem;
+margin:2rem auto;padding:0 1rem}
+h1{font-size:1.7rem;line-height:1.2}h2{font-size:1.2rem;margin-top:2.2rem}
+table{border-collapse:collapse;font-size:.88rem;font-variant-numeric:tabular-nums}
+.wide{overflow-x:auto}
+th,td{padding:.3rem .7rem;text-align:right;border-bottom:1px solid #ddd}
+th:first-child,td:first-child{text-align:left}thead th{border-bottom:2px solid #999}
+figure{margin:1.6rem 0}img{max-width:100%;height:auto}
+figcaption,.small{color:#555;font-size:.9rem}
+"""
+
+
+class Table(NamedTuple):
+    """A table of a page."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+class Picture(NamedTuple):
+    """A figure of a page."""
+
+    name: str
+    """File name, such as "times.png"."""
+    figure: Figure
+    caption: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """What an experiment found."""
+
+    title: str
+    paragraphs: Sequence[str]
+    """What is seen, in words."""
+    rows: Sequence[Mapping[str, Any]]
+    """Every number: flat, of text, numbers, truths and None."""
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Picture] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """What the experiment was run with."""
+    notes: Sequence[str] = ()
+    """What was left out, and what to be careful with."""
+
+
+def contents(pictures: Iterable[str]) -> tuple[str, ...]:
+    """The files of a result with these figures, as `files.check_target` wants them."""
+    return (JSON, CSV, PAGE, *pictures)
+
+
+def check(out: Path, overwrite: bool, pictures: Iterable[str]) -> None:
+    """Refuse a folder that must not be written: call it before long work.
+
+    Raises:
+      BadFile: it holds something else, or a result that is not to be replaced.
+    """
+    files.check_target(out, overwrite, contents=contents(pictures))
+
+
+def write(result: Result, out: Path, *, overwrite: bool = False) -> dict[str, Any]:
+    """Write a result, whole or not at all.
+
+    Args:
+      result: what was found.
+      out: its folder.
+      overwrite: replace an earlier result.
+
+    Returns:
+      What `results.json` holds: title, paragraphs, figures, settings, notes, rows.
+
+    Raises:
+      BadFile: the folder exists, or cannot be written.
+    """
+    content = {
+        "title": result.title,
+        "paragraphs": list(result.paragraphs),
+        "figures": [{"name": one.name, "caption": one.caption} for one in result.pictures],
+        "settings": dict(result.settings),
+        "notes": list(result.notes),
+        "rows": [{name: _plain(value) for name, value in row.items()} for row in result.rows],
+    }
+    names = [picture.name for picture in result.pictures]
+    with files.atomic_folder(out, overwrite, contents=contents(names)) as folder:
+        files.write_json(folder / JSON, content)
+        files.write_atomic(folder / CSV, csv_text(content["rows"]))
+        for picture in result.pictures:
+            files.write_atomic(folder / picture.name, png(picture.figure, dpi=DPI))
+        files.write_atomic(folder / PAGE, page(result))
+    return content
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows as CSV: all their columns in order of first appearance; what is unknown is empty."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(columns)
+    for row in rows:
+        values = (row.get(name) for name in columns)
+        writer.writerow(["" if value is None else value for value in values])
+    return stream.getvalue()
+
+
+def page(result: Result) -> str:
+    """The page of a result, HTML."""
+    parts = [paragraph(text) for text in result.paragraphs]
+    parts += [image(picture.name, picture.caption) for picture in result.pictures]
+    parts += [_table(table) for table in result.tables]
+    if result.notes:
+        parts.append("<h2>Notes</h2>" + "".join(paragraph(note) for note in result.notes))
+    if result.settings:
+        rows = [(name, _said(value)) for name, value in result.settings.items()]
+        parts.append(_table(Table("Settings", ("setting", "value"), rows)))
+    parts.append(f'<p class="small">All numbers: {link(CSV)}, {link(JSON)}.</p>')
+    return document(result.title, "\n".join(parts))
+
+
+def document(title: str, body: str) -> str:
+    """An HTML page around what is HTML already."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{html.escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        f"<h1>{html.escape(title)}</h1>\n{body}\n</body>\n</html>\n"
+    )
+
+
+def paragraph(text: str) -> str:
+    """A paragraph of plain text, HTML."""
+    return f"<p>{html.escape(text)}</p>"
+
+
+def image(path: str, caption: str) -> str:
+    """A figure of the folder with its caption, HTML."""
+    said = html.escape(caption)
+    return (
+        f'<figure><img src="{html.escape(path)}" alt="{said}">'
+        f"<figcaption>{said}</figcaption></figure>"
+    )
+
+
+def link(path: str, text: str | None = None) -> str:
+    """A link to a file of the folder, HTML; it reads as the path unless a text is given."""
+    return f'<a href="{html.escape(path)}">{html.escape(text or path)}</a>'
+
+
+def _table(table: Table) -> str:
+    def line(cells: Sequence[str], tag: str) -> str:
+        inside = "".join(f"<{tag}>{html.escape(str(cell))}</{tag}>" for cell in cells)
+        return f"<tr>{inside}</tr>"
+
+    body = "".join(line(row, "td") for row in table.rows)
+    return (
+        f"<h2>{html.escape(table.title)}</h2>\n"
+        f'<div class="wide"><table><thead>{line(table.head, "th")}</thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+
+
+def _said(value: Any) -> str:
+    """A setting in words."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_said(one)}" for name, one in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(_said(one) for one in value)
+    return "-" if value is None else str(value)
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON and CSV know it; NaN and infinity are unknown."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,123 @@
+"""Every experiment that ends in a page, one after the other, and a page in front of them."""
+
+import html
+import time
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from jshape.errors import JShapeError, UnknownName
+from jshape.experiments import EXPERIMENTS, pages
+from jshape.experiments.samples import Progress, Say, silent, unheard
+from jshape.store import files
+
+INDEX, PAGE = "index.json", "index.html"
+
+
+def run_one(name: str, out: Path, *, data: Path | None = None, **options: Any) -> dict[str, Any]:
+    """Run one of `EXPERIMENTS`.
+
+    Args:
+      name: of the experiment.
+      out: its folder.
+      data: a data set, for those that take one.
+      options: of its `run`.
+
+    Returns:
+      What its `results.json` holds.
+
+    Raises:
+      UnknownName: no such experiment.
+      JShapeError: what the experiment raises.
+    """
+    if name not in EXPERIMENTS:
+        raise UnknownName("experiment", name, EXPERIMENTS)
+    entry = EXPERIMENTS[name]
+    if entry.data:
+        options["data"] = data
+    return import_module(entry.module).run(out, **options)
+
+
+def run_all(
+    out: Path,
+    *,
+    names: Sequence[str] | None = None,
+    data: Path | None = None,
+    quick: bool = False,
+    seed: int = 0,
+    overwrite: bool = False,
+    say: Say = unheard,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Run experiments into subfolders; the front page grows with each.
+
+    One that fails is noted on the front page, and the others go on.
+
+    Args:
+      out: folder of the report.
+      names: which; None is all.
+      data: a data set, for those that take one.
+      quick: few and small of everything.
+      seed: of everything random.
+      overwrite: replace an earlier report.
+      say: told each line for people.
+      progress: wraps what takes long.
+
+    Returns:
+      `experiments`: a row each with its name, title, seconds, and why it failed if it did.
+
+    Raises:
+      UnknownName: no such experiment.
+      BadFile: the folder holds something else, or cannot be written.
+      JShapeError: some experiment failed; the others are there.
+    """
+    names = list(dict.fromkeys(names or EXPERIMENTS))
+    for name in names:
+        if name not in EXPERIMENTS:
+            raise UnknownName("experiment", name, EXPERIMENTS)
+    files.check_target(out, overwrite, contents=(INDEX, PAGE, *EXPERIMENTS))
+    content: dict[str, Any] = {"quick": quick, "seed": seed, "experiments": []}
+    found: dict[str, Mapping[str, Any]] = {}
+    _write(out, content, found)
+    common = {"quick": quick, "seed": seed, "overwrite": overwrite, "say": say}
+    for name in names:
+        say(f"{name}: {EXPERIMENTS[name].what}")
+        start, failed, result = time.perf_counter(), None, None
+        try:
+            result = run_one(name, out / name, data=data, progress=progress, **common)
+        except JShapeError as problem:
+            failed = files.one_line(problem, 200)
+            say(f"{name}: {failed}")
+        seconds = time.perf_counter() - start
+        title = EXPERIMENTS[name].what if result is None else result["title"]
+        row = {"name": name, "title": title, "seconds": seconds, "failed": failed}
+        content["experiments"].append(row)
+        if result is not None:
+            found[name] = result
+            say(f"{name}: {seconds:.0f} s")
+        _write(out, content, found)
+    wrong = [row["name"] for row in content["experiments"] if row["failed"]]
+    if wrong:
+        raise JShapeError(f"failed: {', '.join(wrong)}; the others are in {out}")
+    return content
+
+
+def _write(out: Path, content: dict[str, Any], found: Mapping[str, Mapping[str, Any]]) -> None:
+    files.write_json(out / INDEX, content)
+    parts = [pages.paragraph("Small and quick versions: numbers to look at, not to quote.")] * bool(
+        content["quick"]
+    )
+    for row in content["experiments"]:
+        name = row["name"]
+        parts.append(f"<h2>{html.escape(row['title'])}</h2>")
+        if row["failed"]:
+            parts.append(pages.paragraph(f"Failed: {row['failed']}"))
+            continue
+        result = found[name]
+        parts += [pages.paragraph(text) for text in result["paragraphs"]]
+        for figure in result["figures"]:
+            parts.append(pages.image(f"{name}/{figure['name']}", figure["caption"]))
+        more = pages.link(f"{name}/{pages.PAGE}", "Tables, settings and all numbers")
+        parts.append(f'<p class="small">{more}. It took {row["seconds"]:.0f} s.</p>')
+    files.write_atomic(out / PAGE, pages.document("Experiments", "\n".join(parts)))

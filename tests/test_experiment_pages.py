@@ -1,0 +1,153 @@
+"""Results of experiments: numbers that agree, pages that stand alone, folders that are safe."""
+
+import csv
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from jshape.cli import main
+from jshape.errors import BadFile, JShapeError, UnknownName
+from jshape.experiments import EXPERIMENTS, pages, report
+from jshape.experiments.pages import Picture, Result, Table
+
+EVIL = "<script>alert(\"1\")</script> & 'so on'"
+
+
+def figure():
+    made = Figure(figsize=(2, 1))
+    made.subplots().plot([0, 1], [0, 1])
+    return made
+
+
+def result(**more):
+    given = {
+        "title": EVIL,
+        "paragraphs": [EVIL, "Second."],
+        "rows": [
+            {"name": EVIL, "mm": np.float32(1.5), "count": 3, "ok": True, "floor": None},
+            {"name": "a,b\n'c'", "mm": 0.1, "count": np.int64(4), "late": float("nan")},
+        ],
+        "tables": [Table(EVIL, ("head<", "b"), [(EVIL, "1")])],
+        "pictures": [Picture("one.png", figure(), EVIL)],
+        "settings": {"kinds": ["D", "P"], EVIL: {"width": 4}, "data": None},
+        "notes": [EVIL],
+    }
+    return Result(**(given | more))
+
+
+class Reader(HTMLParser):
+    """What a browser would make of a page: tags, what they refer to, and the text."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.links, self.text, self.open = [], [], "", []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in ("href", "src")]
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_the_page_escapes_and_stands_alone(tmp_path):
+    pages.write(result(), tmp_path / "out")
+    text = (tmp_path / "out" / "page.html").read_text()
+    read = Reader(text)
+    assert "script" not in read.tags and not read.open
+    assert read.text.count(EVIL) == 8  # title twice, text, caption, table twice, note, setting
+    assert set(read.links) == {"one.png", "results.csv", "results.json"}
+    assert all((tmp_path / "out" / name).is_file() for name in read.links)
+    assert not re.search(r"https?:|//|@import|url\(", text)
+
+
+def test_csv_and_json_hold_the_same_numbers(tmp_path):
+    told = pages.write(result(), tmp_path / "out")
+    stored = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert stored == json.loads(json.dumps(told))
+    with (tmp_path / "out" / "results.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == len(stored["rows"]) == 2
+    for line, row in zip(lines, stored["rows"], strict=True):
+        assert set(row) <= set(line)
+        for name, text in line.items():
+            value = row.get(name)
+            assert text == ("" if value is None else str(value))
+    assert stored["rows"][1]["late"] is None
+
+
+def test_a_result_is_whole_or_not_there(tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(BadFile):
+        pages.write(result(settings={"bad": object()}), out)
+    assert not list(tmp_path.iterdir())
+    pages.write(result(), out)
+    with pytest.raises(BadFile, match="not empty"):
+        pages.check(out, False, ["one.png"])
+    pages.write(result(title="new"), out, overwrite=True)
+    assert "<h1>new</h1>" in (out / "page.html").read_text()
+    (out / "my notes.txt").write_text("mine")
+    with pytest.raises(BadFile, match="my notes"):
+        pages.check(out, True, ["one.png"])
+
+
+@pytest.fixture
+def two(monkeypatch):
+    """Two experiments, of which the second fails."""
+
+    def run_one(name, out, *, data=None, **options):
+        if name == "viewpoint":
+            raise JShapeError(EVIL)
+        return pages.write(result(), out, overwrite=options["overwrite"])
+
+    monkeypatch.setattr(report, "run_one", run_one)
+    return ("metric", "viewpoint")
+
+
+def test_the_report_goes_on_after_a_failure_and_says_so(tmp_path, two):
+    out, said = tmp_path / "out", []
+    with pytest.raises(JShapeError, match="viewpoint"):
+        report.run_all(out, names=two, quick=True, say=said.append)
+    read = Reader((out / "index.html").read_text())
+    assert read.links == ["metric/one.png", "metric/page.html"]
+    assert all((out / name).is_file() for name in read.links)
+    assert f"Failed: {EVIL}" in read.text and "script" not in read.tags
+    rows = json.loads((out / "index.json").read_text())["experiments"]
+    assert [(row["name"], row["failed"]) for row in rows] == [("metric", None), ("viewpoint", EVIL)]
+    with pytest.raises(BadFile):
+        report.run_all(out, names=two)
+    assert report.run_all(out, names=two[:1], overwrite=True)["experiments"][0]["failed"] is None
+
+
+def test_unknown_experiments_are_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(UnknownName, match="metric"):
+        report.run_all(tmp_path / "out", names=["metrik"])
+    with pytest.raises(UnknownName):
+        report.run_one("metrik", tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", [*EXPERIMENTS, "all"])
+def test_every_experiment_has_a_parser(name, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["experiment", name, "--help"])
+    assert ended.value.code == 0
+    text = capsys.readouterr().out
+    assert all(option in text for option in ("--out", "--quick", "--seed", "--overwrite"))
+
+
+def test_simulated_sizes_and_a_data_set_exclude_each_other(tmp_path, capsys):
+    code = main(["experiment", "prediction", "--out", str(tmp_path / "o"), "--data", "d",
+                 "--pairs", "3"])  # fmt: skip
+    assert code == 2 and "--pairs" in capsys.readouterr().err

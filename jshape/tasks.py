@@ -4,7 +4,6 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from jshape import actions as rectangles
@@ -95,8 +94,9 @@ def limits(
     return Limits(
         min_gain=float(min_gain),
         tolerance=float(tolerance),
-        errors=float(caution) * bank.error_of_d(),
-        most=jnp.asarray(allowed),
+        # On the host: sent with the search, not each with a transfer of its own.
+        errors=np.asarray(caution * bank.error_of_d()) if caution else np.zeros(len(allowed), "f4"),
+        most=allowed,
     )
 
 

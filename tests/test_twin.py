@@ -307,6 +307,7 @@ def test_the_hard_limit_stops_the_arm(fresh, hand):
     weak_hand = Hand(procedures, replace(hand.limits, effort_nm=2.0))
     with pytest.raises(EffortLimit, match="the arm stops at 2"):
         perform(arm, weak_hand, "knock", np.array([0.0, 0.0, 0.45]), fresh.base_camera)
+    arm.limit(effort=120.0, speed=0.25)  # the arm is every test's
     before = arm.twin.joints()
     for _ in range(50):
         arm.twin.step()

@@ -40,5 +40,13 @@ EXPERIMENTS = {
     "refinement": Experiment(
         "jshape.experiments.refinement", "networks with and without refinement", True, _STUDY
     ),
+    "shaping": Experiment(
+        "jshape.experiments.shaping",
+        "the paper's six shaping problems, planned and carried out, with the search tree",
+    ),
+    "generalization": Experiment(
+        "jshape.experiments.generalization",
+        "five actions, sand, uneven beds, overlapping and deeper actions, with f_D and f_P",
+    ),
 }
 """By name, in the order of the report: a new one is a module and a row here."""

@@ -64,8 +64,8 @@ def make(recipe: Recipe, root: Path, *, pairs: int, tested: int, say: Callable[[
       say: told what is going on.
     """
     say(f"{recipe.name}: simulating {pairs} + {tested} pairs an action")
-    training = _simulated(recipe, pairs, recipe.seed, STRENGTHS)
-    testing = _simulated(recipe, tested, recipe.seed + 1000)
+    training = simulated(recipe, pairs, recipe.seed, STRENGTHS)
+    testing = simulated(recipe, tested, recipe.seed + 1000)
     say(f"{recipe.name}: fitting")
     bank, plain = fit(training, "P"), fit(training, "D")
     rows = [
@@ -76,7 +76,7 @@ def make(recipe: Recipe, root: Path, *, pairs: int, tested: int, say: Callable[[
     say(f"{recipe.name}: testing at {len(TABLE)} other strengths")
     few = max(1, round(TABLE_SHARE * tested))
     table = {
-        strength: evaluate(bank, _simulated(recipe, few, recipe.seed + 2000, (strength, strength)))
+        strength: evaluate(bank, simulated(recipe, few, recipe.seed + 2000, (strength, strength)))
         for strength in TABLE
     }
     info = {
@@ -172,9 +172,10 @@ def card(
     return "\n".join(lines)
 
 
-def _simulated(
+def simulated(
     recipe: Recipe, count: int, seed: int, strengths: tuple[float, float] = (1.0, 1.0)
 ) -> Pairs:
+    """`count` simulated pairs per action, as a bundled bank is made from."""
     made = list(
         simulate_pairs(
             jax.random.key(seed),

@@ -6,7 +6,6 @@ from typing import Any
 
 from jshape.commands import arguments
 from jshape.commands.robot import (
-    HEAD,
     add_robot,
     asking,
     draw,
@@ -17,6 +16,7 @@ from jshape.commands.robot import (
 )
 from jshape.errors import BadFile
 from jshape.planning import DEFAULT_BANK
+from jshape.robot.loop import HEAD
 from jshape.robot.session import Session
 from jshape.store import banks, plans
 

@@ -11,7 +11,6 @@ from jshape.camera import check_camera
 from jshape.commands import arguments
 from jshape.commands.plan import Source, source_of
 from jshape.commands.robot import (
-    HEAD,
     add_robot,
     asking,
     draw,
@@ -25,6 +24,7 @@ from jshape.devices import over_devices
 from jshape.errors import BadFile
 from jshape.planning import DEFAULT_BANK
 from jshape.predict.bank import Bank
+from jshape.robot.loop import HEAD
 from jshape.robot.robot import Robot
 from jshape.robot.session import Session
 from jshape.store import banks, formats, points

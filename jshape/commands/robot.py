@@ -26,9 +26,6 @@ from jshape.store.poses import read_base_camera
 from jshape.store.procedures import load_hand
 from jshape.viz import pictures
 
-HEAD = "step  action                  before     predicted  obtained (mm to the goal)"
-
-
 SIGNALS = [
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
 ]

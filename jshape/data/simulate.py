@@ -1,6 +1,6 @@
 """Pairs from the simulator: a new bed, one action at a random place, two looks."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -10,6 +10,7 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Array, Key
 from jshape.camera import PAPER_BOX, Camera
+from jshape.data.pairs import Pairs
 from jshape.errors import JShapeError, UnknownName
 
 ROIS = {
@@ -148,3 +149,21 @@ def simulate_pairs(
                 yield SimulatedPair(
                     action, agent, material, (u, v), (w, h), prior, posterior, strength
                 )
+
+
+def together(pairs: Iterable[SimulatedPair], camera: Camera = PAPER_BOX) -> Pairs:
+    """Simulated pairs as the set that predictors are fitted to; nothing goes through the disk."""
+    made = list(pairs)
+    return Pairs(
+        camera=camera,
+        depth_unit=DEPTH_UNIT,
+        prior=np.stack([pair.prior for pair in made]),
+        posterior=np.stack([pair.posterior for pair in made]),
+        action=np.array([pair.action for pair in made]),
+        agent=np.array([pair.agent for pair in made]),
+        material=np.array([pair.material for pair in made]),
+        centre=np.array([pair.position for pair in made], np.int32),
+        size=np.array([pair.roi for pair in made], np.int32),
+        id=np.array([f"{pair.action}_{pair.agent}_{k:05d}" for k, pair in enumerate(made)]),
+        strength=np.array([pair.strength for pair in made], np.float32),
+    )

@@ -13,7 +13,7 @@ import numpy as np
 
 from jshape.camera import PAPER_BOX, PRESETS
 from jshape.data.pairs import Pairs
-from jshape.data.simulate import DEPTH_UNIT, simulate_pairs
+from jshape.data.simulate import simulate_pairs, together
 from jshape.learn.evaluate import evaluate
 from jshape.learn.fit import fit
 from jshape.learn.measure import Score
@@ -176,7 +176,7 @@ def simulated(
     recipe: Recipe, count: int, seed: int, strengths: tuple[float, float] = (1.0, 1.0)
 ) -> Pairs:
     """`count` simulated pairs per action, as a bundled bank is made from."""
-    made = list(
+    return together(
         simulate_pairs(
             jax.random.key(seed),
             count,
@@ -187,19 +187,6 @@ def simulated(
             frames=FRAMES,
             strengths=strengths,
         )
-    )
-    return Pairs(
-        camera=PAPER_BOX,
-        depth_unit=DEPTH_UNIT,
-        prior=np.stack([pair.prior for pair in made]),
-        posterior=np.stack([pair.posterior for pair in made]),
-        action=np.array([pair.action for pair in made]),
-        agent=np.array([pair.agent for pair in made]),
-        material=np.array([pair.material for pair in made]),
-        centre=np.array([pair.position for pair in made], np.int32),
-        size=np.array([pair.roi for pair in made], np.int32),
-        id=np.array([f"{pair.action}_{k:05d}" for k, pair in enumerate(made)]),
-        strength=np.array([pair.strength for pair in made], np.float32),
     )
 
 

@@ -15,7 +15,7 @@ from jshape.data.view import image_of_depth
 from jshape.planning import DEFAULT_BANK
 from jshape.predict.bank import Bank
 from jshape.predict.sweep import ONE_BY_ONE, How
-from jshape.robot.loop import Molding, Step, mold
+from jshape.robot.loop import HEAD, Molding, Step, mold
 from jshape.robot.simulated import SimulatedWorld
 from jshape.store import banks, files, plans, runs
 from jshape.viz import pictures
@@ -90,15 +90,11 @@ def run_demo(
         overwrite=overwrite,
         contents=FILES,
     )  # fmt: skip
-    say("step  action                  before     predicted  obtained (mm to the goal)")
+    say(HEAD)
 
     def report(step: Step, depth: np.ndarray) -> None:
         run.append(step._asdict(), depth)
-        u, v = step.position
-        say(
-            f"{len(run):4d}  {step.action:5s} x{step.strength:4.2f} ({u:3d},{v:4d})  "
-            f"{step.before_mm:8.3f}  {step.predicted_mm:9.3f}  {step.obtained_mm:9.3f}"
-        )
+        say(step.line(len(run)))
 
     result = mold(
         world,

@@ -18,6 +18,7 @@ from jshape.data.view import image_of_depth
 from jshape.errors import UnknownName
 from jshape.experiments.measures import Retrieval, retrieval
 from jshape.experiments.problems import Applied
+from jshape.experiments.samples import ACTIONS
 from jshape.planning import DEFAULT_BANK
 from jshape.robot.arms.names import BOX
 from jshape.robot.arms.simulated import SimulatedArm
@@ -32,8 +33,6 @@ from jshape.viz.scores import markdown
 
 AGENTS = ("robot", "robot", "robot", "robot", "human", "human")
 """Whose hand made the goal of each problem."""
-ACTIONS = ("grasp", "knock", "poke")
-"""What the paper's robot does."""
 LEVELLED = 0.001
 """Standard deviation of a bed that was levelled by hand, metres."""
 TRIED: dict[str, Any] = {"stride": 8, "strengths": (0.5, 1.0, 1.6), "max_steps": 6}

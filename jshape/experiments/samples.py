@@ -10,7 +10,7 @@ import numpy as np
 
 from jshape.camera import D435_BAZAR, PAPER_BOX, Camera
 from jshape.data.pairs import Pairs
-from jshape.data.simulate import DEPTH_UNIT, simulate_pairs
+from jshape.data.simulate import simulate_pairs, together
 from jshape.errors import BadDataset
 from jshape.store import datasets
 
@@ -82,25 +82,8 @@ def pairs_of(
     actions, agents = actions or ACTIONS, agents or AGENTS
     total = count * len(actions) * len(agents)
     key = jax.random.key(seed)
-    made = list(
-        progress(
-            simulate_pairs(key, count, actions=actions, agents=agents, beds=BEDS, frames=FRAMES),
-            total,
-            "simulating",
-        )
-    )
-    return Pairs(
-        camera=PAPER_BOX,
-        depth_unit=DEPTH_UNIT,
-        prior=np.stack([pair.prior for pair in made]),
-        posterior=np.stack([pair.posterior for pair in made]),
-        action=np.array([pair.action for pair in made]),
-        agent=np.array([pair.agent for pair in made]),
-        material=np.array([pair.material for pair in made]),
-        centre=np.array([pair.position for pair in made], np.int32),
-        size=np.array([pair.roi for pair in made], np.int32),
-        id=np.array([f"{pair.action}_{pair.agent}_{k:05d}" for k, pair in enumerate(made)]),
-    )
+    made = simulate_pairs(key, count, actions=actions, agents=agents, beds=BEDS, frames=FRAMES)
+    return together(progress(made, total, "simulating"))
 
 
 def source(data: Path | None) -> str:

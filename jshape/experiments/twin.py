@@ -14,6 +14,8 @@ import numpy as np
 from jshape import actions, sim
 from jshape._typing import Array, Key
 from jshape.camera import PAPER_BOX
+from jshape.experiments.samples import ACTIONS
+from jshape.robot.arms.names import BOX
 from jshape.robot.procedure import Done, Hand, perform
 from jshape.robot.surface import surface_point
 from jshape.robot.twin import iiwa
@@ -24,10 +26,6 @@ from jshape.store import files
 from jshape.store.procedures import load_hand
 from jshape.viz.scores import markdown
 
-ACTIONS = ("grasp", "knock", "poke")
-"""What the paper's robot does."""
-BOX = (0.50, 0.40)
-"""Of the paper's wooden box, metres along u and v."""
 HILLS = 0.005
 """Standard deviation of the bed's surface, metres."""
 FILES = ("report.md", "twin.json")

@@ -76,6 +76,18 @@ class Step(NamedTuple):
     yaw: float = 0.0
     """Turn of the hand from u towards v, radians."""
 
+    def line(self, number: int) -> str:
+        """A line below `HEAD`."""
+        u, v = self.position
+        return (
+            f"{number:4d}  {self.action:5s} x{self.strength:4.2f} ({u:3d},{v:4d})  "
+            f"{self.before_mm:8.3f}  {self.predicted_mm:9.3f}  {self.obtained_mm:9.3f}"
+        )
+
+
+HEAD = "step  action                  before     predicted  obtained (mm to the goal)"
+"""Above the lines of steps."""
+
 
 @dataclass
 class Molding:

@@ -121,6 +121,18 @@ def pose_of(
     return pose
 
 
+def poses_of(
+    procedure: Procedure,
+    limits: Limits,
+    point: Float[np.ndarray, "3"],
+    strength: float = 1.0,
+    yaw: float = 0.0,
+) -> list[tuple[Operation, Float[np.ndarray, "4 4"] | None]]:
+    """Each operation with the pose where it ends: see `pose_of`; strokes end above the floor."""
+    deepest = limits.high_mm[2]
+    return [(one, pose_of(one, point, strength, yaw, deepest)) for one in procedure.operations]
+
+
 def check_reach(
     procedure: Procedure,
     limits: Limits,
@@ -139,7 +151,7 @@ def check_reach(
             f"{procedure.action}: at {point} m, strength {strength:g}, yaw {yaw:g} rad; a strength "
             f"is above 0 and at most {DEEPEST:g}, and all are finite"
         )
-    for operation in procedure.operations:
+    for operation, pose in poses_of(procedure, limits, point, strength, yaw):
         where = f"{procedure.action}: {operation.name}"
         if operation.speed_mm_s > limits.speed_mm_s:
             raise PoseRefused(
@@ -149,7 +161,6 @@ def check_reach(
             raise PoseRefused(
                 f"{where}: threshold {operation.effort_nm:g} Nm; at most {limits.effort_nm:g}"
             )
-        pose = pose_of(operation, point, strength, yaw, limits.high_mm[2])
         if pose is None:
             continue
         at = pose[:3, 3] * 1000.0
@@ -239,10 +250,10 @@ def prepare(
     check_reach(procedure, limits, point, strength, yaw)
     tool = np.eye(4)
     tool[:3, 3] = np.asarray(procedure.tool_mm) / 1000.0
-    operations: list[tuple[Operation, np.ndarray | None]] = []
-    for operation in procedure.operations:
-        pose = pose_of(operation, point, strength, yaw, limits.high_mm[2])
-        operations.append((operation, None if pose is None else base_camera @ pose))
+    operations = [
+        (operation, None if pose is None else base_camera @ pose)
+        for operation, pose in poses_of(procedure, limits, point, strength, yaw)
+    ]
     arm.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
     poses = [pose for _, pose in operations if pose is not None]
     arm.check(poses, [one.posture for one in procedure.operations if one.posture], tool)

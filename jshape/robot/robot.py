@@ -31,6 +31,7 @@ class Robot:
         frames: int = FRAMES,
         reproject: bool = False,
         told: Callable[[Done], None] = lambda done: None,
+        looked: Callable[[np.ndarray], None] = lambda depth: None,
     ):
         """A robot whose looks are those of a bank's camera.
 
@@ -43,6 +44,7 @@ class Robot:
           frames: of which a look is the median.
           reproject: allow another camera than the bank's; it is looked again as the bank's would.
           told: called after each operation of an action.
+          looked: called with each look (H, W), metres.
         """
         self.camera = camera
         self.eye = eye
@@ -55,8 +57,11 @@ class Robot:
         self._reproject = reproject
         self.told = told
         """Called after each operation of an action."""
+        self.looked = looked
+        """Called with each look."""
         self._view: View | None = None
-        self._seen: np.ndarray | None = None  # (H, W) the last look, without gaps
+        self._seen: np.ndarray | None = None  # (H, W) the last look
+        self._whole: np.ndarray | None = None  # the same without gaps, once it was asked for
 
     def look(self) -> Float[np.ndarray, "H W"]:
         """Depth in metres as the bank's camera sees it; NaN or 0 = no reading.
@@ -71,7 +76,9 @@ class Robot:
             self._view = view_of(self.eye.camera, self.camera, depth, reproject=self._reproject)
         seen = self._view.depth(depth, self.eye.name)
         check_clear(seen, self.camera, self.eye.name)
+        self._whole = None
         self._seen = seen
+        self.looked(seen)
         return seen
 
     def act(
@@ -100,8 +107,9 @@ class Robot:
         """
         if self._seen is None or self._view is None:
             raise JShapeError("look before you act")
-        whole, _ = fill_missing(self._seen, limit=1.0, where=self.eye.name)
-        return surface_point(whole, self.camera, position, rise=self._view.rise)
+        if self._whole is None:  # once a look: a plan's actions are all checked on the first
+            self._whole, _ = fill_missing(self._seen, limit=1.0, where=self.eye.name)
+        return surface_point(self._whole, self.camera, position, rise=self._view.rise)
 
     def check(
         self,

@@ -155,7 +155,7 @@ class Session:
         left = max_steps - done
         if left <= 0:
             raise JShapeError(f"{self.run.folder}: all {max_steps} actions of the run are done")
-        robot.told = self._operation
+        robot.told, robot.looked = self._operation, self._looked
         operations: list[dict[str, Any]] = []
         self._operations = operations
 
@@ -186,19 +186,14 @@ class Session:
 
         def report(step: Step, depth: np.ndarray) -> None:
             self.run.append(step._asdict() | {"operations": list(operations)}, depth)
-            self._say(
-                f"{len(self.run):4d}  {step.action:5s} x{step.strength:4.2f} "
-                f"({step.position[0]:3d},{step.position[1]:4d})  {step.before_mm:8.3f}  "
-                f"{step.predicted_mm:9.3f}  {step.obtained_mm:9.3f}"
-            )
+            self._say(step.line(len(self.run)))
 
-        watched = _Watched(robot, self._looked)
         try:
             self._note("resumed" if self._resumed else "started", steps=done)
             self._note("homing")
             robot.home()
             result = mold(
-                watched, self.goal, bank, max_steps=left, first=plan,
+                robot, self.goal, bank, max_steps=left, first=plan,
                 replan=plan is None and not blind, patience=None if blind else PATIENCE,
                 watch=True, confirm=ask, on_step=report, **options,
             )  # fmt: skip
@@ -270,18 +265,3 @@ class Session:
         for name, picture in (draw(result) if draw else {}).items():
             files.write_atomic(self.run.folder / name, picture)
         return summary
-
-
-class _Watched:
-    """A robot whose looks are reported."""
-
-    def __init__(self, robot: Robot, looked: Callable[[np.ndarray], None]):
-        self.camera = robot.camera
-        self.act = robot.act
-        self._robot = robot
-        self._looked = looked
-
-    def look(self) -> np.ndarray:
-        depth = self._robot.look()
-        self._looked(depth)
-        return depth

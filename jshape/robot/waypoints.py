@@ -15,7 +15,7 @@ from jshape._typing import Float
 from jshape.actions import PAPER_Z
 from jshape.errors import BadPosition, JShapeError, UnknownName
 from jshape.planned import Plan
-from jshape.robot.procedure import Hand, Procedure, check_reach, pose_of
+from jshape.robot.procedure import Hand, Operation, check_reach, poses_of
 from jshape.robot.rigid import check_rigid
 from jshape.robot.surface import surface_point
 
@@ -131,34 +131,23 @@ def waypoints_of(
             surface=change[:3, :3] @ point + change[:3, 3],
             tool=np.array(procedure.tool_mm) / 1e3,
             distance_mm=float(plan.distances_mm[k + 1]),
-            waypoints=_operations(procedure, point, change, strength, yaw, hand.limits.high_mm[2]),
+            waypoints=tuple(
+                _waypoint(operation, None if pose is None else change @ pose)
+                for operation, pose in poses_of(procedure, hand.limits, point, strength, yaw)
+            ),
         )
         all_actions.append(path)
     kept = None if base_camera is None else change
     return Waypoints(frame, kept, place_depth, hand.limits.effort_nm, tuple(all_actions))
 
 
-def _operations(
-    procedure: Procedure,
-    point: np.ndarray,
-    change: np.ndarray,
-    strength: float,
-    yaw: float,
-    deepest_mm: float,
-) -> tuple[Waypoint, ...]:
-    all_operations = []
-    for operation in procedure.operations:
-        pose = None
-        if operation.name != "clear":  # the arm goes home, wherever that is
-            pose = pose_of(operation, point, strength, yaw, deepest_mm)
-        all_operations.append(
-            Waypoint(
-                operation.name,
-                None if pose is None else change @ pose,
-                operation.posture,
-                float(operation.seconds),
-                operation.speed_mm_s / 1e3,
-                float(operation.effort_nm),
-            )
-        )
-    return tuple(all_operations)
+def _waypoint(operation: Operation, pose: np.ndarray | None) -> Waypoint:
+    """An operation with the tool's pose (4, 4); None: the arm goes home, wherever that is."""
+    return Waypoint(
+        operation.name,
+        pose,
+        operation.posture,
+        float(operation.seconds),
+        operation.speed_mm_s / 1e3,
+        float(operation.effort_nm),
+    )

@@ -17,6 +17,7 @@ from jshape.robot.arms.base import Arm
 from jshape.robot.arms.dry_run import DryRun
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.base import DepthCamera
+from jshape.robot.cameras.names import seed_of
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.simulated import SimulatedWorld
 from jshape.sim.bed import SIZE
@@ -63,14 +64,11 @@ def open_arm(
     Raises:
       JShapeError: no such arm, or no such seed.
     """
-    name, _, number = text.partition(":")
+    name = text.partition(":")[0]
     if name not in KINDS:
         allowed = ", ".join(kind.example for kind in KINDS.values())
         raise JShapeError(f"{text!r} is not an arm; allowed: {allowed}")
-    number = number or "0"
-    if not number.isdecimal() or len(number) > 10 or int(number) >= 2**32:
-        raise JShapeError(f"{text}: a seed is a whole number from 0 to {2**32 - 1}, as in sim:7")
-    return KINDS[name].open(int(number), material, camera, say)
+    return KINDS[name].open(seed_of(text), material, camera, say)
 
 
 def bed_of(seed: int, size: tuple[float, float] = SIZE) -> tuple[sim.Bed, jax.Array, jax.Array]:

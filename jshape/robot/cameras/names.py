@@ -104,11 +104,21 @@ def _realsense(text: str, settings: Settings) -> DepthCamera:
 
 def _sim(text: str, settings: Settings) -> DepthCamera:
     _refuse(text, settings)
+    seed = seed_of(text)
+    key = jax.random.fold_in(jax.random.key(seed), 1)
+    return simulated_camera(levelled_world(seed), key)
+
+
+def seed_of(text: str) -> int:
+    """The number behind the colon of a name such as "sim:7"; 0 without one.
+
+    Raises:
+      JShapeError: it is no seed.
+    """
     number = text.partition(":")[2] or "0"
     if not number.isdecimal() or len(number) > 10 or int(number) >= 2**32:
         raise JShapeError(f"{text}: a seed is a whole number from 0 to {2**32 - 1}, as in sim:7")
-    key = jax.random.fold_in(jax.random.key(int(number)), 1)
-    return simulated_camera(levelled_world(int(number)), key)
+    return int(number)
 
 
 def _bag(text: str, settings: Settings) -> DepthCamera:

@@ -1,5 +1,7 @@
 """The paper's distance beside OpenCV, NumPy, Chamfer and the earth mover's distance."""
 
+from pathlib import Path
+
 import cv2
 import jax.numpy as jnp
 import numpy as np
@@ -7,10 +9,11 @@ import ot
 from pykdtree.kdtree import KDTree
 
 import jshape
-from benchmarks.timing import Report, seconds
+from benchmarks.report import Report
+from benchmarks.timing import seconds
 
 
-def run(report: Report) -> None:
+def run(report: Report, out: Path) -> None:
     camera = jshape.PAPER_BOX
     rng = np.random.default_rng(0)
     la, lb = (

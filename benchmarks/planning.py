@@ -1,11 +1,14 @@
 """Steps and whole plans of f_D and f_P, at the sizes of the paper's experiments."""
 
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import jshape
-from benchmarks.timing import Report, seconds
+from benchmarks.report import Report
+from benchmarks.timing import seconds
 from jshape.actions import PAPER_ROIS
 from jshape.data.simulate import ROIS
 from jshape.places import dense_positions
@@ -40,7 +43,7 @@ def problem(bank: Bank, grid: tuple[int, int], applied: list[tuple[str, int]]):
     return now, goal, positions
 
 
-def run(report: Report) -> None:
+def run(report: Report, out: Path) -> None:
     bank = smooth_bank(ROIS)
     now, goal, positions = problem(bank, (7, 3), [("grasp", 4), ("knock", 0), ("press", 20)])
     at = dict.fromkeys(bank.actions, positions)

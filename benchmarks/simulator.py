@@ -1,13 +1,16 @@
 """The material simulator: actions and frames per second."""
 
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 
-from benchmarks.timing import Report, seconds
+from benchmarks.report import Report
+from benchmarks.timing import seconds
 from jshape import PAPER_BOX, sim
 
 
-def run(report: Report) -> None:
+def run(report: Report, out: Path) -> None:
     key = jax.random.key(0)
     bed = sim.irregular_bed(key, 0.008)
     xy = jnp.zeros(2)

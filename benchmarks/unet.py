@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from benchmarks.timing import Report, _cores
+from benchmarks.report import Report, cores
 from jshape.data.pairs import Examples
 from jshape.learn.training import roi_loss
 from jshape.nn import unet
@@ -23,7 +24,7 @@ ROIS = {"grasp": (183, 183), "knock": (112, 60), "poke": (40, 45)}
 PAIRS, BATCH = 56, 8
 
 
-def run(report: Report, rounds: int = 15) -> None:
+def run(report: Report, out: Path, rounds: int = 15) -> None:
     """Forward passes beside PyTorch's, and what an epoch of the paper takes."""
     params = unet.init(jax.random.key(0), 32)
     try:
@@ -31,7 +32,7 @@ def run(report: Report, rounds: int = 15) -> None:
     except ImportError:
         print("U-Net against PyTorch: not measured, torch is not installed")
     else:
-        torch.set_num_threads(_cores())
+        torch.set_num_threads(cores())
         with torch.inference_mode():
             _forward(report, params, torch, rounds)
     for name, roi in ROIS.items():
@@ -132,4 +133,4 @@ def _epoch(report: Report, name: str, network: Network, steps: int = 3) -> None:
 
 
 if __name__ == "__main__":
-    run(Report())
+    run(Report(), Path("."))

@@ -7,7 +7,7 @@ from jshape.errors import JShapeError
 from jshape.learn.fit import fit
 from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
 from jshape.planners.base import Status
-from jshape.planning import Plan, plan, plan_depth
+from jshape.planning import Plan, plan, plan_depth, rollout
 from jshape.predict.bank import Bank
 from jshape.store.banks import list_banks, load_bank, save_bank
 from jshape.store.datasets import load_pairs, save_pairs
@@ -37,6 +37,7 @@ __all__ = [
     "plan_depth",
     "r_matrix",
     "ray_lengths",
+    "rollout",
     "save_bank",
     "save_pairs",
     "to_mm",

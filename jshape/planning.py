@@ -14,20 +14,19 @@ from typing import Any
 import jax
 import numpy as np
 
-from jshape import actions as rectangles
-from jshape import metric, places, tasks
+from jshape import places, tasks
 from jshape._typing import Array, ArrayLike
 from jshape.camera import Camera
 from jshape.data.depth import to_metres
 from jshape.data.view import image_of_depth, view_of
 from jshape.errors import BadBank, BadImage, JShapeError, UnknownName
-from jshape.planned import Plan, successive
+from jshape.planned import Plan
 from jshape.planners import PLANNERS
 from jshape.planners.base import Found, Status, Task
 from jshape.predict.bank import Bank
-from jshape.predict.rollout import after_action
 from jshape.predict.sweep import ONE_BY_ONE, How, candidates_at
 from jshape.predict.terrain import Terrain, terrain_of
+from jshape.rollouts import Act, check_acts, predict_acts
 
 DEFAULT_BANK = "pressed-flour-robot"
 MAX_STEPS = 1000
@@ -135,68 +134,59 @@ def plan(
     )
     found = jax.device_get(PLANNERS[planner](task))
     spent = task.budget.elapsed
-    return replace(_carried_out(found, task, bank, first, goal, float(tolerance)), seconds=spent)
+    # The search's own distances are sums of changes, which drift by rounding, and on the ground.
+    planned = predict_acts(
+        bank, first, goal, _acts(found, task), Status(int(found.status)), float(tolerance),
+        int(found.evaluations),
+    )  # fmt: skip
+    return replace(planned, seconds=spent)
 
 
-def _carried_out(
-    found: Found, task: Task, bank: Bank, first: np.ndarray, goal: np.ndarray, tolerance: float
-) -> Plan:
-    """The plan of what a search found: its predictions made again on whole images.
-
-    The search's own distances are sums of changes, which drift by rounding, and on the ground.
-    """
-    terrain, steps = task.terrain, int(found.steps)
-    image = first.copy()
-    names, centres, rois, offsets, patches, clipped, yaws = [], [], [], [], [], [], []
-    for k in range(steps):
+def _acts(found: Found, task: Task) -> list[Act]:
+    """The moves that a search found, at their exact places."""
+    acts = []
+    for k in range(int(found.steps)):
         number = int(found.move[k])
-        move = terrain.moves[number]
-        exact = terrain.pixel(found.node[k])[::-1]
+        move = task.terrain.moves[number]
+        exact = task.terrain.pixel(found.node[k])[::-1]
         known = np.asarray(task.candidates.first[number]) + move.middle
         same = np.flatnonzero((known == found.node[k]).all(1))
         if same.size:  # a given place, not the node beside it
             exact = np.asarray(task.candidates.pixels[number])[same[0]]
-        yaw = float(move.yaw)
-        w, h = move.roi
-        low = np.array([w // 2, h // 2])
-        room = np.array([bank.camera.width - w, bank.camera.height - h])
-        centre = np.clip(np.rint(exact).astype(np.int32), low, low + room)
-        offset = (exact - centre).astype(np.float32)
-        offset[np.abs(offset) < 1e-3] = 0
-        top, left = corner = (centre - low)[::-1].astype(np.int32)
-        after = after_action(
-            bank, image, corner, found.strength[k], yaw, offset[::-1].copy(),
-            action=move.action, turned=yaw != 0, moved=bool(offset.any()),
-        )  # fmt: skip
-        patch, share = jax.device_get(after)
-        image[top : top + h, left : left + w] = patch
-        names.append(bank.actions[move.action])
-        centres.append(centre)
-        rois.append(move.roi)
-        offsets.append(offset)
-        yaws.append(yaw)
-        patches.append(patch)
-        clipped.append(float(share))
-    positions = np.array(centres, np.int32).reshape(-1, 2)
-    sizes = np.array(rois, np.int32).reshape(-1, 2)
-    images = successive(first, tuple(patches), rectangles.first_pixels(positions, sizes))
-    distances = np.array([metric.distance(image, goal) for image in images], np.float32)
-    return Plan(
-        camera=bank.camera,
-        actions=tuple(names),
-        positions=positions,
-        rois=sizes,
-        distances=distances,
-        status=Status.CONVERGED if distances[-1] <= tolerance else Status(int(found.status)),
-        evaluations=int(found.evaluations),
-        strengths=np.array(found.strength[:steps], np.float32),
-        yaws=np.array(yaws, np.float32),
-        offsets=np.array(offsets, np.float32).reshape(-1, 2),
-        clipped=np.array(clipped, np.float32),
-        initial=first,
-        goal=goal,
-        patches=tuple(patches),
-    )
+        acts.append(Act(move.action, np.asarray(exact), found.strength[k], float(move.yaw)))
+    return acts
+
+
+def rollout(
+    I0: ArrayLike,
+    Istar: ArrayLike,
+    actions: Sequence[str],
+    positions: ArrayLike,
+    *,
+    strengths: ArrayLike | None = None,
+    yaws: ArrayLike | None = None,
+    bank: Bank | str | Path | None = None,
+) -> Plan:
+    """What a given sequence of actions brings, as the bank predicts it.  Eq. predStep1 to 3.
+
+    Args:
+      I0: (H, W) weighed image I of the bed now, floats in [0, 1].
+      Istar: (H, W) the image wanted.
+      actions: K names, in their order.
+      positions: (K, 2) of (u, v), pixels, fractions allowed; a ROI that leaves the image is moved
+        inwards, the place stays.
+      strengths: (K,) how many times as deep as trained; None is 1.
+      yaws: (K,) turns of the hand from u towards v, radians; None is 0.
+      bank: as for `plan`.
+
+    Raises:
+      BadImage, UnknownName, BadPosition, BadBank, JShapeError: as for `plan`.
+    """
+    bank = _as_bank(bank)
+    first = check_image(I0, bank.camera, "I0")
+    goal = check_image(Istar, bank.camera, "Istar")
+    acts = check_acts(bank, actions, positions, strengths, yaws)
+    return predict_acts(bank, first, goal, acts, Status.PLAN_ENDED)
 
 
 @partial(jax.jit, static_argnames=["moves"])

@@ -29,9 +29,10 @@ ALLOWED = {
     "places": {"camera", "actions", "predict"},
     "planned": {"camera", "metric", "actions", "planners", "data", "store"},
     "tasks": {"actions", "predict", "planners", "planned"},
+    "rollouts": {"camera", "metric", "actions", "predict", "planners", "planned", "tasks"},
     "planning": {
         *("camera", "metric", "actions", "predict", "planners", "data", "store"),
-        *("places", "planned", "tasks"),
+        *("places", "planned", "tasks", "rollouts"),
     },
     "devices": {"predict"},
     "robot": {

@@ -27,6 +27,8 @@ class Status(IntEnum):
     """No action lowers the distance by more than the least gain asked for."""
     BUDGET = 3
     """The time or the evaluations allowed are spent."""
+    PLAN_ENDED = 4
+    """It was not searched for: these are the actions that were given."""
 
     @property
     def meaning(self) -> str:
@@ -36,6 +38,7 @@ class Status(IntEnum):
             Status.MAX_STEPS: "as many actions as allowed",
             Status.NO_IMPROVEMENT: "no further action is predicted to gain enough",
             Status.BUDGET: "the time or the evaluations allowed are spent",
+            Status.PLAN_ENDED: "these are the actions that were given",
         }[self]
 
 

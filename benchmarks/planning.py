@@ -1,5 +1,6 @@
 """Steps and whole plans of f_D and f_P, at the sizes of the paper's experiments."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -8,27 +9,55 @@ import numpy as np
 
 import jshape
 from benchmarks.report import Report
-from benchmarks.timing import seconds
+from benchmarks.timing import in_turns, seconds
 from jshape.actions import PAPER_ROIS
 from jshape.data.simulate import ROIS
+from jshape.learn.networks import changed_most
+from jshape.nn import unet
 from jshape.places import dense_positions
 from jshape.planners import greedy
 from jshape.planners.base import Limits
 from jshape.planning import DEFAULT_BANK
 from jshape.predict.bank import Bank
 from jshape.predict.difference import Difference
+from jshape.predict.network import Network
+from jshape.predict.refined import Refined
 from jshape.predict.sweep import Candidates, candidates_at, sweep
-from jshape.predict.terrain import terrain_of
+from jshape.predict.terrain import Terrain, terrain_of
 
 
-def smooth_bank(rois: dict[str, tuple[int, int]]) -> Bank:
+def smooth_bank(rois: dict[str, tuple[int, int]], camera: jshape.Camera = jshape.PAPER_BOX) -> Bank:
     """A bank of smooth craters with these ROI sizes (w, h)."""
 
     def crater(w: int, h: int) -> Difference:
         x, y = np.linspace(-2.5, 2.5, w), np.linspace(-2.5, 2.5, h)
         return Difference(jnp.asarray(-0.2 * np.exp(-(x**2) - y[:, None] ** 2), jnp.float32))
 
-    return Bank(jshape.PAPER_BOX, tuple(crater(*r) for r in rois.values()), tuple(rois))
+    return Bank(camera, tuple(crater(*r) for r in rois.values()), tuple(rois))
+
+
+def network_bank(rois: dict[str, tuple[int, int]], kind: str, width: int = 8) -> Bank:
+    """f_C whose U-Nets level their ROI to I = 0.45, or f_CR of those with smooth craters.
+
+    Random parameters but for the last layer's, which do not depend on what comes before: such a
+    network takes as long as any, and its plans are known.
+    """
+    craters = smooth_bank(rois)
+    found = []
+    for number, crater in enumerate(craters.predictors):
+        params = unet.init(jax.random.key(number), width)
+        output = params["output"]
+        kernel = jnp.zeros_like(output["kernel"])
+        params["output"] = {
+            "kernel": kernel,
+            "bias": jnp.arctanh(jnp.full_like(output["bias"], 0.45)),
+        }
+        network = Network(params, crater.roi)
+        if kind == "CR":
+            mask = changed_most(np.asarray(crater.delta), "erode")
+            network = Refined(network, crater, jnp.asarray(mask, jnp.float32), jnp.float32(0))
+        found.append(network)
+    return replace(craters, predictors=tuple(found), kind=kind)
 
 
 def problem(bank: Bank, grid: tuple[int, int], applied: list[tuple[str, int]]):
@@ -46,35 +75,9 @@ def problem(bank: Bank, grid: tuple[int, int], applied: list[tuple[str, int]]):
 def run(report: Report, out: Path) -> None:
     bank = smooth_bank(ROIS)
     now, goal, positions = problem(bank, (7, 3), [("grasp", 4), ("knock", 0), ("press", 20)])
-    at = dict.fromkeys(bank.actions, positions)
-    image = terrain_of(bank, now, goal)
-    candidates = candidates_at(image, bank, at)
-    count = len(candidates)
-    time = seconds(lambda: sweep(image, candidates))
-    report.add(f"predict {count} candidates on 395x480 (one sweep)", 1e3 * time, "ms", goal=3)
-    report.add("the same against copying as many floats", time / _copying(candidates), "times")
-    for steps in (1, 3):
-        time = seconds(lambda s=steps: greedy.run(image, candidates, Limits(), max_steps=s).status)
-        report.add(f"greedy, {count} candidates, {steps} steps: per step", 1e3 * time / steps, "ms",
-                   goal=3)  # fmt: skip
-
-    every = candidates_at(image, bank, dense_positions(bank, 4))
-    time = seconds(lambda: sweep(image, every), repeats=5)
-    report.add(f"f_D, every 4th pixel: {len(every)} candidates, one sweep", 1e3 * time, "ms",
-               goal=500)  # fmt: skip
-    report.add("the same against copying as many floats", time / _copying(every), "times")
-
-    pressed = jshape.load_bank(DEFAULT_BANK)
-    ground = jax.jit(terrain_of)(pressed, now, goal)
-    time = seconds(lambda: jax.jit(terrain_of)(pressed, now, goal), repeats=5)
-    report.add("f_P, the ground of image and goal seen from above", 1e3 * time, "ms")
-    places = candidates_at(ground, pressed, at)
-    time = seconds(lambda: sweep(ground, places))
-    report.add(f"f_P, {count} candidates, one sweep", 1e3 * time, "ms", goal=500)
-    every = candidates_at(ground, pressed, dense_positions(pressed, 8), (0.25, 0.5, 1.0, 1.6))
-    time = seconds(lambda: sweep(ground, every), repeats=5)
-    report.add(f"f_P, every 8th pixel, 4 strengths: {len(every)} candidates, one sweep",
-               1e3 * time, "ms")  # fmt: skip
+    _on_a_grid(report, bank, now, goal, dict.fromkeys(bank.actions, positions))
+    _dense(report, bank, now, goal)
+    _networks(report)
 
     three = smooth_bank(PAPER_ROIS)
     applied = [("grasp", 0), ("knock", 4), ("poke", 10), ("knock", 12)]
@@ -85,22 +88,122 @@ def run(report: Report, out: Path) -> None:
         lambda: jshape.plan(now, goal, bank=three, positions=positions, max_steps=4).status
     )
     report.add("jshape.plan, 45 candidates, 4 steps", 1e3 * time, "ms", goal=5)
-
     time = seconds(lambda: jshape.plan(now, goal, bank=bank, positions="21x15", max_steps=4).status)
     report.add("jshape.plan, 5 actions at 21x15 places, at most 4 steps", 1e3 * time, "ms")
+    _many_goals(report, three, now, goal, dict.fromkeys(three.actions, positions))
 
-    goals = jnp.stack([jnp.roll(jnp.asarray(goal), k, 0) for k in range(16)])
-    where = candidates_at(
-        terrain_of(three, now, goal), three, dict.fromkeys(three.actions, positions)
-    )
+
+def _on_a_grid(report: Report, bank: Bank, now, goal, at: dict[str, np.ndarray]) -> None:
+    """One sweep and a few steps at given places: f_D, then f_P."""
+    image = terrain_of(bank, now, goal)
+    candidates = candidates_at(image, bank, at)
+    count = len(candidates)
+    time = seconds(lambda: sweep(image, candidates))
+    report.add(f"predict {count} candidates on 395x480 (one sweep)", 1e3 * time, "ms", goal=3)
+    report.add(f"{count} candidates, one sweep against copying as many floats",
+               time / _copying(candidates), "times")  # fmt: skip
+    for steps in (1, 3):
+        time = seconds(lambda s=steps: greedy.run(image, candidates, Limits(), max_steps=s).status)
+        report.add(f"greedy, {count} candidates, {steps} steps: per step", 1e3 * time / steps, "ms",
+                   goal=3)  # fmt: skip
+    found = greedy.run(image, candidates, Limits(), max_steps=3)
+    later = (int(found.evaluations) - count) / int(found.steps) / count
+    report.add("candidates evaluated again after a step, of all", later, "", tolerance=1.001)
+
+    pressed = jshape.load_bank(DEFAULT_BANK)
+    ground = jax.jit(terrain_of)(pressed, now, goal)
+    time = seconds(lambda: jax.jit(terrain_of)(pressed, now, goal), repeats=5)
+    report.add("f_P, the ground of image and goal seen from above", 1e3 * time, "ms")
+    places = candidates_at(ground, pressed, at)
+    time = seconds(lambda: sweep(ground, places))
+    report.add(f"f_P, {count} candidates, one sweep", 1e3 * time, "ms", goal=500)
+    report.add("f_P, nodes of its windows against pixels of f_D's",
+               _pixels(ground, places) / _pixels(image, candidates), "times",
+               tolerance=1.001)  # fmt: skip
+    every = candidates_at(ground, pressed, dense_positions(pressed, 8), (0.25, 0.5, 1.0, 1.6))
+    time = seconds(lambda: sweep(ground, every), repeats=5)
+    report.add(f"f_P, every 8th pixel, 4 strengths: {len(every)} candidates, one sweep",
+               1e3 * time, "ms")  # fmt: skip
+
+
+def _dense(report: Report, bank: Bank, now, goal) -> None:
+    """Sweeps of all places, at several strides."""
+    pressed = jshape.load_bank(DEFAULT_BANK)
+    image, ground = terrain_of(bank, now, goal), jax.jit(terrain_of)(pressed, now, goal)
+    rows = []
+    for stride in (4, 8, 12, 16):
+        cells = []
+        for model, terrain in ((bank, image), (pressed, ground)):
+            every = candidates_at(terrain, model, dense_positions(model, stride))
+            time = seconds(lambda t=terrain, c=every: sweep(t, c), least=0.3, repeats=3)
+            cells += [f"{1e3 * time:.3g}", f"{1e9 * time / _pixels(terrain, every):.2g}"]
+            if stride == 4 and model is bank:
+                report.add(f"f_D, every 4th pixel: {len(every)} candidates, one sweep", 1e3 * time,
+                           "ms", goal=500)  # fmt: skip
+                report.add("every 4th pixel, one sweep against copying as many floats",
+                           time / _copying(every), "times")  # fmt: skip
+                report.add("every 4th pixel, pixels of image and goal compared",
+                           2 * _pixels(terrain, every), "", tolerance=1.001)  # fmt: skip
+        rows.append((f"{stride}", f"{len(every)}", *cells))
+    head = ("every ... pixel", "candidates", "f_D, ms", "ns a pixel", "f_P, ms", "ns a node")
+    report.table("All places in one sweep, five actions, one strength.", head, rows)
+
+
+def _networks(report: Report) -> None:
+    """A sweep of the paper's U-Nets beside as many of their forward passes alone."""
+    bank = network_bank(PAPER_ROIS, "C", 32)
+    now, goal, positions = problem(bank, (5, 3), [("grasp", 0), ("knock", 4)])
+    terrain = terrain_of(bank, now, goal)
+    candidates = candidates_at(terrain, bank, dict.fromkeys(bank.actions, positions))
+    forward = jax.jit(lambda network, roi: network(roi, jnp.zeros(2, jnp.int32)))
+    windows = [jnp.full((h, w), 0.6) for w, h in bank.rois.values()]
+
+    def alone():
+        passes = zip(bank.predictors, windows, candidates.counts, strict=True)
+        return [forward(f, roi) for f, roi, count in passes for _ in range(count)]
+
+    calls = {"sweep": lambda: sweep(terrain, candidates), "alone": alone}
+    took = in_turns(calls, rounds=3)
+    report.add("f_C (width 32), 45 candidates, one sweep", 1e3 * took["sweep"], "ms")
+    report.add("the same against 45 forward passes alone", took["sweep"] / took["alone"], "times",
+               tolerance=1.5)  # fmt: skip
+
+
+def _many_goals(report: Report, bank: Bank, now, goal, at: dict[str, np.ndarray]) -> None:
+    """Plans of several goals in one compiled call."""
+    where = candidates_at(terrain_of(bank, now, goal), bank, at)
 
     def one(goal):
-        return greedy.run(terrain_of(three, now, goal), where, Limits(), max_steps=4).steps
+        found = greedy.run(terrain_of(bank, now, goal), where, Limits(), max_steps=4)
+        return found.move, found.node
 
-    for name, mapped in (("vmapped", jax.vmap(one)), ("in a loop", lambda g: jax.lax.map(one, g))):
-        many = jax.jit(mapped)
-        time = seconds(lambda: many(goals), repeats=3)  # noqa: B023
-        report.add(f"16 goals in one call, {name}: per goal", 1e3 * time / 16, "ms")
+    together = jax.jit(jax.vmap(one))
+    in_a_loop = jax.jit(lambda goals: jax.lax.map(one, goals))
+    rows = []
+    for count in (1, 4, 16, 64):
+        goals = jnp.stack([jnp.roll(jnp.asarray(goal), k, 0) for k in range(count)])
+        loop = seconds(lambda g=goals: in_a_loop(g), least=0.2, repeats=3) / count
+        if count == 16:
+            vmapped = seconds(lambda g=goals: together(g), least=0.2, repeats=3) / count
+            report.add("16 goals in one call, vmapped: per goal", 1e3 * vmapped, "ms")
+            report.add("16 goals in one call, in a loop: per goal", 1e3 * loop, "ms")
+            alone = [jax.jit(one)(g) for g in goals]
+            same = sum(
+                all(np.array_equal(x[k], y) for x, y in zip(in_a_loop(goals), each, strict=True))
+                for k, each in enumerate(alone)
+            )
+            report.add("16 goals in one call: plans as each alone", same, "", more=True,
+                       tolerance=1)  # fmt: skip
+        rows.append((f"{count}", f"{1e3 * loop:.3g}"))
+    report.table("Goals in one call (`jax.lax.map`), 45 candidates, 4 steps.",
+                 ("goals", "ms per goal"), rows)  # fmt: skip
+
+
+def _pixels(terrain: Terrain, candidates: Candidates) -> int:
+    """Pixels, or nodes, of the windows of all candidates."""
+    sizes = [np.prod(move.shape) for move in terrain.moves]
+    places = sum(n * size for n, size in zip(candidates.counts, sizes, strict=True))
+    return int(places) * len(candidates.strengths)
 
 
 def _copying(candidates: Candidates) -> float:

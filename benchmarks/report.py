@@ -116,7 +116,7 @@ class Report:
         for r in self.rows:
             if r.tolerance is not None:
                 kept[f"{r.part}: {r.name}"] = {
-                    "value": float(f"{r.value:.4g}"),
+                    "value": r.value if r.value.is_integer() else float(f"{r.value:.4g}"),
                     "unit": r.unit,
                     "better": "more" if r.more else "less",
                     "tolerance": r.tolerance,

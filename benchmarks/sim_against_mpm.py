@@ -30,7 +30,8 @@ import numpy as np
 from scipy import ndimage
 
 from jshape.camera import Camera
-from jshape.sim import ACTIONS, CELL, SIZE, Z_FLOOR, apply_action, loose_bed, position_to_xy, render
+from jshape.data.simulate import bed_of_depth
+from jshape.sim import ACTIONS, apply_action, position_to_xy, render
 
 GROUPS = (
     "flat_flour_robot",
@@ -63,18 +64,10 @@ def read_group(folder: Path) -> tuple[Camera, list[dict]]:
     return Camera(**fields), pairs
 
 
-def rebuild(depth: np.ndarray, camera: Camera, z_floor: float = Z_FLOOR):
-    """The bed under a depth image; places that the image does not show take their neighbour's."""
+def rebuild(depth: np.ndarray, camera: Camera):
+    """The bed under a depth image; pixels without a reading take the nearest one's."""
     nearest = ndimage.distance_transform_edt(depth <= 0, return_indices=True)[1]
-    depth = depth[tuple(nearest)]
-    columns, rows = round(SIZE[0] / CELL), round(SIZE[1] / CELL)
-    x = (np.arange(columns) + 0.5 - columns / 2) * CELL
-    y = (np.arange(rows) + 0.5 - rows / 2) * CELL
-    z = np.full((rows, columns), 0.45)
-    for _ in range(12):  # which pixel sees the column depends on its height
-        u, v = camera.fx * x[None] / z + camera.u0, camera.fy * y[:, None] / z + camera.v0
-        z = ndimage.map_coordinates(depth, [v, u], order=1, mode="nearest")
-    return loose_bed((z_floor - z).astype(np.float32))
+    return bed_of_depth(depth[tuple(nearest)], camera)
 
 
 def roi(pair: dict, image: np.ndarray) -> np.ndarray:

@@ -1,7 +1,10 @@
 """Height maps of any size as depth images of a camera: shapes that others measured or drew."""
 
+from typing import Any
+
 import cv2
 import numpy as np
+from scipy import ndimage
 
 from jshape._typing import Float
 from jshape.camera import Camera
@@ -40,3 +43,31 @@ def depth_of_relief(
     size = (camera.width, camera.height)
     stretched = cv2.resize(relief.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
     return (middle + scale * stretched).astype(np.float32)
+
+
+def top_of_points(
+    xy: Float[np.ndarray, "P 2"], height: Float[np.ndarray, "P"], cell: float, *, margin: int = 0
+) -> Float[np.ndarray, "rows columns"]:
+    """The highest points of a cloud in every cell of a grid; small gaps take their nearest cell.
+
+    Args:
+      xy: of the points.
+      height: of the points.
+      cell: side of a cell, in the points' unit.
+      margin: empty cells around.
+
+    Returns:
+      (rows, columns) of (y, x); NaN in cells more than two cells away from any point.
+
+    Raises:
+      BadImage: the points are so far apart that the grid has more than ten million cells.
+    """
+    place = np.floor((xy - xy.min(0)) / cell).astype(int) + margin
+    columns, rows = (int(n) for n in place.max(0) + margin + 1)
+    if rows * columns > 1e7:
+        raise BadImage(f"{len(xy)} points are too far apart: {columns} x {rows} cells")
+    top = np.full((rows, columns), -np.inf)
+    np.maximum.at(top, (place[:, 1], place[:, 0]), height)
+    found: Any = ndimage.distance_transform_edt(np.isinf(top), return_indices=True)
+    apart, nearest = found
+    return np.where(apart <= 2, top[tuple(nearest)], np.nan)

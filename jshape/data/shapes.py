@@ -18,6 +18,7 @@ from scipy import ndimage
 
 from jshape._typing import Float
 from jshape.camera import PAPER_BOX, Camera
+from jshape.data.relief import top_of_points
 from jshape.errors import BadImage
 
 MARGIN = 0.0418
@@ -142,17 +143,12 @@ def dough(points: Float[np.ndarray, "P 3"], camera: Camera = PAPER_BOX) -> Float
       BadImage: nothing stands out of the table.
     """
     table = float(np.percentile(points[:, 2], 1))
-    place = np.floor((points[:, :2] - points[:, :2].min(0)) / DOUGH_CELL).astype(int) + 8
-    columns, rows = (int(n) for n in place.max(0) + 9)
-    if rows * columns > 1e7 or np.ptp(points[:, 2]) == 0:
-        raise BadImage(f"{len(points)} points hold no piece of dough: too far apart, or level")
-    top = np.full((rows, columns), -np.inf)
-    np.maximum.at(top, (place[:, 1], place[:, 0]), points[:, 2] - table)
-    found: Any = ndimage.distance_transform_edt(np.isinf(top), return_indices=True)
-    apart, nearest = found
-    top = np.where(apart <= 2, top[tuple(nearest)], 0.0)
+    if np.ptp(points[:, 2]) == 0:
+        raise BadImage(f"{len(points)} points hold no piece of dough: they are level")
+    top = top_of_points(points[:, :2], points[:, 2] - table, DOUGH_CELL, margin=8)
+    top = np.nan_to_num(top)
     top = ndimage.gaussian_filter(ndimage.median_filter(top, 3), 1.0)
-    found = ndimage.label(top > 0.2 * top.max())
+    found: Any = ndimage.label(top > 0.2 * top.max())
     pieces = found[0]
     piece = pieces == np.argmax(np.bincount(pieces.reshape(-1))[1:]) + 1
     top = np.where(ndimage.binary_dilation(piece, iterations=2), top, 0.0)

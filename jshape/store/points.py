@@ -6,12 +6,13 @@ columns, Y along the rows, Z along the optical axis.
 
 import io
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jshape._typing import Float
+from jshape._typing import Float, Int
 from jshape.camera import Camera
 from jshape.errors import BadFile, BadImage
 from jshape.store.cameras import DEPTH_UNIT
@@ -24,6 +25,8 @@ FILE_LIMIT = 512 * 2**20
 """Largest point cloud file that is read, bytes."""
 SUFFIXES = (".ply", ".pcd")
 """Files that are read as point clouds; everything else is taken for an image."""
+SOLIDS = (*SUFFIXES, ".stl", ".obj")
+"""Files that `read_mesh` reads."""
 
 
 def read_points(path: str | os.PathLike) -> Float[np.ndarray, "P 3"]:
@@ -40,7 +43,7 @@ def read_points(path: str | os.PathLike) -> Float[np.ndarray, "P 3"]:
     Raises:
       BadFile: the file cannot be read, is of another kind, damaged, or holds no point.
     """
-    return _read(Path(path))[0]
+    return read_mesh(path, SUFFIXES)[0]
 
 
 def read_goal(
@@ -72,7 +75,7 @@ def read_goal(
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         return read_depth(path, depth_unit=depth_unit, camera=camera, check_range=check_range)
-    points, faces = _read(path)
+    points, faces = read_mesh(path, SUFFIXES)
     if faces is None or not len(faces):
         return depth_of_points(points, camera, str(path), check_range=check_range)
     depth = depth_of_faces(points, faces, camera, path)
@@ -140,13 +143,27 @@ def _out_of_view(points: np.ndarray, camera: Camera, where: str, check_range: bo
     )
 
 
-def _read(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Points (P, 3), and the faces (F, 3) of a mesh."""
+def read_mesh(
+    path: str | os.PathLike, allowed: Sequence[str] = SOLIDS
+) -> tuple[Float[np.ndarray, "P 3"], Int[np.ndarray, "F 3"] | None]:
+    """Points in the file's own unit, and the faces of a mesh (None: the file has none).
+
+    Args:
+      path: PLY, PCD, STL or OBJ.
+      allowed: endings of the name.
+
+    Raises:
+      BadFile: the file cannot be read, is of another kind, damaged, or holds no point.
+    """
+    path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise BadFile(f"{path}: point clouds are {' or '.join(SUFFIXES)}, not {suffix or 'this'!r}")
+    if suffix not in allowed:
+        kinds = f"{', '.join(allowed[:-1])} or {allowed[-1]}"
+        raise BadFile(f"{path}: point clouds are {kinds}, not {suffix or 'this'!r}")
     data = read_bytes(path, limit=FILE_LIMIT)
-    points, faces = _parse_ply(path, data) if suffix == ".ply" else (parse_pcd(path, data), None)
+    points, faces = (
+        (parse_pcd(path, data), None) if suffix == ".pcd" else _parse(path, data, suffix[1:])
+    )
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise BadFile(f"{path}: holds no points")
@@ -163,23 +180,29 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     return points[finite], faces
 
 
-def _parse_ply(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray | None]:
+def _parse(path: Path, data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray | None]:
+    """Points and faces of a PLY, STL or OBJ."""
+    name = kind.upper()
     try:
         import trimesh
     except ImportError:
-        raise BadFile(f"{path}: reading PLY needs trimesh: pip install trimesh") from None
-    if not data.startswith(b"ply"):
+        raise BadFile(f"{path}: reading {name} needs trimesh: pip install trimesh") from None
+    if kind == "ply" and not data.startswith(b"ply"):
         raise BadFile(f"{path}: is not a PLY file")
+    whole: dict[str, Any] = {"group_material": False} if kind == "obj" else {}
     try:
         # From memory and without a resolver: a texture that the file names is not looked for.
         found: Any = trimesh.load(
-            io.BytesIO(data), file_type="ply", process=False, skip_materials=True
+            io.BytesIO(data), file_type=kind, process=False, skip_materials=True, **whole
         )
+        if isinstance(found, trimesh.Scene):  # what an STL without faces becomes
+            raise BadFile("it has no face")
         points, faces = np.asarray(found.vertices), getattr(found, "faces", None)
         faces = None if faces is None else np.asarray(faces)
     except Exception as problem:  # trimesh promises no type for a damaged file
-        reason = one_line(f"{type(problem).__name__}: {problem}", 100)
-        raise BadFile(f"{path}: the PLY is damaged or holds no points ({reason})") from None
+        kind = "" if isinstance(problem, BadFile) else f"{type(problem).__name__}: "
+        reason = one_line(f"{kind}{problem}", 100)
+        raise BadFile(f"{path}: the {name} is damaged or holds no points ({reason})") from None
     if faces is not None and len(faces) and not 0 <= faces.min() <= faces.max() < len(points):
-        raise BadFile(f"{path}: a face of the PLY names a point that is not there")
+        raise BadFile(f"{path}: a face of the {name} names a point that is not there")
     return points, faces

@@ -1,0 +1,55 @@
+"""Drawings on disk, in grey or in colour: masks and height maps that people paint."""
+
+import io
+import os
+from pathlib import Path
+
+import numpy as np
+
+from jshape.errors import BadImage
+from jshape.store.files import one_line, read_bytes
+from jshape.store.formats import FILE_LIMIT, PIXEL_LIMIT, read_array
+
+_PAINTED = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM")
+
+
+def read_drawing(path: str | os.PathLike) -> np.ndarray:
+    """A drawing as (rows, columns) of numbers: as stored if it is grey, else its brightness.
+
+    PNG, TIFF, EXR and NPY of one channel keep their numbers; colour PNG, JPEG and BMP become 8-bit
+    grey, on black where they are transparent.
+
+    Raises:
+      BadFile: the file cannot be read.
+      BadImage: it is no image.
+    """
+    path = Path(path)
+    try:
+        return read_array(path)
+    except BadImage as problem:
+        data = read_bytes(path, limit=FILE_LIMIT)
+        if not data.startswith(_PAINTED):
+            raise
+        grey = _brightness(data)
+        if isinstance(grey, str):
+            raise BadImage(f"{problem}; as a painting: {grey}") from None
+        return grey
+
+
+def _brightness(data: bytes) -> np.ndarray | str:
+    """Grey levels of a painted image, or why there are none."""
+    import warnings
+
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "BMP")) as image:
+                if image.width * image.height > PIXEL_LIMIT:
+                    return f"{image.width}x{image.height} pixels; at most {PIXEL_LIMIT:,} are read"
+                colour = image.convert("RGBA")
+    except Exception as problem:  # Pillow promises no type for a damaged file
+        return one_line(f"{type(problem).__name__}: {problem}", 100)
+    black = Image.new("RGBA", colour.size, (0, 0, 0, 255))
+    return np.asarray(Image.alpha_composite(black, colour).convert("L"))

@@ -1,0 +1,237 @@
+"""`jshape goal`, as people use it: every source, what is written, and every refusal."""
+
+import json
+
+import cv2
+import jax
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, Camera, load_bank, rollout, sim
+from jshape.cli import main
+from jshape.data.view import image_of_depth
+from jshape.store.cameras import read_camera, write_camera
+from jshape.store.images import read_depth, write_depth_png
+
+OTHER = Camera(320, 240, 280.0, 280.0, 161.0, 118.0, 0.3, 1.0)
+UNIT = 1e-4
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A hilly bed, the same after a knock, as counts of the paper's box; the working directory."""
+    monkeypatch.chdir(tmp_path)
+    bed = sim.irregular_bed(jax.random.key(1), 0.003)
+    after = sim.apply_action(jax.random.key(2), bed, "flour", ("knock", "robot"), (0.05, 0.02))
+    for name, state in (("now", bed), ("after", after)):
+        write_depth_png(f"{name}.png", np.asarray(sim.render(state, PAPER_BOX)), UNIT)
+    write_camera("camera.json", PAPER_BOX, UNIT)
+    return tmp_path
+
+
+def made(capsys, *words):
+    """The JSON of a goal that is made in the folder "goal"."""
+    assert main(["goal", *words, "--out", "goal", "--overwrite", "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def change_mm(folder, suffix="png"):
+    """What the written goal asks of the written bed, mm up."""
+    _, unit = read_camera(folder / "goal" / "camera.json")
+    now, goal = (
+        read_depth(folder / "goal" / f"{name}.{suffix}", depth_unit=unit)
+        for name in ("now", "goal")
+    )
+    return 1e3 * (now - goal)
+
+
+def refused(capsys, said, *words):
+    assert main(["goal", *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1, error
+
+
+def test_a_newcomer_makes_a_goal_without_a_camera_and_plans_for_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["goal", "flat", "--text", "J", "--out", "mine"]) == 0
+    said = capsys.readouterr().out
+    assert "cm³ sunk" in said and "jshape plan mine/now.png mine/goal.png" in said
+    assert sorted(path.name for path in (tmp_path / "mine").iterdir()) == [
+        "camera.json", "goal.png", "now.png", "picture.png", "report.json"
+    ]  # fmt: skip
+    goal = read_depth("mine/goal.png", depth_unit=UNIT)
+    now = read_depth("mine/now.png", depth_unit=UNIT)
+    assert now.std() < 1e-6 and (goal - now).max() == pytest.approx(0.008, abs=2e-4)
+    assert (goal - now).min() > -1e-6
+    assert cv2.imread("mine/picture.png").std() > 10
+    assert (
+        main(
+            [
+                "plan",
+                "mine/now.png",
+                "mine/goal.png",
+                "--stride",
+                "24",
+                "--strengths",
+                "0.3,0.6",
+                "--json",
+            ]
+        )
+        == 0
+    )
+    found = json.loads(capsys.readouterr().out)
+    assert found["distances_mm"][-1] < found["distances_mm"][0]
+    # Again: not over what is there, unless that is said.
+    assert main(["goal", "flat", "--text", "J", "--out", "mine"]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert main(["goal", "flat", "--text", "L", "--out", "mine", "--overwrite"]) == 0
+
+
+def test_texts_are_raised_balanced_and_placed(folder, capsys):
+    said = made(capsys, "now.png", "--text", "+", "--raise-mm", "5", "--balance",
+                "--at", "150,120", "--size-mm", "80", "--turn", "45")  # fmt: skip
+    change = change_mm(folder)
+    v, u = np.nonzero(change > 3)
+    assert abs(u.mean() - 150) < 2 and abs(v.mean() - 120) < 2
+    assert abs(said["net_cm3"]) < 0.01 * said["raised_cm3"] and said["raised_cm3"] > 3
+    assert said["balance"]["how"] == "around" and said["at"] == [150, 120]
+    written = json.loads((folder / "goal" / "report.json").read_text())
+    assert written["raised_cm3"] == said["raised_cm3"] and written["next"] == said["next"]
+
+
+def test_masks_lie_on_the_frame_or_where_they_are_placed(folder, capsys):
+    mask = np.zeros(PAPER_BOX.shape, np.uint8)
+    cv2.circle(mask, (200, 150), 40, 255, -1)
+    cv2.imwrite("mask.png", mask)
+    made(capsys, "now.png", "--mask", "mask.png", "--depth-mm", "6")
+    v, u = np.nonzero(change_mm(folder) < -4)
+    assert abs(u.mean() - 200) < 1.5 and abs(v.mean() - 150) < 1.5 and u.size > 2500
+    ink = np.full((100, 100, 3), 255, np.uint8)  # dark on bright, in colour
+    cv2.circle(ink, (50, 50), 45, (160, 0, 0), -1)
+    cv2.imwrite("ink.png", ink)
+    said = made(capsys, "now.png", "--mask", "ink.png", "--invert", "--size-mm", "60")
+    assert said["size_mm"] == [60, 60] and said["sunk_cm3"] == pytest.approx(12, rel=0.2)
+    words = ["now.png", "--mask", "ink.png"]
+    refused(capsys, "ink.png: has 100x100 pixels and the bed 480x395", *words)
+
+
+def test_height_maps_meshes_and_another_unit(folder, capsys):
+    import trimesh
+
+    grey = np.linspace(0, 255, 200).astype(np.uint8).reshape(10, 20)
+    cv2.imwrite("grey.png", cv2.resize(grey, (200, 100)))
+    made(capsys, "now.png", "--height-map", "grey.png", "--raise-mm", "6", "--depth-mm", "3",
+         "--size-mm", "150")  # fmt: skip
+    assert change_mm(folder).max() == pytest.approx(6, abs=0.5)  # white is at the edge
+    assert change_mm(folder).min() == pytest.approx(-3, abs=0.3)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=15.0)
+    for kind in ("stl", "obj", "ply"):
+        ball.export(f"ball.{kind}")
+        said = made(capsys, "now.png", "--mesh", f"ball.{kind}", "--depth-mm", "5")
+        np.testing.assert_allclose(said["size_mm"], 30, rtol=0.02)
+        assert "taken for mm" in said["assumed"][0]
+        assert change_mm(folder).min() == pytest.approx(-5, abs=0.2)
+    ball.apply_scale(1e-3).export("metres.stl")
+    assert "taken for m;" in made(capsys, "now.png", "--mesh", "metres.stl")["assumed"][0]
+    refused(capsys, "--size-mm", "now.png", "--mesh", "ball.stl", "--mesh-unit", "m")
+    said = made(capsys, "now.png", "--mesh", "ball.stl", "--mesh-unit", "inch", "--size-mm", "40")
+    assert not said["assumed"] and max(said["size_mm"]) == pytest.approx(40)
+
+
+def test_a_frame_is_a_goal_as_it_is(folder, capsys):
+    said = made(capsys, "now.png", "--frame", "after.png")
+    after = read_depth("after.png", depth_unit=UNIT)
+    goal = read_depth("goal/goal.png", depth_unit=UNIT)
+    assert np.abs(goal - after).mean() < 2e-6
+    assert said["allowed_deg"] > 70 and said["sunk_cm3"] > 10
+    loose = made(capsys, "now.png", "--frame", "after.png", "--slope", "30")
+    assert loose["left"]["too steep"]["volume_cm3"] > 5
+    words = ["now.png", "--frame", "after.png", "--size-mm", "9"]
+    refused(capsys, "--size-mm says nothing of --frame", *words)
+
+
+def test_actions_are_what_the_bank_predicts(folder, capsys):
+    words = "knock 240,197; press 120,110x1.5@30"
+    made(capsys, "now.png", "--actions", words)
+    bank = load_bank("pressed-flour-robot")
+    now = image_of_depth(read_depth("now.png", depth_unit=UNIT), bank.camera).image
+    plan = rollout(now, now, ["knock", "press"], [[240, 197], [120, 110]], strengths=[1, 1.5],
+                   yaws=[0, np.pi / 6])  # fmt: skip
+    goal = image_of_depth(read_depth("goal/goal.png", depth_unit=UNIT), bank.camera).image
+    moved = np.abs(plan.images[-1] - now).mean()
+    assert np.abs(goal - plan.images[-1]).mean() < 0.1 * moved
+    plan.to_json("plan.json")
+    first = change_mm(folder)
+    actions = [{"action": "knock", "at": [240, 197]},
+               {"action": "press", "at": [120, 110], "strength": 1.5, "turn": 30}]  # fmt: skip
+    (folder / "acts.json").write_text(json.dumps({"actions": actions}))
+    for file in ("plan.json", "acts.json"):
+        assert made(capsys, "now.png", "--actions", file)["made_from"] == "2 actions"
+        np.testing.assert_allclose(change_mm(folder), first, atol=0.11)
+
+
+def test_another_camera_keeps_its_own_pixels_and_format(folder, capsys):
+    depth = np.asarray(sim.render(sim.flat_bed(), OTHER))
+    np.save("other.npy", depth)
+    write_camera("other.json", OTHER)
+    said = made(capsys, "other.npy", "--camera-file", "other.json", "--actions", "knock 100,90")
+    change = change_mm(folder, "npy")
+    v, u = np.unravel_index(np.argmin(cv2.blur(change, (15, 15))), change.shape)
+    assert abs(u - 100) < 15 and abs(v - 90) < 15 and change.min() < -5
+    assert "--reproject" in said["next"] and "another one" in said["assumed"][0]
+    luminance = np.full(PAPER_BOX.shape, 102, np.uint8)
+    cv2.imwrite("dark.png", luminance)
+    made(capsys, "dark.png", "--text", "I")
+    assert read_camera("goal/camera.json")[1] == UNIT
+    assert change_mm(folder).min() == pytest.approx(-8, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["--text", ""], "the text is empty"),
+        (["--text", "J", "--at", "900,100"], "the place (900, 100) is outside the view"),
+        (["--text", "HELLO", "--size-mm", "900"], "is the largest that fits"),
+        (["--text", "J", "--depth-mm", "5", "--raise-mm", "5"], "not both"),
+        (["--text", "J", "--material", "mud"], "unknown material 'mud'"),
+        (["--mesh", "no.stl"], "no.stl: no such file"),
+        (["--mesh", "empty.stl"], "has no face"),
+        (["--mesh", "now.png"], ".stl or .obj"),
+        (["--mask", "empty.stl"], "not an image"),
+        (["--mask", "cut.jpg"], "cut.jpg: a JPEG"),
+        (["--height-map", "after.png"], "need a height"),
+        (["--frame", "mask.npy"], "has 7x5 pixels"),
+        (["--actions", "stir 1,2"], "unknown action 'stir'"),
+        (["--actions", "knock at 3"], "'knock at 3' is not an action like"),
+        (["--actions", ";"], "no action is given"),
+        (["--actions", "bad.json"], "action 1: expected"),
+        (["--actions", "knock 900,2"], "outside"),
+        (["--text", "J", "--reach", "mask.npy"], "the camera makes (395, 480)"),
+        (["--mask", "mask.npy", "--size-mm", "50"], "nothing is drawn"),
+    ],
+)
+def test_odd_input_is_one_clear_line(folder, capsys, words, said):
+    (folder / "empty.stl").write_text("solid nothing\nendsolid nothing\n")
+    (folder / "cut.jpg").write_bytes(b"\xff\xd8\xff" + b"x" * 40)
+    (folder / "bad.json").write_text('{"actions": [{"action": "knock", "at": "here"}]}')
+    np.save("mask.npy", np.full((5, 7), np.nan, np.float32))
+    if words[0] == "--frame":
+        np.save("mask.npy", np.full((5, 7), 0.45, np.float32))
+    refused(capsys, said, "now.png", *words)
+
+
+def test_beds_that_cannot_be(folder, capsys):
+    refused(capsys, "no.png: no such file", "no.png", "--text", "J")
+    refused(capsys, "leave --camera out", "flat", "--text", "J", "--camera-file", "camera.json")
+    write_depth_png(
+        "gone.png", np.where(np.arange(480) < 100, np.nan, 0.45) * np.ones((395, 1)), UNIT
+    )
+    refused(capsys, "gone.png: 20.8 % of the pixels", "gone.png", "--text", "J")
+    with pytest.raises(SystemExit):
+        main(["goal", "now.png"])
+    assert "--text" in capsys.readouterr().err
+    for option, value in (("--at", "3"), ("--turn", "nan"), ("--slope", "90"), ("--floor-mm", "0")):
+        with pytest.raises(SystemExit):
+            main(["goal", "now.png", "--text", "J", option, value])
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and value in error

@@ -1,0 +1,359 @@
+"""Plans and runs to be looked at in 3-D: what is read of each folder, and what is written."""
+
+import json
+import math
+import shutil
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, metric, plan
+from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
+from jshape.robot.session import Session
+from jshape.store import runs
+from jshape.store.banks import save_bank
+from jshape.store.images import write_depth_png
+from jshape.view.read import read_story
+from jshape.view.recording import DEPTH_UNIT, write_recording
+from jshape.view.story import Act, Moment, Story
+from jshape.view.surfaces import difference_colours, height_colours, surface
+from tests.conftest import ROOT
+from tests.stage import PLACES, UNIT, mold, robot_of
+
+MM = 0.16
+"""Half a count (0.1 mm) of the look before, half of that after, and a count (0.05) of the stage."""
+
+
+def depth_of(image):
+    return np.asarray(PAPER_BOX.depth(metric.unweigh(image, PAPER_BOX)))
+
+
+@pytest.fixture(scope="module")
+def stored_bank(bank, tmp_path_factory):
+    return save_bank(bank, tmp_path_factory.mktemp("bank") / "bank")
+
+
+@pytest.fixture
+def planned(bank, molded):
+    now, goal, _ = molded
+    return plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5)
+
+
+@pytest.fixture
+def session(tmp_path, molded, stored_bank):
+    meta = {"what": "mold", "bank": str(stored_bank)}
+    return Session.start(tmp_path / "run", molded[1], meta, say=lambda line: None)
+
+
+def test_a_plan_foretells(planned, tmp_path):
+    planned.to_json(tmp_path / "plan.json")
+    for path in (tmp_path, tmp_path / "plan.json"):
+        story = read_story(path)
+        assert len(story) == 3 and not story.is_run and "plan, 3 actions" in story.title
+        assert story.moments[0].predicted is None and story.moments[0].act is None
+        np.testing.assert_allclose(story.moments[0].seen, depth_of(planned.images[0]), atol=1e-6)
+        for k, moment in enumerate(story.moments[1:]):
+            assert moment.seen is None and moment.act.name == planned.actions[k]
+            np.testing.assert_allclose(moment.predicted, depth_of(planned.images[k + 1]), atol=1e-6)
+            assert moment.before_mm == planned.distances_mm[k]
+            assert moment.predicted_mm == planned.distances_mm[k + 1]
+        np.testing.assert_allclose(story.goal, depth_of(planned.goal), atol=1e-6)
+
+
+def test_a_run_of_a_robot_tells_what_was_seen_and_predicted(session, bank, molded):
+    now, goal, applied = molded
+    with robot_of(bank, now) as robot:
+        summary = mold(session, robot, bank)
+    folder = session.run.folder
+    for parts in ((), ("plan.json",), ("plan.json", "log.jsonl")):  # less and less is there
+        for name in parts:
+            (folder / name).unlink(missing_ok=True)
+        story = read_story(folder)
+        assert sorted(act[:1] + act.position for act in story.acts) == sorted(applied)
+        assert len(story) == 3 and story.is_run
+        for k, (moment, step) in enumerate(zip(story.moments[1:], summary["steps"], strict=True)):
+            seen = runs.Run.open(folder).depth(k)
+            np.testing.assert_array_equal(moment.seen, seen)
+            assert moment.act.roi == bank.roi(moment.act.name)
+            # The stage's bed becomes what the bank predicts: both agree, wherever it was from.
+            assert 1000 * np.abs(moment.predicted - seen).max() < MM
+            assert moment.seen_mm == step["obtained_mm"] and moment.effort_nm == 0.0
+            assert (moment.seconds is None) == ("log.jsonl" in parts)
+        assert math.isclose(story.moments[0].seen_mm, summary["before_mm"], rel_tol=1e-5)
+        assert story.notes[0].startswith("finished: the distance is within")
+
+
+def test_a_prediction_is_of_the_bed_that_was_seen_before(session, bank, molded):
+    """Nothing of what happens after an action is in what was predicted of it."""
+    with robot_of(bank, molded[0]) as robot:
+        mold(session, robot, bank, max_steps=2)
+    folder = session.run.folder
+    (folder / "plan.json").unlink()
+    before = read_story(folder).moments[2].predicted
+    spoilt = runs.Run.open(folder).depth(1) + 0.004
+    write_depth_png(folder / "frames/001.png", spoilt, session.run.depth_unit)
+    np.testing.assert_array_equal(read_story(folder).moments[2].predicted, before)
+
+
+def test_a_run_of_the_demo_has_its_goal_and_start_from_the_plan(
+    planned, bank, stored_bank, tmp_path
+):
+    run = runs.Run.create(tmp_path / "demo", {"what": "demo", "bank": str(stored_bank)})
+    d_mm = planned.distances_mm
+    for k, name in enumerate(planned.actions):
+        step = {"action": name, "position": planned.positions[k], "before_mm": d_mm[k],
+                "predicted_mm": d_mm[k + 1], "obtained_mm": d_mm[k + 1]}  # fmt: skip
+        run.append(step, depth_of(planned.images[k + 1]))
+        story = read_story(run.folder)  # half-finished: no plan, no goal, no start yet
+        assert len(story) == k + 1 and story.goal is None and story.last(0) is None
+        assert "the run holds no goal" in story.notes
+        assert story.notes[0] == "the run has not ended, or was killed"
+    planned.to_json(run.folder / "plan.json")
+    (run.folder / "summary.json").write_text(json.dumps({"stop": "MAX_STEPS"}))
+    story = read_story(run.folder)
+    assert story.notes == ("finished: as many actions as allowed",)
+    np.testing.assert_allclose(story.moments[0].seen, depth_of(planned.initial), atol=1e-6)
+    np.testing.assert_allclose(story.goal, depth_of(planned.goal), atol=1e-6)
+    assert all(moment.predicted is not None for moment in story.moments[1:])
+
+
+def test_an_action_that_nobody_looked_at_is_told_of_and_a_resumed_run_too(session, bank, molded):
+    done = []
+
+    def pulled_out(operation):
+        done.append(operation)
+        if len(done) == 11:  # of six operations each, in the middle of the second action
+            raise KeyboardInterrupt
+
+    with robot_of(bank, molded[0], pulled_out) as robot, pytest.raises(KeyboardInterrupt):
+        mold(session, robot, bank)
+    folder = session.run.folder
+    story = read_story(folder)
+    assert len(story) == 2 and story.moments[2].seen is None
+    assert story.moments[2].seconds is None
+    assert story.moments[2].predicted is not None  # the look before it is known
+    assert story.notes == (
+        "interrupted: interrupted", "the last action was begun and not looked at"
+    )  # fmt: skip
+    again = Session.resume(folder, say=lambda line: None)
+    with robot_of(bank, robot.eye.image) as fresh:
+        mold(again, fresh, bank)
+    later = read_story(folder)
+    assert later.acts[:2] == story.acts and len(later) == 2 + len(fresh.arm.acted)
+    assert [m.seen is None for m in later.moments] == [False, False, True, False]
+    # The look after the run was resumed was not kept: no guess of what it showed.
+    (folder / "plan.json").unlink()
+    assert read_story(folder).moments[3].predicted is None
+
+
+def test_a_run_whose_bank_is_gone_is_shown_as_far_as_it_goes(session, bank, molded, tmp_path):
+    with robot_of(bank, molded[0]) as robot:
+        mold(session, robot, bank)
+    folder = session.run.folder
+    described = json.loads((folder / "run.json").read_text())
+    described["meta"]["bank"] = str(tmp_path / "gone")
+    (folder / "run.json").write_text(json.dumps(described))
+    assert any("not all that was predicted" in note for note in read_story(folder).notes)
+    (folder / "plan.json").unlink()
+    with pytest.raises(BadCamera, match="--camera-file"):
+        read_story(folder)
+    story = read_story(folder, camera=PAPER_BOX)
+    assert len(story) == 3 and story.moments[1].predicted is None
+    assert story.box(1) is None and story.outline(story.acts[0]) is None
+    with pytest.raises(BadImage, match="480x395"):
+        (folder / "goal.npy").unlink()
+        read_story(folder, camera=PAPER_BOX.crop(0, 0, 100, 100))
+
+
+def test_odd_folders_are_refused_in_one_line(tmp_path, planned, stored_bank):
+    with pytest.raises(BadFile, match="no such file"):
+        read_story(tmp_path / "nothing")
+    with pytest.raises(BadFile, match="neither a run"):
+        read_story(tmp_path)
+    run = runs.Run.create(tmp_path / "run", {"bank": str(stored_bank)})
+    with pytest.raises(BadFile, match="no frame yet"):
+        read_story(run.folder)
+    run.append({"action": "knock"}, np.full(PAPER_BOX.shape, 0.45))
+    with pytest.raises(BadFile, match="line 1: position is None; expected two numbers"):
+        read_story(run.folder)
+    other = runs.Run.create(tmp_path / "other", {"bank": str(stored_bank)})
+    other.append({"action": "knock", "position": [9, 9], "before_mm": "much"}, None)
+    with pytest.raises(BadFile, match="before_mm is 'much'; expected a number"):
+        read_story(other.folder)
+    planned.to_json(tmp_path / "bare.json", images=False)
+    with pytest.raises(JShapeError, match="without its images"):
+        read_story(tmp_path / "bare.json")
+
+
+def _story(depth, acts=(), goal=None):
+    after = tuple(Moment(predicted=depth, act=act) for act in acts)
+    return Story("test", PAPER_BOX, goal, (Moment(seen=depth), *after))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_a_box_holds_the_material_of_its_roi_and_projects_to_its_outline(rng, yaw):
+    depth = (0.45 + 0.002 * rng.standard_normal(PAPER_BOX.shape)).astype(np.float32)
+    act = Act("knock", (300.0, 150.0), 1.0, yaw, (100, 60))
+    story = _story(depth, [act])
+    box, corners = story.box(1), story.outline(act)
+    assert len({tuple(c) for c in np.round(box.corners, 9)}) == 8
+    x, y, z = box.corners.T
+    u, v = x / box.centre[2] * 433.0 + 240, y / box.centre[2] * 433.0 + 197
+    seen = {tuple(c) for c in np.round(np.stack([u, v], -1), 3)}
+    assert seen == {tuple(c) for c in np.round(corners, 3)}
+    left, top = np.floor(corners.min(0)).astype(int)
+    right, bottom = np.ceil(corners.max(0)).astype(int)
+    inside = depth[top:bottom, left:right]
+    assert np.isclose(z.min(), inside.min() - 0.001) and np.isclose(z.max(), inside.max() + 0.001)
+
+
+def test_a_surface_faces_the_camera_and_has_no_faces_across_gaps(rng):
+    depth = (0.45 + 0.0005 * rng.random(PAPER_BOX.shape)).astype(np.float32)
+    depth[100:140, 200:260] = np.nan
+    points, faces, normals, (v, u) = surface(depth, PAPER_BOX, level=0.45, most=20_000)
+    assert len(points) <= 20_000
+    a, b, c = (points[faces[:, k]].astype(float) for k in range(3))
+    upright = np.cross(b - a, c - a)
+    assert (upright[:, 2] < 0).all() and (normals[:, 2] < 0).all()
+    used = np.unique(faces)
+    assert not np.isnan(depth[v[used], u[used]]).any()
+    np.testing.assert_allclose(points[used, 2], depth[v[used], u[used]], atol=1e-6)
+    x = (u - 240) / 433.0 * depth[v, u]
+    np.testing.assert_allclose(points[used, 0], x[used], atol=1e-5)
+    tall, *_ = surface(depth, PAPER_BOX, level=0.45, exaggeration=3.0, most=20_000)
+    expected = 0.45 + 3 * (points[used, 2] - 0.45)
+    np.testing.assert_allclose(tall[used, 2], expected, atol=1e-6)
+
+
+def test_colours_say_which_is_higher():
+    row = height_colours(np.array([[0.42, 0.445, 0.47, np.nan]]), (0.42, 0.47))[0].astype(int)
+    assert row[0].sum() > row[1].sum() > row[2].sum() and len({*row[3].tolist()}) == 1
+    high, none, low = difference_colours(np.array([[5.0, 0.0, -5.0]]), 5.0)[0].astype(int)
+    assert high[0] > high[2] and low[2] > low[0] and none.min() > 240
+
+
+@pytest.fixture
+def rerun_home(tmp_path, monkeypatch):
+    """Rerun's programs with their telemetry off."""
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home/.config"))
+    (tmp_path / "home").mkdir()
+    subprocess.run(["rerun", "analytics", "disable"], check=True, capture_output=True)
+    return tmp_path
+
+
+def test_a_recording_holds_it_all_on_one_timeline(session, bank, molded, rerun_home):
+    with robot_of(bank, molded[0]) as robot:
+        mold(session, robot, bank)
+    story = read_story(session.run.folder)
+    path = write_recording(rerun_home / "run.rrd", story)
+    checked = subprocess.run(["rerun", "rrd", "verify", str(path)], capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stderr
+    rows, depths, timelines = {}, [], set()
+    for chunk in _chunks(path):
+        batch = chunk.to_record_batch()
+        rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
+        names = set(batch.schema.names)
+        timelines |= {
+            f.name for f in batch.schema if b"index" in (f.metadata or {}).get(b"rerun:kind", b"")
+        }
+        if chunk.entity_path == "/world/seen/depth":
+            column = next(n for n in names if n.endswith("buffer"))
+            depths += [np.array(one[0]) for one in batch.column(column).to_pylist()]
+    beds = {f"/world/{bed}/depth" for bed in ("seen", "predicted", "goal")}
+    pictures = {f"/difference/{name}" for name in ("seen", "predicted", "error")}
+    curves = {"/distance/obtained", "/distance/predicted", "/effort/effort"}
+    boxes = {"/world/actions", "/world/seen/actions", "/world/predicted/actions"}
+    assert beds | pictures | curves | boxes | {"/log", "/world/seen", "/words"} <= set(rows)
+    assert timelines == {"step"}
+    assert len(depths) == 4 and rows["/world/predicted/depth"] == 3 and rows["/log"] == 4
+    for k, raw in enumerate(depths[1:]):
+        counts = raw.astype(np.uint8).view(np.uint16).reshape(PAPER_BOX.shape)
+        np.testing.assert_allclose(counts * DEPTH_UNIT, session.run.depth(k), atol=1e-7)
+    assert UNIT != DEPTH_UNIT and session.run.depth_unit == DEPTH_UNIT
+
+
+def _chunks(path):
+    from rerun.chunk import RrdReader
+
+    return list(RrdReader(path).stream())
+
+
+def test_a_recording_replaces_nothing_unasked(planned, rerun_home):
+    planned.to_json(rerun_home / "plan.json")
+    story, path = read_story(rerun_home / "plan.json"), rerun_home / "kept.rrd"
+    path.write_text("mine")
+    with pytest.raises(BadFile, match="--overwrite"):
+        write_recording(path, story)
+    assert path.read_text() == "mine"
+    write_recording(path, story, overwrite=True)
+    assert path.read_bytes()[:3] == b"RRF"
+    with pytest.raises(BadFile, match="ends in .rrd"):
+        write_recording(rerun_home / "plan.json", story, overwrite=True)
+
+
+@pytest.mark.parametrize("module, extra", [("viser", "view"), ("rerun", "rerun")])
+def test_a_missing_extra_is_one_line(planned, tmp_path, monkeypatch, module, extra):
+    from jshape.view.browser import Viewer
+
+    planned.to_json(tmp_path / "plan.json")
+    story = read_story(tmp_path)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(JShapeError, match=rf"pip install 'jshape\[{extra}\]'") as said:
+        if module == "viser":
+            Viewer(story)
+        else:
+            write_recording(tmp_path / "plan.rrd", story)
+    assert "\n" not in str(said.value) and not (tmp_path / "plan.rrd").exists()
+
+
+def test_a_port_that_is_taken_is_refused(planned, tmp_path):
+    import socket
+
+    pytest.importorskip("viser", reason="viser is not installed")
+    from jshape.view.browser import Viewer
+
+    planned.to_json(tmp_path / "plan.json")
+    story = read_story(tmp_path)
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        with pytest.raises(JShapeError, match="nothing can listen at 127.0.0.1"):
+            Viewer(story, port=other.getsockname()[1])
+    with pytest.raises(JShapeError, match="nothing can listen at 203.0.113.7"):
+        Viewer(story, host="203.0.113.7")
+
+
+def test_ctrl_c_ends_the_command_cleanly(planned, tmp_path):
+    pytest.importorskip("viser", reason="viser is not installed")
+    planned.to_json(tmp_path / "plan.json")
+    words = ["view", str(tmp_path), "--port", "0", "--no-open"]
+    command = [sys.executable, "-m", "jshape", *words]
+    with subprocess.Popen(
+        command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        line = process.stderr.readline()
+        assert "it is at http://127.0.0.1:" in line
+        process.send_signal(signal.SIGINT)
+        told, complained = process.communicate(timeout=60)
+    assert process.returncode == 0 and "Traceback" not in complained
+    assert told.startswith("plan, 3 actions")
+
+
+def test_the_command_writes_a_recording(planned, rerun_home, capsys):
+    from jshape.cli import main
+
+    planned.to_json(rerun_home / "plan.json")
+    out = rerun_home / "plan.rrd"
+    words = ["view", str(rerun_home / "plan.json"), "--save", str(out), "--json"]
+    assert main(words) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["recording"] == str(out) and len(told["steps"]) == 4 and out.is_file()
+    assert main(words) == 2 and "--overwrite" in capsys.readouterr().err
+    shutil.rmtree(rerun_home / "home")
+    assert main(["view", str(rerun_home), "--save", str(out), "--overwrite"]) == 0
+    assert not (rerun_home / "home").exists()  # writing one leaves no telemetry behind

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy import ndimage
 
 from jshape import sim
 from jshape._typing import Array, Key
@@ -59,6 +60,22 @@ def random_bed(key: Key[Array, ""], kind: str, std: float = 0.008) -> sim.Bed:
     if kind == "curved":
         return sim.curved_bed(jnp.where(jax.random.bernoulli(key), 0.25, -0.25))
     raise UnknownName("kind of bed", kind, BEDS)
+
+
+def bed_of_depth(depth: np.ndarray, camera: Camera) -> sim.Bed:
+    """The loose bed under a depth image (H, W), metres, all pixels known.
+
+    Places that the image does not show take their neighbour's height; what is hidden behind a wall
+    is a wall.
+    """
+    level = sim.flat_bed()
+    x, y = (np.asarray(axis) for axis in level.axes())
+    z = np.full(level.height.shape, float(np.median(depth)))
+    for _ in range(12):  # which pixel sees a column depends on its height
+        u = camera.fx * x[None] / z + camera.u0
+        v = camera.fy * y[:, None] / z + camera.v0
+        z = ndimage.map_coordinates(depth, [v, u], order=1, mode="nearest")
+    return sim.loose_bed((sim.Z_FLOOR - z).astype(np.float32))
 
 
 def look(

@@ -47,6 +47,8 @@ class Session:
         self.run = run
         self.goal = goal
         """(H, W) the image wanted."""
+        self.seen: Callable[[np.ndarray], Any] = lambda depth: None
+        """Called with each look (H, W), metres."""
         self._say = say
         self._resumed = resumed
 
@@ -226,6 +228,7 @@ class Session:
         if not start.is_file():
             images.write_depth_png(start, depth, self.run.depth_unit)
         self._note("looked", missing=float(np.mean(~(depth > 0))))
+        self.seen(depth)
 
     def _note(self, event: str, **more: Any) -> None:
         when = {"event": event, "time": datetime.now(UTC).isoformat(timespec="milliseconds")}

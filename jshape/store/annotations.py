@@ -8,7 +8,7 @@ drawn by hand.  Readers that only want pairs do not look at the column.
 import csv
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -95,12 +95,44 @@ def boxes_by_hand(folder: str | os.PathLike) -> np.ndarray:
     Raises:
       BadDataset: the table cannot be read.
     """
-    text = read_bytes(Path(folder) / TABLE, limit=TABLE_LIMIT).decode("utf-8-sig")
+    _, rows = _table(Path(folder))
+    return np.array([_own(row) != row.get(FOUND, "").split() for row in rows], bool)
+
+
+def write_boxes(folder: str | os.PathLike, boxes: Mapping[str, tuple[int, int, int, int]]) -> None:
+    """Give pairs the boxes that a person drew; all else in `pairs.csv` stays as it is.
+
+    Args:
+      folder: a data set that `load_pairs` has read.
+      boxes: (left, top, width, height) by the pairs' ids, inside the image.
+
+    Raises:
+      BadDataset: the table cannot be read, or has no such pair.
+      BadFile: it cannot be written.
+    """
+    header, rows = _table(Path(folder))
+    unknown = boxes.keys() - {row["id"] for row in rows}
+    if unknown:
+        raise BadDataset(f"{folder}: has no pair {sorted(unknown)[0]!r}")
+    table = io.StringIO()
+    writer = csv.DictWriter(table, header, lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        if row["id"] in boxes:
+            left, top, width, height = boxes[row["id"]]
+            row |= {"u": left + width // 2, "v": top + height // 2}
+            row |= {"width": width, "height": height}
+        writer.writerow(row)
+    write_atomic(Path(folder) / TABLE, table.getvalue())
+
+
+def _table(folder: Path) -> tuple[list[str], list[dict[str, Any]]]:
+    """Header and rows of a table that `load_pairs` has read."""
+    text = read_bytes(folder / TABLE, limit=TABLE_LIMIT).decode("utf-8-sig")
     lines = csv.reader(io.StringIO(text, newline=""))
     header = [name.strip() for name in next(lines)]
     rows = [[cell.strip() for cell in cells] for cells in lines]
-    rows = [dict(zip(header, cells, strict=True)) for cells in rows if any(cells)]
-    return np.array([_own(row) != row.get(FOUND, "").split() for row in rows], bool)
+    return header, [dict(zip(header, cells, strict=True)) for cells in rows if any(cells)]
 
 
 def _own(row: dict[str, str]) -> list[str]:

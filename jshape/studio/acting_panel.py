@@ -1,0 +1,112 @@
+"""Carrying out: in simulation or with the arm, one question before each action."""
+
+from collections.abc import Callable
+
+import numpy as np
+from nicegui import ui
+
+from jshape.errors import JShapeError
+from jshape.planned import Plan
+from jshape.studio.bench import Bench
+from jshape.studio.desk import Desk
+from jshape.studio.molder import Molder, State, simulated_robot
+
+POLL = 0.3
+"""Seconds between two looks at a run."""
+
+
+class ActingPanel:
+    """Starts a run, answers its questions, stops it, shows what came out."""
+
+    def __init__(self, desk: Desk, bench: Bench, changed: Callable[[], None]):
+        """Build it where the caller is; `changed` is called when the desk was."""
+        self._desk, self._bench, self._changed = desk, bench, changed
+        self._bed: np.ndarray | None = None  # what a run saw last, until it is drawn
+        self._ahead: Plan | None = None  # what a run asked for last
+        self._known = 0  # lines of the run that are shown
+        where = {"sim": "in simulation, on this bed"}
+        if bench.robot is not None:
+            where["arm"] = f"with {bench.arm}"
+        with ui.row().classes("items-center gap-2"):
+            self._arm = ui.radio(where, value="sim").props("dense inline")
+            self._anew = ui.checkbox("plan anew after each look").props("dense")
+        with ui.row().classes("items-center gap-2"):
+            ui.button("start", on_click=self._start).props("dense no-caps")
+            self._act = ui.button("act", on_click=lambda: self._answer(True))
+            self._act.props("dense no-caps color=positive")
+            self._end = ui.button("end", on_click=lambda: self._answer(False))
+            self._end.props("dense no-caps outline")
+            ui.button("STOP", on_click=self.stop).props("dense color=negative")
+            self._state = ui.label("nothing is carried out").classes("text-sm")
+            self._state.props("data-name=state")
+        self._log = ui.log(max_lines=200).classes("w-full h-32 text-xs").props("data-name=log")
+        ui.timer(POLL, self._poll)
+
+    def stop(self) -> None:
+        """Stop the arm at once, and end the run."""
+        molder = self._bench.molder
+        if molder is not None and molder.running:
+            molder.stop()
+            ui.notify("stopped", type="warning")
+
+    async def _start(self) -> None:
+        molder = self._bench.molder
+        if molder is not None and molder.running:
+            ui.notify("a run is going on", type="warning")
+            return
+        self._log.clear()
+        self._known = 0
+        anew, with_arm = bool(self._anew.value), self._arm.value == "arm"
+        await self._bench.guard("starting", lambda: self._begin(anew, with_arm), lambda: None)
+
+    def _begin(self, anew: bool, with_arm: bool) -> None:
+        desk, bench = self._desk, self._bench
+        bed, goal = desk.bed, desk.goal
+        if bed is None or goal is None:
+            raise JShapeError("there is no bed yet")
+        if not anew and not desk.plan:
+            raise JShapeError("there is no plan to carry out: plan first")
+        robot = bench.robot if with_arm else None
+        if robot is None:
+            robot = simulated_robot(desk.depth_of(bed), desk.bank, desk.material)
+        arm = bench.arm if with_arm else "sim"
+        bench.molder = Molder(
+            robot, desk.bank, goal, bench.next_run(),
+            meta={"what": "mold", "bank": desk.bank_name, "arm": arm},
+            plan=None if anew else desk.plan, on_look=self._looked,
+        )  # fmt: skip
+
+    def _looked(self, image: np.ndarray) -> None:
+        self._bed = image
+
+    def _answer(self, act: bool) -> None:
+        if self._bench.molder is not None:
+            self._bench.molder.answer(act)
+
+    def _poll(self) -> None:
+        """Show how far the run is."""
+        molder = self._bench.molder
+        asking = molder is not None and molder.state is State.ASKING
+        self._act.set_enabled(asking)
+        self._end.set_enabled(asking)
+        if molder is None:
+            return
+        for text in molder.lines[self._known :]:
+            self._log.push(text)
+        self._known = len(molder.lines)
+        ahead = molder.ahead if asking else None
+        if ahead is not None:
+            d = ahead.distances_mm
+            self._state.text = f"next: {ahead.actions[0]}, {d[0]:.3f} -> {d[1]:.3f} mm. Act?"
+        else:
+            ended = f": {molder.why} ({molder.folder})" if molder.why else ""
+            self._state.text = f"{molder.state}{ended}"
+        image, self._bed = self._bed, None
+        if image is not None:
+            self._desk.see(image, "the run's last look", same_goal=True)
+        if ahead is not None and ahead is not self._ahead:
+            self._desk.plan, self._desk.selected = ahead, 1
+            self._ahead = ahead
+        elif image is None:
+            return
+        self._changed()

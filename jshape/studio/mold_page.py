@@ -1,0 +1,130 @@
+"""The tab where a goal is drawn, a plan made and edited, and carried out."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from nicegui import events, ui
+
+from jshape.studio import pictures
+from jshape.studio.acting_panel import ActingPanel
+from jshape.studio.bench import Bench
+from jshape.studio.desk import Desk
+from jshape.studio.image_panel import VIEWS, ImagePanel
+from jshape.studio.loading_panel import LoadingPanel
+from jshape.studio.page import at_once
+from jshape.studio.plan_panel import PlanPanel
+
+EXAGGERATE = 2.0
+"""Heights in 3-D are drawn so many times as high."""
+KEYS = (
+    "Keys: left and right step through the plan, Delete drops the action, [ and ] do it earlier "
+    "or later, 1 to 4 choose the view, Ctrl-Z takes a mark back, Escape stops."
+)
+
+
+class MoldPage:
+    """One browser's view of the desk."""
+
+    def __init__(self, desk: Desk, bench: Bench):
+        """Build the tab's content where the caller is."""
+        self._desk = desk
+        self.in_front: Callable[[], bool] = lambda: True
+        """Whether keys are for this tab."""
+        self._points: Any = None
+        self._ready = False
+        with ui.row().classes("w-full no-wrap gap-3 items-start"):
+            with ui.column().classes("gap-1").style("width: 490px; flex: none"):
+                self._image = ImagePanel(desk, self.show)
+                with self._folded("Carry out", False):
+                    self._acting = ActingPanel(desk, bench, self.show)
+            with ui.column().classes("gap-1").style("width: 370px; flex: none"):
+                self._build_scene()
+            with ui.column().classes("gap-1").style("min-width: 400px; flex: 1"):
+                with self._folded("Bed and goal", True):
+                    self._loading = LoadingPanel(desk, bench, self.show)
+                with self._folded("Plan", True):
+                    self._plan = PlanPanel(desk, bench, self.show, self._select)
+        ui.label(KEYS).classes("text-xs text-gray-600")
+        ui.keyboard(on_key=self._key, ignore=["input", "select", "textarea"])
+        self._ready = True
+        self.show()
+
+    @staticmethod
+    def _folded(title: str, open_: bool) -> ui.expansion:
+        return ui.expansion(title, value=open_).classes("w-full").props("dense")
+
+    def _build_scene(self) -> None:
+        self._scene = ui.scene(width=365, height=300, grid=False, background_color="#eef1f4")
+        self._scene.move_camera(x=0, y=-3.4, z=2.9, look_at_x=0, look_at_y=-0.25, look_at_z=0)
+        said = ui.label(f"the same in 3-D, heights x{EXAGGERATE:g}; drag to turn")
+        said.classes("text-xs text-gray-600")
+        self._curve = ui.echart(_curve_options()).style("height: 230px; width: 365px")
+
+    def show(self) -> None:
+        """Draw all that may have changed."""
+        if not self._ready:
+            return
+        self._loading.show()
+        self._plan.show()
+        self._show_curve()
+        self._image.show()
+        self._show_cloud()
+
+    def _show_curve(self) -> None:
+        plan, done = self._desk.plan, self._desk.selected
+        d = [] if plan is None else [round(float(mm), 4) for mm in plan.distances_mm]
+        line, point = self._curve.options["series"]
+        line["data"] = [[k, mm] for k, mm in enumerate(d)]
+        point["data"] = [[done, d[done]]] if d else []
+        self._curve.update()
+
+    def _show_cloud(self) -> None:
+        depth, rgb = self._image.depth, self._image.rgb
+        if depth is None or rgb is None:
+            return
+        x, y = (np.asarray(axis) for axis in self._desk.camera.rays())
+        points = np.stack(np.broadcast_arrays(x * depth, y * depth, depth), -1)
+        xyz, colours = pictures.cloud(points, rgb, EXAGGERATE)
+        with self._scene:
+            if self._points is not None:
+                self._points.delete()
+            self._points = self._scene.point_cloud(xyz, colours, point_size=0.05)
+
+    def _select(self, done: int) -> None:
+        self._desk.select(done)
+        if self._desk.plan is not None and self._image.view in ("bed", "goal"):
+            self._image.look_at("predicted")
+        self.show()
+
+    def _key(self, event: events.KeyEventArguments) -> None:
+        if not event.action.keydown or not self.in_front():
+            return
+        key, desk = event.key, self._desk
+        step = desk.selected - 1
+        if key.arrow_right or key.arrow_left:
+            self._select(desk.selected + (1 if key.arrow_right else -1))
+        elif key.delete and step >= 0:
+            at_once(lambda: desk.drop(step), self.show)
+        elif key.name in ("[", "]") and step >= 0:
+            at_once(lambda: desk.move(step, -1 if key.name == "[" else 1), self.show)
+        elif key.name in ("1", "2", "3", "4"):
+            self._image.look_at(VIEWS[int(key.name) - 1])
+        elif key.name == "z" and event.modifiers.ctrl:
+            at_once(desk.undo, self.show)
+        elif key.escape:
+            self._acting.stop()
+
+
+def _curve_options() -> dict[str, Any]:
+    axis = {"nameLocation": "middle", "nameTextStyle": {"fontSize": 12}}
+    return {
+        "animation": False,
+        "grid": {"left": 55, "right": 15, "top": 15, "bottom": 40},
+        "xAxis": axis | {"type": "value", "name": "actions done", "nameGap": 24, "minInterval": 1},
+        "yAxis": axis | {"type": "value", "name": "to the goal (mm)", "nameGap": 38, "min": 0},
+        "series": [
+            {"type": "line", "data": [], "symbolSize": 7},
+            {"type": "scatter", "data": [], "symbolSize": 14, "itemStyle": {"color": "#d62728"}},
+        ],
+    }

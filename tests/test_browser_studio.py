@@ -1,0 +1,204 @@
+"""The studio in a real browser: load, draw, plan, step, edit, carry out, annotate."""
+
+import csv
+import os
+import socket
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+import jshape
+from jshape.data.simulate import simulate_pairs, together
+from jshape.robot.cameras.simulated import levelled_world
+from jshape.store import datasets
+from jshape.store.cameras import write_camera
+from jshape.store.images import write_depth_png
+from tests.browser import chromium, complaints, outside, until  # noqa: F401
+from tests.conftest import ROOT
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed (extra studio)")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("studio")
+    depth = levelled_world(5).look()
+    depth = np.where(depth > 0, depth, np.median(depth))
+    write_depth_png(folder / "bed.png", depth.astype(np.float32), 0.0001)
+    write_camera(folder / "camera.json", jshape.PAPER_BOX, 0.0001)
+    pairs = simulate_pairs(jax.random.key(0), 2, actions=("poke",))
+    datasets.save_pairs(together(pairs), folder / "pairs")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def studio(folder):
+    """Address of a running studio."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = ["studio", "--no-open", "--port", str(port), "--bank", "flour-robot"]
+    words += ["--out", str(folder / "out"), "--dataset", str(folder / "pairs")]
+    # NiceGUI behaves otherwise where it sees that it is tested.
+    env = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+    with (folder / "said.txt").open("w") as said:
+        server = subprocess.Popen(
+            [sys.executable, "-m", "jshape", *words], cwd=ROOT, stdout=said, stderr=said,
+            env=env | {"JAX_PLATFORMS": "cpu"},
+        )  # fmt: skip
+
+        def listening():
+            assert server.poll() is None, (folder / "said.txt").read_text()
+            with socket.socket() as asked:
+                return asked.connect_ex(("127.0.0.1", port)) == 0
+
+        try:
+            until(listening, "the studio's server", 120)
+            yield f"http://127.0.0.1:{port}"
+        finally:
+            server.terminate()
+            server.wait(30)
+
+
+class Page:
+    """The page as a person uses it: by what is written on it, by keys, by the mouse."""
+
+    def __init__(self, browser):
+        from selenium.webdriver.common.action_chains import ActionChains
+        from selenium.webdriver.common.by import By
+        from selenium.webdriver.common.keys import Keys
+
+        self.browser, self.keys = browser, Keys
+        self._chain = lambda: ActionChains(browser, duration=50)
+        self._css, self._xpath = By.CSS_SELECTOR, By.XPATH
+
+    def named(self, name):
+        return self.browser.find_element(self._css, f"[data-name={name}]")
+
+    def text(self, name):
+        """What an element says; nothing while it is not there, or is being drawn anew."""
+        from selenium.common.exceptions import NoSuchElementException as Missing
+        from selenium.common.exceptions import StaleElementReferenceException as Redrawn
+
+        try:
+            return self.named(name).text
+        except (Missing, Redrawn):
+            return ""
+
+    def press(self, words):
+        """A button or tab with these words on it, or with this label for screen readers."""
+        path = (
+            f"//button[normalize-space(.)='{words}' or @aria-label='{words}']"
+            f" | //*[@role='tab'][normalize-space(.)='{words}']"
+            f" | //*[contains(@class, 'q-expansion-item')]//*[normalize-space(text())='{words}']"
+        )
+        shown = [e for e in self.browser.find_elements(self._xpath, path) if e.is_displayed()]
+        assert shown, f"nothing to press says {words!r}"
+        self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", shown[0])
+        shown[0].click()
+
+    def type(self, label, words):
+        element = self.browser.find_element(self._css, f"input[aria-label='{label}']")
+        element.send_keys(self.keys.CONTROL + "a")
+        element.send_keys(words + self.keys.TAB)
+
+    def key(self, key):
+        self._chain().send_keys(key).perform()
+
+    def drag(self, name, start, end):
+        """From one place of an image to another: shares of its width and height."""
+        image = self.named(name)
+        size = np.array([image.size["width"], image.size["height"]])
+        (x0, y0), (x1, y1) = ((np.array(at) - 0.5) * size for at in (start, end))
+        chain = self._chain().move_to_element_with_offset(image, int(x0), int(y0)).click_and_hold()
+        for share in (0.25, 0.5, 0.75, 1.0):
+            chain.move_to_element_with_offset(
+                image, int(x0 + share * (x1 - x0)), int(y0 + share * (y1 - y0))
+            )
+        chain.release().perform()
+
+    def selected(self):
+        """Which line of the plan is marked, read at once: lines are drawn anew."""
+        marked = "[...document.querySelectorAll('[data-name^=step-].bg-blue-100')]"
+        return self.browser.execute_script(f"return {marked}.map(row => row.dataset.name)")
+
+
+@pytest.fixture
+def page(studio, chromium):  # noqa: F811
+    chromium.set_window_size(1366, 900)
+    chromium.get(studio)
+    page = Page(chromium)
+    until(lambda: chromium.find_elements("css selector", "[role=tab]"), "the page")
+    yield page
+    assert outside(chromium) == []
+    assert complaints(chromium) == []
+
+
+def test_load_draw_plan_step_edit_and_carry_out(page, folder):
+    page.press("Mold")
+    until(lambda: "no bed yet" in page.text("where"), "an empty table")
+    page.type("depth image on this computer", str(folder / "nowhere.png"))
+    page.press("is the bed")
+    until(lambda: "nowhere.png" in page.browser.page_source, "the error's line")
+    page.type("depth image on this computer", str(folder / "bed.png"))
+    page.press("is the bed")
+    until(lambda: "bed.png; 0.000 mm from the goal" in page.text("where"), "the bed")
+
+    page.type("brush (mm)", "70")
+    page.type("down (mm), or -up", "15")
+    page.press("draw")
+    page.drag("image", (0.3, 0.5), (0.7, 0.5))
+    until(lambda: "; 0.000 mm from" not in page.text("where"), "the drawn goal")
+    page.press("plan")
+    said = until(lambda: " actions, " in page.text("said") and page.text("said"), "a plan", 120)
+    count = int(said.split()[0])
+    assert count >= 2
+    assert until(page.selected, "the selected action") == [f"step-{count}"]
+    page.named("said").click()  # off the button: keys are for the page
+    page.key(page.keys.ARROW_LEFT)
+    until(lambda: page.selected() == [f"step-{count - 1}"], "the action before")
+    page.key(page.keys.DELETE)
+    until(lambda: page.text("said").startswith(f"{count - 1} actions"), "one action less", 60)
+    assert page.text("said") != said
+
+    page.press("Carry out")
+    until(lambda: page.named("state").is_displayed(), "what carries out")
+    page.press("start")
+    until(lambda: "Act?" in page.text("state"), "the question", 60)
+    page.press("act")
+    until(lambda: len(page.text("log").splitlines()) >= 2, "what came out", 60)
+    state = until(
+        lambda: ("Act?" in page.text("state") or "finished" in page.text("state"))
+        and page.text("state"),
+        "the next question", 60,
+    )  # fmt: skip
+    if "Act?" in state:
+        page.press("end")
+    until(lambda: page.text("state").startswith("finished"), "the end", 60)
+    assert (folder / "out" / "run-001" / "summary.json").is_file()
+    page.press("save bed, goal and plan")
+    until(lambda: (folder / "out" / "desk" / "goal.png").is_file(), "what is saved")
+
+
+def test_annotate(page, folder):
+    page.press("Annotate boxes")
+    until(lambda: "1 of 2" in page.text("title"), "the first pair")
+    assert "box 40x45" in page.text("title")
+    page.drag("difference", (0.25, 0.25), (0.5, 0.5))
+    until(lambda: "not saved yet" in page.text("title"), "the drawn box")
+    page.key(page.keys.ARROW_RIGHT)
+    until(lambda: "2 of 2" in page.text("title"), "the second pair")
+    page.key("f")
+    until(lambda: "2 not saved" in page.text("title"), "the found box")
+    page.key("z")
+    until(lambda: "1 not saved" in page.text("title"), "the box put back")
+    page.key("s")
+    until(lambda: "0 not saved" in page.text("title"), "all saved")
+    with (folder / "pairs" / "pairs.csv").open() as file:
+        first, second = csv.DictReader(file)
+    width, height = int(first["width"]), int(first["height"])
+    assert abs(width - 120) <= 3 and abs(height - 99) <= 3
+    assert (second["width"], second["height"]) == ("40", "45")

@@ -1,0 +1,277 @@
+"""The studio's desk, its runs and its annotation, without a browser."""
+
+import time
+
+import jax
+import numpy as np
+import pytest
+
+import jshape
+from jshape.data.simulate import simulate_pairs, together
+from jshape.data.view import image_of_depth
+from jshape.errors import BadBank, BadDataset, BadFile, JShapeError
+from jshape.robot.cameras.simulated import levelled_world
+from jshape.store import annotations, datasets
+from jshape.studio import pictures
+from jshape.studio.annotation import Annotation
+from jshape.studio.desk import Desk
+from jshape.studio.drawing import Stroke, Words
+from jshape.studio.molder import Molder, State, seen, simulated_robot
+
+BRUSH = Stroke(((150.0, 200.0), (240.0, 150.0), (330.0, 200.0)), 30.0, 8.0)
+
+
+@pytest.fixture(scope="module")
+def bed():
+    return image_of_depth(levelled_world(3).look(), jshape.PAPER_BOX).image
+
+
+@pytest.fixture
+def desk(bed):
+    desk = Desk("flour-robot")  # f_D: quick
+    desk.see(bed, "simulated")
+    return desk
+
+
+@pytest.fixture
+def planned(desk):
+    desk.draw(BRUSH)
+    desk.make_plan(max_steps=3, stride=32)
+    assert len(desk.plan) == 3
+    return desk
+
+
+def change_mm(desk):
+    return 1e3 * (desk.depth_of(desk.goal) - desk.depth_of(desk.bed))
+
+
+def test_a_stroke_sinks_what_is_under_the_brush_with_walls_that_stand(desk):
+    desk.draw(BRUSH)
+    change = change_mm(desk)
+    assert 7.5 < change[150, 240] < 8.5 and abs(change[350, 240]) < 0.01
+    pixel = 1e3 * np.median(desk.depth_of(desk.bed)) / float(desk.camera.fx)
+    steep = np.abs(np.diff(change, axis=0)).max() / pixel
+    bed = np.abs(np.diff(1e3 * desk.depth_of(desk.bed), axis=0)).max() / pixel
+    assert 0.5 < steep < np.tan(np.radians(40)) + bed  # flour lies at 40 degrees
+    assert any("steep" in line for line in desk.told), desk.told
+
+
+def test_marks_do_not_add_up_and_can_be_taken_back(desk):
+    desk.draw(BRUSH)
+    once = change_mm(desk)
+    desk.draw(BRUSH)
+    np.testing.assert_allclose(change_mm(desk), once, atol=1e-3)
+    desk.draw(BRUSH._replace(depth_mm=-5.0, line=((240.0, 320.0),)))
+    assert change_mm(desk)[320, 240] < -4
+    desk.undo()
+    np.testing.assert_allclose(change_mm(desk), once, atol=1e-3)
+    desk.clear()
+    assert desk.distance_mm == 0 and desk.to_move_cm3 == (0, 0)
+
+
+def test_words_are_written_in_the_goal(desk):
+    desk.draw(Words("L", (240.0, 197.0), 100.0, 6.0))
+    change = change_mm(desk)
+    assert change.max() > 5.5 and abs(change[60, 240]) < 0.01
+    out, into = desk.to_move_cm3
+    assert out > 5 and into < 0.1
+
+
+@pytest.mark.parametrize(
+    "mark, words",
+    [
+        (BRUSH._replace(depth_mm=0.0), "neither of them 0"),
+        (BRUSH._replace(width_mm=1000.0), "up to 100 mm"),
+        (BRUSH._replace(line=()), "0 points"),
+        (BRUSH._replace(line=((np.nan, 3.0),)), "at least one"),
+        (Words(" ", (240.0, 197.0), 100.0, 6.0), "empty"),
+        (Words("WIDE", (20.0, 197.0), 400.0, 6.0), "leaves the view"),
+    ],
+)
+def test_marks_that_make_no_sense_leave_the_goal_as_it_is(desk, mark, words):
+    desk.draw(BRUSH)
+    before = desk.distance_mm
+    with pytest.raises(JShapeError, match=words):
+        desk.draw(mark)
+    assert abs(desk.distance_mm - before) < 1e-5 and len(desk.marks) == 1
+
+
+def test_a_plan_is_edited_and_its_distances_follow(planned):
+    first = planned.plan
+    planned.drop(1)
+    assert planned.plan.actions == (first.actions[0], first.actions[2])
+    np.testing.assert_array_equal(planned.plan.images[1], first.images[1])
+    planned.move(1, -1)
+    assert planned.plan.actions == (first.actions[2], first.actions[0]) and planned.selected == 1
+    planned.put(0, (101.0, 120.0))
+    assert planned.plan.exact_positions[0].tolist() == [101, 120]
+    shallow = planned.plan.distances[1]
+    planned.deepen(0, 2.0)
+    assert planned.plan.strengths[0] == 2 and planned.plan.distances[1] != shallow
+    planned.add("poke", (240.0, 197.0))
+    assert planned.plan.actions[-1] == "poke" and planned.selected == 3
+    again = jshape.rollout(
+        planned.bed, planned.goal, planned.plan.actions, planned.plan.exact_positions,
+        strengths=planned.plan.strengths, yaws=planned.plan.yaws, bank=planned.bank,
+    )  # fmt: skip
+    np.testing.assert_array_equal(again.distances, planned.plan.distances)
+
+
+def test_edits_that_make_no_sense_leave_the_plan(planned):
+    before = planned.plan
+    for wrong, words in (
+        (lambda: planned.drop(3), "action 4 of a plan of 3"),
+        (lambda: planned.deepen(0, -1.0), "above 0"),
+        (lambda: planned.add("stir", (3.0, 4.0)), "stir"),
+    ):
+        with pytest.raises(JShapeError, match=words):
+            wrong()
+    assert planned.plan is before
+    planned.move(0, -1)  # already the first
+    assert planned.plan.actions == before.actions
+    planned.select(99)
+    assert planned.selected == 3
+
+
+def test_another_goal_or_bed_drops_the_plan(planned, bed):
+    planned.draw(BRUSH)
+    assert planned.plan is None
+    goal = planned.goal
+    planned.see(bed + np.float32(0.001), "another", same_goal=True)
+    np.testing.assert_array_equal(planned.goal, goal)
+    with pytest.raises(BadBank):
+        planned.use_bank("nobody's")
+
+
+def test_a_desk_is_saved_as_plan_and_mold_read_it(planned, tmp_path):
+    planned.save(tmp_path / "desk")
+    again = Desk("flour-robot")
+    again.load_bed(tmp_path / "desk" / "now.png")
+    again.load_goal(tmp_path / "desk" / "goal.png")
+    assert abs(again.distance_mm - planned.distance_mm) < 0.02
+    assert jshape.Plan.from_json(tmp_path / "desk" / "plan.json").actions == planned.plan.actions
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("dear")
+    with pytest.raises(BadFile):
+        planned.save(tmp_path / "mine", overwrite=True)
+    with pytest.raises(JShapeError, match="no bed"):
+        Desk("flour-robot").save(tmp_path / "none")
+
+
+def wait_for(molder, state):
+    until = time.monotonic() + 120
+    while molder.state is not state and molder.running and time.monotonic() < until:
+        time.sleep(0.01)
+    assert molder.state is state, (molder.state, molder.why)
+
+
+def begin(desk, folder, **more):
+    robot = simulated_robot(desk.depth_of(desk.bed), desk.bank, "flour")
+    looks = []
+    molder = Molder(
+        robot, desk.bank, desk.goal, folder, meta={"bank": desk.bank_name, "arm": "sim"},
+        on_look=looks.append, **more,
+    )  # fmt: skip
+    return molder, looks
+
+
+def test_the_simulated_bed_is_the_one_on_the_desk(desk):
+    robot = simulated_robot(desk.depth_of(desk.bed), desk.bank, "flour")
+    off = np.abs(desk.depth_of(seen(robot)) - desk.depth_of(desk.bed))
+    assert np.median(off) < 0.0004
+
+
+def test_a_run_asks_before_each_action(planned, tmp_path):
+    molder, looks = begin(planned, tmp_path / "run", plan=planned.plan)
+    for k in range(3):
+        wait_for(molder, State.ASKING)
+        assert molder.ahead.actions == planned.plan.actions[k:]
+        assert len(looks) == k + 1
+        molder.answer(True)
+        while molder.state is State.ASKING:
+            time.sleep(0.001)
+    molder.wait(60.0)
+    assert molder.state is State.FINISHED and len(looks) == 4
+    assert len(molder.lines) == 4  # a head and a line for each
+    assert (tmp_path / "run" / "summary.json").is_file()
+
+
+def test_a_run_ends_when_it_is_told_to(planned, tmp_path):
+    planned.draw(BRUSH._replace(depth_mm=25.0, width_mm=90.0))  # worth an action
+    molder, _ = begin(planned, tmp_path / "run")
+    wait_for(molder, State.ASKING)
+    molder.answer(False)
+    molder.wait(60.0)
+    assert molder.state is State.FINISHED and "declined" in molder.why
+    molder.answer(True)  # too late: nothing happens
+    assert not molder.running
+
+
+def test_stop_stops_the_arm_and_the_run(planned, tmp_path):
+    molder, _ = begin(planned, tmp_path / "run", plan=planned.plan)
+    wait_for(molder, State.ASKING)
+    molder.answer(True)
+    molder.stop()
+    molder.wait(60.0)
+    assert not molder.running and len(molder.lines) <= 2
+
+
+def test_a_run_that_breaks_says_why(planned, tmp_path):
+    robot = simulated_robot(planned.depth_of(planned.bed), planned.bank, "flour")
+
+    def broken(*given, **more):
+        raise RuntimeError("the driver is gone")
+
+    robot.arm.home = broken
+    molder = Molder(
+        robot, planned.bank, planned.goal, tmp_path / "run", meta={"bank": "flour-robot"}
+    )
+    molder.wait(60.0)
+    assert molder.state is State.FAILED and molder.why == "RuntimeError: the driver is gone"
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    made = simulate_pairs(jax.random.key(0), 3, actions=("poke",))
+    datasets.save_pairs(together(made), tmp_path / "pairs")
+    return tmp_path / "pairs"
+
+
+def test_boxes_are_corrected_and_written(dataset):
+    work = Annotation(dataset)
+    table = (dataset / datasets.TABLE).read_text()
+    before = [work.box(k) for k in range(3)]
+    assert work.correct(1, (120.4, 90.2), (60.0, 40.0)) == (60, 40, 60, 50)
+    work.put_back(1)
+    assert work.box(1) == before[1] and not work.changed
+    work.correct(1, (60.0, 40.0), (120.0, 90.0))
+    found = work.take_found(2)
+    assert (dataset / datasets.TABLE).read_text() == table  # nothing is written yet
+    assert work.save() == 2 and not work.changed
+    again = Annotation(dataset)
+    assert [again.box(k) for k in range(3)] == [before[0], (60, 40, 60, 50), found]
+    assert again.by_hand.tolist()[1] is True
+    assert annotations.boxes_by_hand(dataset)[1]
+
+
+def test_boxes_that_make_no_sense_are_refused(dataset):
+    work = Annotation(dataset)
+    with pytest.raises(BadDataset, match="box of 3x50"):
+        work.correct(0, (60.0, 40.0), (63.0, 90.0))
+    assert work.correct(0, (-50.0, -50.0), (1e4, 1e4)) == (0, 0, 480, 395)
+    with pytest.raises(BadDataset, match="has no pair 'nobody'"):
+        annotations.write_boxes(dataset, {"nobody": (0, 0, 9, 9)})
+    with pytest.raises(BadDataset):
+        Annotation(dataset / "nowhere")
+
+
+def test_pictures_show_what_is_high_and_what_is_wrong(desk):
+    desk.draw(BRUSH)
+    depth = desk.depth_of(desk.goal)
+    rgb = pictures.shaded(depth)
+    assert rgb.shape == (*depth.shape, 3) and rgb.dtype == np.uint8
+    change = np.zeros((40, 40), np.float32)
+    change[:, :20], change[:, 20:] = 8.0, -8.0
+    red, blue = pictures.differing(change)[5, 5], pictures.differing(change)[5, 35]
+    assert red[0] > red[2] and blue[2] > blue[0]
+    assert pictures.data_url(rgb).startswith("data:image/png;base64,")

@@ -1,16 +1,21 @@
 """Mold soft plastic material by looking at it: depth images in, a plan of actions out."""
 
-from jshape.actions import PAPER_ACTIONS, Action, ActionSet, grid
-from jshape.camera import D435_BAZAR, D435_NOMINAL, PAPER_BOX, Camera
-from jshape.data.pairs import Pairs
-from jshape.errors import JShapeError
-from jshape.learn.fit import fit
-from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
-from jshape.planners.base import Status
-from jshape.planning import Plan, plan, plan_depth, rollout
-from jshape.predict.bank import Bank
-from jshape.store.banks import list_banks, load_bank, save_bank
-from jshape.store.datasets import load_pairs, save_pairs
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jshape.actions import PAPER_ACTIONS, Action, ActionSet, grid
+    from jshape.camera import D435_BAZAR, D435_NOMINAL, PAPER_BOX, Camera
+    from jshape.data.pairs import Pairs
+    from jshape.errors import JShapeError
+    from jshape.learn.fit import fit
+    from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
+    from jshape.planners.base import Status
+    from jshape.planning import Plan, plan, plan_depth, rollout
+    from jshape.predict.bank import Bank
+    from jshape.store.banks import list_banks, load_bank, save_bank
+    from jshape.store.datasets import load_pairs, save_pairs
 
 __version__ = "0.1.0"
 
@@ -44,3 +49,35 @@ __all__ = [
     "unweigh",
     "weigh",
 ]
+
+_HOMES = {
+    "jshape.actions": ("PAPER_ACTIONS", "Action", "ActionSet", "grid"),
+    "jshape.camera": ("D435_BAZAR", "D435_NOMINAL", "PAPER_BOX", "Camera"),
+    "jshape.data.pairs": ("Pairs",),
+    "jshape.errors": ("JShapeError",),
+    "jshape.learn.fit": ("fit",),
+    "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
+    "jshape.planners.base": ("Status",),
+    "jshape.planning": ("Plan", "plan", "plan_depth", "rollout"),
+    "jshape.predict.bank": ("Bank",),
+    "jshape.store.banks": ("list_banks", "load_bank", "save_bank"),
+    "jshape.store.datasets": ("load_pairs", "save_pairs"),
+}
+"""Where each name is.  They are loaded when they are asked for: JAX takes a second, and neither
+`jshape --help` nor a misspelt command needs it."""
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        value = getattr(import_module(_HOME[name]), name)
+    elif not name.startswith("_") and find_spec(f"jshape.{name}") is not None:
+        return import_module(f"jshape.{name}")  # which sets the attribute
+    else:
+        raise AttributeError(f"module 'jshape' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

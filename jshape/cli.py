@@ -5,69 +5,49 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
-from jshape.commands import (
-    arguments,
-    calibrate,
-    camera,
-    dataset,
-    demo,
-    evaluate,
-    execute,
-    experiment,
-    mold,
-    plan,
-    record,
-    train,
-    waypoints,
-)
-from jshape.devices import remember_compiled
+from jshape.commands import COMMANDS, arguments, examples, settings
+from jshape.commands.colours import coloured
 from jshape.errors import JShapeError
 
-COMMANDS = (
-    *(demo, plan, mold, execute, dataset, train, evaluate, experiment),
-    *(record, camera, calibrate, waypoints),
-)
-"""Each adds its parser; a new command is one file and its name here."""
 
+def build_parser(words: Sequence[str] | None = None) -> arguments.Parser:
+    """All commands and their options.
 
-def build_parser() -> arguments.Parser:
-    """All commands and their options."""
+    Args:
+      words: the command line, if only the options of the command that it names are wanted; the
+        others then have none, and their files are not imported.
+    """
     parser = arguments.Parser(
         prog="jshape", description="Mold soft material by shaping depth images."
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
+    arguments.add_config(parser)
     commands = parser.add_subparsers(
         dest="command", metavar="COMMAND", parser_class=arguments.Parser
     )
-    for module in COMMANDS:
-        module.add(commands)
+    wanted = COMMANDS if words is None else [next((w for w in words if w in COMMANDS), None)]
+    for name, what in COMMANDS.items():
+        if name in wanted:
+            import_module(f"jshape.commands.{name}").add(commands)
+        else:
+            commands.add_parser(name, help=what, add_help=False)
+    examples.add(parser)
     return parser
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a name that the terminal cannot show
             stream.reconfigure(errors="backslashreplace")
-    parser = build_parser()
-    options = parser.parse_args(arguments)
-    if options.version:
-        from jshape import __version__
-
-        print(__version__)
-        return 0
-    if not hasattr(options, "run"):
-        getattr(options, "help_of", parser).print_help(sys.stderr)
-        return 2
-    remember_compiled()
+    words = sys.argv[1:] if words is None else list(words)
     try:
-        result = options.run(options)
-        if options.json:
-            print(json.dumps(result))
-        sys.stdout.flush()
+        return _run(words)
     except JShapeError as problem:
-        print(f"jshape: error: {' '.join(str(problem).split())}", file=sys.stderr)
+        said = " ".join(str(problem).split())
+        print(f"jshape: {coloured('error:', 'error', sys.stderr)} {said}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("jshape: interrupted", file=sys.stderr)
@@ -76,10 +56,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except OSError as problem:
-        print(f"jshape: error: output cannot be printed: {problem.strerror}", file=sys.stderr)
+        said = f"output cannot be printed: {problem.strerror}"
+        print(f"jshape: {coloured('error:', 'error', sys.stderr)} {said}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 2
-    return 0
+
+
+def _run(words: list[str]) -> int:
+    named, rest = settings.named(words)
+    parser = build_parser(rest)
+    leaf = settings.leaf_of(parser, rest)
+    file, given = None, []
+    if leaf.get_default("computes") and not {"-h", "--help"} & {*rest}:
+        file = settings.file_of(named)
+        given = settings.apply(leaf, file)
+    options = parser.parse_args(words)
+    if getattr(options, "config", None) != named:
+        parser.error("--config is written in full")
+    settings.give_way(leaf, given, options)
+    if options.version:
+        from jshape import __version__
+
+        print(__version__)
+        return 0
+    if not hasattr(options, "run"):
+        getattr(options, "help_of", parser).print_help(sys.stderr)
+        return 2
+    if given:
+        said = f"settings of {file}: {', '.join(one.key for one in given)}"
+        print(coloured(said, "quiet", sys.stderr), file=sys.stderr)
+    if options.computes:
+        from jshape.devices import remember_compiled
+
+        remember_compiled()
+    result = options.run(options)
+    if options.json:
+        print(json.dumps(result))
+    sys.stdout.flush()
+    return getattr(options, "exit_code", 0)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ _hook = install_import_hook("jshape", "beartype.beartype")
 
 # Tests compile what they test, and leave the user's folders alone.
 os.environ.setdefault("JSHAPE_CACHE", "off")
+os.environ.setdefault("JSHAPE_CONFIG", "off")
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("JSHAPE_SHARED", ROOT.parent / "shared"))

@@ -1,7 +1,11 @@
 """The command line as a user meets it: what is printed, what is written, and every refusal."""
 
 import argparse
+import contextlib
+import io
 import json
+import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -13,10 +17,15 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Plan, metric, save_bank
-from jshape.cli import main
+from jshape.cli import build_parser, main
+from jshape.commands import COMMANDS, settings
 from jshape.commands.arguments import duration
+from jshape.commands.colours import coloured, shows_colours
+from jshape.commands.examples import EXAMPLES, of
+from jshape.errors import UnknownName
 from jshape.store.banks import MANIFEST
 from jshape.store.cameras import write_camera
+from tests.conftest import ROOT
 
 
 @pytest.fixture
@@ -333,6 +342,7 @@ def test_commands_as_processes(folder):
     for arguments in (["--help"], ["plan", "--help"], ["dataset", "simulate", "--help"]):
         done = run(*arguments)
         assert done.returncode == 0 and "usage: jshape" in done.stdout
+        assert "examples:\n  jshape " in done.stdout
     assert run("--version").stdout.strip().count(".") == 2
     assert run().returncode == 2 and run("dataset").returncode == 2
     done = run("plan", "now.png", "no.png", "--bank", "bank")
@@ -540,3 +550,178 @@ print(over_devices(1).mesh)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.stdout.split(), done.stderr) == (["3", "3", "2", "None"], "")
+
+
+@pytest.mark.parametrize(
+    ("words", "loads"),
+    [("--help", False), ("--version", False), ("plna", False), ("config --init", False),
+     ("demo --help", True)],
+)  # fmt: skip
+def test_what_needs_no_jax_does_not_load_it(words, loads, tmp_path):
+    """Help, a misspelt command and a new configuration file are there at once."""
+    code = (
+        "import sys\nfrom jshape.cli import main\n"
+        f"try:\n    main({words.split()!r})\nexcept SystemExit:\n    pass\n"
+        "print([n for n in ('jax', 'cv2', 'matplotlib', 'scipy') if n in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert ("'jax'" in done.stdout.splitlines()[-1]) == loads, done
+    assert loads or done.stdout.splitlines()[-1] == "[]"
+
+
+def test_every_public_name_is_where_it_is_said_to_be():
+    import jshape
+
+    assert sorted(jshape.__all__) == sorted(jshape._HOME)
+    for name in jshape.__all__:
+        value = getattr(jshape, name)
+        assert getattr(sys.modules[jshape._HOME[name]], name) is value
+    assert set(jshape.__all__) <= set(dir(jshape)) and jshape.metric.weigh is jshape.weigh
+    with pytest.raises(AttributeError, match="has no attribute 'plam'"):
+        jshape.plam  # noqa: B018
+
+
+LEAVES = {" ".join(leaf.prog.split()[1:]): leaf for leaf in settings.leaves(build_parser())}
+
+
+def test_the_table_of_commands_is_true():
+    assert {name.split()[0] for name in LEAVES} == set(COMMANDS)
+    assert not set(EXAMPLES) - set(LEAVES), "examples of a command that is not there"
+    listed = build_parser().format_help()
+    for name, what in COMMANDS.items():
+        assert f"\n    {name} " in listed and what.split()[0] in listed
+        if name in LEAVES:
+            assert LEAVES[name].description == what
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_every_command_has_examples_that_parse(name):
+    examples = of(name)
+    assert examples, "its help ends with two or three examples: commands/examples.py"
+    text = LEAVES[name].format_help()
+    for line, what in examples:
+        assert f"\n  {line}\n      {what}\n" in text and len(line) < 120
+        words = shlex.split(line.partition(" > ")[0])
+        assert words[0] == "jshape" and " ".join(words[1:]).startswith(name)
+        options = build_parser().parse_args(words[1:])
+        assert options.run is LEAVES[name].get_default("run")
+
+
+WITHOUT_DATA = [
+    "jshape config --init",
+    "jshape config",
+    "jshape config plan",
+    "jshape camera list",
+    "jshape camera check sim:7 --frames 5",
+    "jshape record sim --frames 3 --out simulated",
+    "jshape dataset simulate few --pairs 2 --actions knock poke --frames 2",
+    "jshape dataset simulate-recording recording --actions poke --count 2",
+    "jshape completion fish > ~/.config/fish/completions/jshape.fish",
+]
+
+
+def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    known = {line for name in LEAVES for line, _ in of(name)}
+    for line in WITHOUT_DATA:
+        assert line in known
+        assert main(shlex.split(line.partition(" > ")[0])[1:]) == 0, capsys.readouterr().err
+    assert {"few", "recording", "simulated"} <= {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["plna"], "unknown command 'plna'; allowed: demo, plan"),
+        (["plna"], "did you mean plan? (see jshape --help)"),
+        (["Train"], "did you mean train?"),
+        (["dataset", "anotate", "x"], "did you mean annotate? (see jshape dataset --help)"),
+        ([*PLAN, "--plannr", "beam"], "unknown option --plannr; did you mean --planner?"),
+        (["plan", "--plannr=beam"], "unknown option --plannr; did you mean --planner?"),
+        ([*PLAN, "--planner", "bean"], "unknown value of --planner 'bean'; allowed: greedy, beam"),
+        ([*PLAN, "--planner", "bean"], "did you mean beam?"),
+        ([*PLAN, "--clip", "shfit"], "did you mean shift?"),
+        ([*PLAN, "--most", "knok=2"], "unknown action 'knok'; allowed: knock, poke; did you mean"),
+        ([*PLAN[:3], "--bank", "flour-robt"], "did you mean flour-robot?"),
+        ([*PLAN, "--camera", "d435_bazr"], "did you mean d435_bazar?"),
+        ([*PLAN, "--camera-file", "realsense"], "neither a camera.json nor a preset"),
+        (["demo", "--material", "flower"], "did you mean flour?"),
+        (["demo", "--agent", "robbot"], "did you mean robot?"),
+        (["experiment", "metrik"], "did you mean metric?"),
+        (["experiment", "all", "--out", "x", "--only", "metrik"], "did you mean metric?"),
+        (["record", "realsens", "--out", "x"], "did you mean realsense?"),
+        (["train", "x", "--out", "y", "--morphology", "erod"], "did you mean erode?"),
+    ],
+)
+def test_misspelt_names_are_guessed(folder, capsys, words, said):
+    refused(words, capsys, said)
+
+
+def test_a_misspelt_arm_is_guessed(folder, capsys):
+    words = ["mold", "goal.npy", "--out", "run", "--yes", "--bank", "bank", "--arm", "mujoko:3"]
+    np.save("goal.npy", np.full(BOX, 0.45, np.float32))
+    write_camera(folder / "camera.json", PAPER_BOX, 1e-5)
+    refused(words, capsys, "did you mean mujoco?")
+
+
+@pytest.mark.parametrize("name", ["zebra", "", "12", None])
+def test_what_is_near_to_nothing_is_not_guessed(name):
+    said = str(UnknownName("bank", name, ("flour-robot", "sand")))
+    assert said == f"unknown bank {name!r}; allowed: flour-robot, sand"
+    assert str(UnknownName("bank", "FLOUR-ROBOT", iter(["flour-robot"]))).endswith("flour-robot?")
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(
+    ("stream", "environment", "expected"),
+    [
+        (Terminal(), {}, True),
+        (Terminal(), {"NO_COLOR": "1"}, False),
+        (Terminal(), {"NO_COLOR": ""}, True),  # no-color.org: only what is not empty counts
+        (Terminal(), {"TERM": "dumb"}, False),
+        (io.StringIO(), {}, False),
+        (None, {}, False),
+    ],
+)
+def test_colours_are_for_terminals(monkeypatch, stream, environment, expected):
+    for name in ("NO_COLOR", "TERM"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    assert shows_colours(stream) is expected
+    if stream is not None:
+        plain = coloured("error:", "error", stream)
+        assert plain == ("\033[1;31merror:\033[0m" if expected else "error:")
+
+
+def test_colours_on_a_real_terminal(folder, tmp_path):
+    """In a pseudo-terminal the head of a table is bold and an error red; elsewhere nothing is."""
+    pty = pytest.importorskip("pty")
+
+    def run(words, **more):
+        usual = {name: value for name, value in os.environ.items() if name != "NO_COLOR"}
+        environment = usual | {"TERM": "xterm", "PYTHONPATH": str(ROOT)} | more
+        main_end, its_end = pty.openpty()
+        with subprocess.Popen(
+            [sys.executable, "-m", "jshape", *words], stdout=its_end, stderr=its_end,
+            env=environment,
+        ) as process:  # fmt: skip
+            os.close(its_end)
+            text = b""
+            with contextlib.suppress(OSError):  # the end, on Linux
+                while part := os.read(main_end, 4096):
+                    text += part
+            process.wait(timeout=120)
+        os.close(main_end)
+        return text.decode()
+
+    assert "\033[1;31merror:\033[0m unknown command 'plna'" in run(["plna"])
+    assert "\033[" not in run(["plna"], NO_COLOR="1")
+    (folder / "jshape.toml").write_text('bank = "bank"\n')
+    assert "\033[1moption" in run(["config"]) and "\033[" not in run(["plan", "--help"])

@@ -34,14 +34,23 @@ ALLOWED = {
         *("camera", "metric", "actions", "predict", "planners", "data", "store"),
         *("places", "planned", "tasks", "rollouts"),
     },
+    "goals": {"camera", "metric", "predict", "sim", "data", "store"},
     "devices": {"predict"},
+    "engines": {"devices"},
     "robot": {
         *("camera", "metric", "actions", "predict", "planners", "planned", "planning", "sim"),
         *("data", "store"),
     },
-    "viz": {"camera", "metric", "actions", "predict", "planners", "planned", "planning", "learn"},
+    "viz": {
+        *("camera", "metric", "actions", "predict", "planners", "planned", "planning", "learn"),
+        "goals",
+    },
+    "view": {
+        *("camera", "metric", "predict", "planners", "planned", "planning", "data", "store"),
+        *("robot", "viz"),
+    },
 }
-TOP = {"__init__", "__main__", "cli", "commands", "experiments"}
+TOP = {"__init__", "__main__", "cli", "commands", "experiments", "studio"}
 """May import anything, and nothing imports them but each other."""
 
 PURE = {"camera", "metric", "nn", "predict", "planners", "sim"}

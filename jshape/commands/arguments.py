@@ -1,46 +1,90 @@
 """Kinds of options that commands share: how they are read from the command line, and refused."""
 
 import argparse
+import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from jshape.planners import PLANNERS
+from jshape.commands import COMMANDS
+from jshape.commands.colours import coloured
+from jshape.errors import UnknownName, did_you_mean
 
 STRENGTHS = (0.25, 0.5, 1.0, 1.6)
 """How deep actions are tried where places are dense, unless one says otherwise."""
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line and say which name may have been meant."""
+
+    def __init__(self, *more: Any, **options: Any):
+        options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        super().__init__(*more, **options)
+        self.color = False  # Python 3.14 would colour the help, and only the help
 
     def error(self, message: str) -> NoReturn:
         """Print one line and exit with 2."""
-        self.exit(2, f"{self.prog}: error: {' '.join(message.split())} (see {self.prog} --help)\n")
+        said = f"{' '.join(message.split())} (see {self.prog} --help)"
+        self.exit(2, f"{self.prog}: {coloured('error:', 'error', sys.stderr)} {said}\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As usual, but a command refuses unknown options itself: it knows which may be meant."""
+        known = self._option_string_actions
+        for word in args or () if self.get_default("run") else ():
+            name = word.partition("=")[0]
+            if word == "--":
+                break
+            if word.startswith("--") and not any(one.startswith(name) for one in known):
+                self.error(f"unknown option {name}{did_you_mean(name, known)}")
+        return super().parse_known_args(args, namespace)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is None or value in action.choices:
+            return
+        names = [str(one) for one in action.choices]
+        what = "/".join(action.option_strings) or str(action.metavar or action.dest)
+        what = "command" if isinstance(action, argparse._SubParsersAction) else f"value of {what}"
+        raise argparse.ArgumentError(None, str(UnknownName(what, value, names)))
 
 
 def command(
     parent: Any,
     name: str,
     run: Callable[[argparse.Namespace], dict[str, Any]],
-    what: str,
+    what: str = "",
     *,
     writes: bool = True,
-) -> argparse.ArgumentParser:
+    computes: bool = True,
+) -> Parser:
     """A command's parser, with the options that all commands have.
 
     Args:
       parent: what `add_subparsers` gave.
       name: of the command.
-      run: called with the parsed options; returns what `--json` prints.
-      what: one line of help.
+      run: called with the parsed options; returns what `--json` prints, and may set
+        `options.exit_code`.
+      what: one line of help; "" takes it from `COMMANDS`.
       writes: it makes a folder or file, which `--overwrite` allows to replace.
+      computes: it uses JAX, which keeps what it compiles.
     """
+    what = what or COMMANDS[name]
     parser = parent.add_parser(name, help=what, description=what)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, computes=computes)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     if writes:
         parser.add_argument("--overwrite", action="store_true", help="replace an earlier result")
+    add_config(parser)
     return parser
+
+
+def add_config(parser: argparse.ArgumentParser) -> None:
+    """The option that names a configuration file, or none."""
+    # Suppressed: what stands before the command must not be forgotten behind it.
+    parser.add_argument(
+        "--config",
+        metavar="FILE",
+        default=argparse.SUPPRESS,
+        help="settings (default: $JSHAPE_CONFIG, else jshape.toml here); off: none",
+    )
 
 
 def _number(text: str, kind: Callable[[str], Any], ok: Any, allowed: str) -> Any:
@@ -118,6 +162,8 @@ def devices(text: str) -> int:
 
 def add_search(parser: argparse.ArgumentParser) -> None:
     """The options that say which search, and what it runs on."""
+    from jshape.planners import PLANNERS  # which needs JAX
+
     parser.add_argument(
         "--planner",
         choices=tuple(PLANNERS),

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from jshape.camera import PRESETS, Camera
 from jshape.commands import arguments
-from jshape.commands.tables import print_table
-from jshape.errors import BadCamera, BadFile
+from jshape.commands.cameras import described
+from jshape.commands.tables import print_table, warn
+from jshape.errors import BadFile
 from jshape.robot.calibration import METHODS, TARGET, Calibration, calibrate
-from jshape.store import cameras, poses
+from jshape.store import poses
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -22,7 +22,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         *pairs,
         eye_in_hand=options.eye_in_hand,
         method=options.method,
-        camera=None if options.camera is None else _camera(options.camera),
+        camera=None if options.camera is None else described(options.camera)[0],
     )
     name = options.name or (Path(options.camera).name if options.camera else "")
     pose = poses.pose_of_calibration(found, name)
@@ -47,14 +47,6 @@ def check_new(path: Path, overwrite: bool) -> None:
     """
     if path.exists() and not overwrite:
         raise BadFile(f"{path}: exists; choose another name, or --overwrite")
-
-
-def _camera(given: str) -> Camera:
-    if given in PRESETS:
-        return PRESETS[given]
-    if not Path(given).exists():
-        raise BadCamera(f"{given}: neither a file nor a preset ({', '.join(PRESETS)})")
-    return cameras.read_camera(given)[0]
 
 
 def _print(found: Calibration) -> None:
@@ -88,20 +80,18 @@ def _print(found: Calibration) -> None:
         rows.append(tuple(row))
     print_table(head, rows)
     for line in found.warnings:
-        print(f"warning: {line}")
+        warn(line)
 
 
 def add(commands: Any) -> None:
     """The parser of `jshape calibrate`."""
-    parser = arguments.command(
-        commands,
-        "calibrate",
-        run,
-        "where the camera is, from pairs of poses of the gripper and of a target (hand-eye)",
-    )
+    parser = arguments.command(commands, "calibrate", run)
     parser.add_argument("poses", type=Path, help="JSON: pairs of base_gripper and camera_target")
     parser.add_argument("--out", type=Path, required=True, help="file for the camera's pose (JSON)")
-    parser.add_argument("--camera", help="camera.json or a preset: gives errors in its pixels too")
+    parser.add_argument(
+        "--camera-file", "--camera", dest="camera", metavar="FILE",
+        help="camera.json, or a preset's name: gives errors in its pixels too",
+    )  # fmt: skip
     parser.add_argument("--name", default="", help="what to call the camera (that file's name)")
     parser.add_argument(
         "--method",

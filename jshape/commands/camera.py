@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape.commands import arguments, cameras
+from jshape.commands import COMMANDS, arguments, cameras
 from jshape.commands.tables import print_table, progress
 from jshape.data import camera_check
 from jshape.errors import BadFile
@@ -89,7 +89,7 @@ def list_cameras(options: argparse.Namespace) -> dict[str, Any]:
 
 def add(commands: Any) -> None:
     """The parsers of `jshape camera`."""
-    camera = commands.add_parser("camera", help="check a depth camera's set-up; list cameras")
+    camera = commands.add_parser("camera", help=COMMANDS["camera"])
     camera.set_defaults(help_of=camera)
     within = camera.add_subparsers(dest="subcommand", metavar="WHAT", parser_class=arguments.Parser)
     parser = arguments.command(

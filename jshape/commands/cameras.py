@@ -2,9 +2,13 @@
 
 import argparse
 from pathlib import Path
+from typing import Any
 
+from jshape.camera import PRESETS, Camera
 from jshape.commands import arguments
+from jshape.errors import BadCamera, JShapeError, did_you_mean
 from jshape.robot.cameras.base import DepthCamera
+from jshape.store import cameras
 
 CAMERA_HELP = "realsense[:SERIAL|:FILE.db3], sim[:SEED], a ROS bag, a recording's folder, a picture"
 
@@ -34,30 +38,72 @@ def depth_range(text: str) -> tuple[float, float]:
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
     """The camera, and the options that say how to look through it."""
-    parser.add_argument("source", metavar="CAMERA", help=CAMERA_HELP)
-    parser.add_argument("--camera", type=Path, metavar="FILE",
+    source: Any = parser.add_argument("source", nargs="?", metavar="CAMERA", help=CAMERA_HELP)
+    source.setting = "camera"  # its key in a configuration file
+    parser.add_argument("--camera-file", "--camera", dest="camera", type=Path, metavar="FILE",
                         help="camera.json to believe instead of what the camera says")  # fmt: skip
+    add_looking(parser, temporal=False)
+
+
+def add_looking(parser: argparse.ArgumentParser, *, temporal: bool) -> None:
+    """How to look through a camera; `temporal` says whether the SDK's filter is usually on."""
     parser.add_argument("--topic", help="of a bag's depth frames (the only one)")
     parser.add_argument("--depth-range", type=depth_range, metavar="NEAR,FAR",
                         help="metres between which the bed lies (0.42,0.47)")  # fmt: skip
     parser.add_argument("--window", type=window, metavar="LEFT,TOP,WIDTHxHEIGHT",
                         help="the part of the frames to take: the box (all)")  # fmt: skip
-    parser.add_argument("--temporal", action="store_true",
-                        help="RealSense: the SDK's temporal filter")  # fmt: skip
+    parser.add_argument("--temporal", action=argparse.BooleanOptionalAction, default=temporal,
+                        help=f"RealSense: the SDK's temporal filter ({'on' if temporal else 'off'})"
+                        )  # fmt: skip
     parser.add_argument("--fill-holes", action="store_true",
                         help="RealSense: the SDK's hole filling")  # fmt: skip
 
 
 def opened(options: argparse.Namespace) -> DepthCamera:
     """The camera of the options that `add_camera` added, started."""
+    if options.source is None:
+        raise JShapeError("which camera? name one, or set camera in jshape.toml")
+    return looking(options.source, options.camera, options)
+
+
+def looking(name: str, camera_file: Path | None, options: argparse.Namespace) -> DepthCamera:
+    """A camera by its name, started, and looked through as `add_looking`'s options say.
+
+    Raises:
+      JShapeError: as for `open_camera`; a camera.json is no camera.
+    """
     from jshape.robot.cameras.names import open_camera
 
+    if Path(name).suffix == ".json" and Path(name).is_file():
+        raise JShapeError(
+            f"{name}: describes a camera and is none: --camera-file takes it; a camera is "
+            f"{CAMERA_HELP}"
+        )
     return open_camera(
-        options.source,
-        camera=options.camera,
+        name,
+        camera=camera_file,
         topic=options.topic,
         z_range=options.depth_range,
         window=options.window,
         temporal=options.temporal,
         holes=options.fill_holes,
     )
+
+
+def described(text: str) -> tuple[Camera, float, bool]:
+    """The camera that a camera.json or the name of a preset describes.
+
+    Returns:
+      The camera, metres per count, and whether somebody described it (False: a preset).
+
+    Raises:
+      BadCamera: neither of them.
+    """
+    if text in PRESETS:
+        return PRESETS[text], cameras.DEPTH_UNIT, False
+    if not Path(text).exists():
+        raise BadCamera(
+            f"{text}: neither a camera.json nor a preset ({', '.join(PRESETS)}) that describes a "
+            f"camera{did_you_mean(text, PRESETS)}"
+        )
+    return *cameras.read_camera(text), True

@@ -5,7 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from jshape.camera import Camera
-from jshape.commands import arguments, dataset_annotate, dataset_import, dataset_recording
+from jshape.commands import (
+    COMMANDS,
+    arguments,
+    dataset_annotate,
+    dataset_import,
+    dataset_recording,
+)
 from jshape.commands.tables import print_table, progress
 from jshape.store import cameras, datasets
 
@@ -95,7 +101,7 @@ def _print_camera(camera: Camera, unit: float) -> None:
 
 def add(commands: Any) -> None:
     """The parser of `jshape dataset`."""
-    dataset = commands.add_parser("dataset", help="make and inspect data sets")
+    dataset = commands.add_parser("dataset", help=COMMANDS["dataset"])
     dataset.set_defaults(help_of=dataset)
     datasets = dataset.add_subparsers(
         dest="subcommand", metavar="WHAT", parser_class=arguments.Parser

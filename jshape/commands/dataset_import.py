@@ -144,8 +144,9 @@ def add(commands: Any) -> None:
         help="authors: the paper's AGENT/data/ACTION/{train,test}/{beg,end}/INSTANCE/*.png; "
         "before-after: camera.json with NAME_before.png and NAME_after.png, or before/ and after/",
     )  # fmt: skip
-    parser.add_argument("--camera", type=Path, metavar="FILE", help="instead of SOURCE/camera.json "
-                        "(before-after) or of the paper's camera (authors)")  # fmt: skip
+    parser.add_argument("--camera-file", "--camera", dest="camera", type=Path, metavar="FILE",
+                        help="camera.json instead of SOURCE's own (before-after) or of the paper's "
+                        "camera (authors)")  # fmt: skip
     parser.add_argument("--action", help="what was done, every time (before-after)")
     parser.add_argument("--agent", help="who or what did it (before-after)")
     parser.add_argument("--material", help="flour, sand ...")

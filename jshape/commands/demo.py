@@ -31,12 +31,7 @@ def demo(options: argparse.Namespace) -> dict[str, Any]:
 
 def add(commands: Any) -> None:
     """The parser of `jshape demo`."""
-    parser = arguments.command(
-        commands,
-        "demo",
-        demo,
-        "simulate a bed and a goal, plan, act in closed loop, write pictures and a report",
-    )
+    parser = arguments.command(commands, "demo", demo)
     parser.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder for the run")
     parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
     parser.add_argument("--seed", type=arguments.seed, default=0, help="another bed and goal")

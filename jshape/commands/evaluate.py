@@ -201,12 +201,7 @@ def _print(how: str, scores: Any, studies: Any, comparisons: Any, notes: list[st
 
 def add(commands: Any) -> None:
     """The parser of `jshape evaluate`."""
-    parser = arguments.command(
-        commands,
-        "evaluate",
-        evaluate,
-        "prediction errors in mm: of a bank, or over random partitions of the data set",
-    )
+    parser = arguments.command(commands, "evaluate", evaluate)
     count = arguments.positive_count
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--bank", default=None, help="test this bank on the whole data set")

@@ -7,6 +7,7 @@ from typing import Any
 from jshape.commands import arguments
 from jshape.commands.robot import (
     add_robot,
+    add_run,
     asking,
     draw,
     may_move,
@@ -53,11 +54,10 @@ def execute(options: argparse.Namespace) -> dict[str, Any]:
 
 def add(commands: Any) -> None:
     """The parser of `jshape execute`."""
-    parser = arguments.command(
-        commands, "execute", execute, "carry a plan out, looking after every action"
-    )
+    parser = arguments.command(commands, "execute", execute)
     parser.add_argument("plan", type=Path, help="what `jshape plan --out` wrote")
     add_robot(parser)
+    add_run(parser)
     parser.add_argument("--bank", default=None, help="of the plan (default: the bundled one)")
     parser.add_argument(
         "--max-missing", type=arguments.share, default=0.1,

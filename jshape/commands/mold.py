@@ -12,6 +12,7 @@ from jshape.commands import arguments
 from jshape.commands.plan import Source, source_of
 from jshape.commands.robot import (
     add_robot,
+    add_run,
     asking,
     draw,
     may_move,
@@ -89,11 +90,10 @@ def goal_of(path: Path, robot: Robot, bank: Bank, options: argparse.Namespace) -
 
 def add(commands: Any) -> None:
     """The parser of `jshape mold`."""
-    parser = arguments.command(
-        commands, "mold", mold, "look, plan, act and look again until the bed is as in DESIRED"
-    )
+    parser = arguments.command(commands, "mold", mold)
     parser.add_argument("desired", type=Path, nargs="?", help="depth image wanted, or a PLY or PCD")
     add_robot(parser)
+    add_run(parser)
     parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
     parser.add_argument("--depth-unit", type=arguments.positive, help="metres per count of DESIRED")
     parser.add_argument(

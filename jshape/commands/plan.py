@@ -9,10 +9,11 @@ import numpy as np
 from jshape import metric
 from jshape.camera import PRESETS, Camera, check_camera, window_of
 from jshape.commands import arguments
+from jshape.commands.cameras import described
 from jshape.commands.tables import print_table
 from jshape.data.view import View, view_of
 from jshape.devices import over_devices
-from jshape.errors import BadCamera, BadImage, BadPosition
+from jshape.errors import BadImage, BadPosition
 from jshape.planners.base import Status
 from jshape.planning import DEFAULT_BANK, Plan, plan_depth
 from jshape.predict.bank import Bank
@@ -98,12 +99,9 @@ def source_of(initial: Path, shape: tuple[int, ...], given: str | None, bank: Ba
       BadCamera: neither a preset nor a camera.json.
       BadImage: nothing says whose size this is.
     """
-    if given in PRESETS:
-        return Source(PRESETS[given], cameras.DEPTH_UNIT, f"preset {given}", False)
     if given is not None:
-        if not Path(given).exists():
-            raise BadCamera(f"{given}: neither a file nor a preset ({', '.join(PRESETS)})")
-        return Source(*cameras.read_camera(given), given, True)
+        camera, unit, stated = described(given)
+        return Source(camera, unit, given if stated else f"preset {given}", stated)
     beside = initial.parent / "camera.json"
     if beside.is_file():
         return Source(*cameras.read_camera(beside), str(beside), True)
@@ -214,17 +212,16 @@ def _print(found: Plan, said: dict[str, Any]) -> None:
 
 def add(commands: Any) -> None:
     """The parser of `jshape plan`."""
-    parser = arguments.command(
-        commands,
-        "plan",
-        plan,
-        "which actions mold the bed of INITIAL into DESIRED, where and in which order",
-    )
+    parser = arguments.command(commands, "plan", plan)
     parser.add_argument("initial", type=Path, help="depth image now: 16-bit PNG, TIFF, NPY, EXR")
     parser.add_argument("desired", type=Path, help="the same wanted, or a point cloud (PLY, PCD)")
     parser.add_argument(
+        "--camera-file",
         "--camera",
-        help="camera.json or a preset (default: camera.json beside INITIAL, else the bank's)",
+        dest="camera",
+        metavar="FILE",
+        help="camera.json, or a preset's name (default: camera.json beside INITIAL, else the "
+        "bank's)",
     )
     parser.add_argument(
         "--reproject",

@@ -120,12 +120,7 @@ def _take(
 
 def add(commands: Any) -> None:
     """The parser of `jshape record`."""
-    parser = arguments.command(
-        commands,
-        "record",
-        record,
-        "record depth frames, for data sets; Ctrl-C ends it and keeps them",
-    )
+    parser = arguments.command(commands, "record", record)
     cameras.add_camera(parser)
     parser.add_argument("--out", type=Path, required=True, help="folder of the recording")
     parser.add_argument("--frames", type=arguments.positive_count, help="how many (until Ctrl-C)")

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from jshape.commands import arguments
+from jshape.commands import arguments, cameras
 from jshape.errors import JShapeError
 from jshape.planned import Plan
 from jshape.predict.bank import Bank
 from jshape.robot.arms.base import stop_arm
 from jshape.robot.arms.names import KINDS as ARMS
 from jshape.robot.arms.names import open_arm
-from jshape.robot.cameras.names import open_camera
+from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.loop import Molding
 from jshape.robot.robot import Robot
 from jshape.robot.session import CONTENTS, Session
@@ -49,7 +49,7 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
     with ExitStack() as stack:
         for number in SIGNALS:
             stack.callback(signal.signal, number, signal.signal(number, _interrupt))
-        eye = options.camera and open_camera(options.camera, camera=options.camera_file)
+        eye = _eye(options)
         if eye is not None:
             stack.callback(eye.close)
         opened = open_arm(options.arm, bank.camera, material=options.material, say=say)
@@ -77,6 +77,22 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
             if robot.moved:
                 _offer_home(robot, options, problem, broken)
             raise
+
+
+def _eye(options: argparse.Namespace) -> DepthCamera | None:
+    """The camera that was named, started; None: the arm brings its own.
+
+    Raises:
+      JShapeError: options that say how to look through the camera, and there is none.
+    """
+    if options.camera is not None:
+        return cameras.looking(options.camera, options.camera_file, options)
+    for name in ("topic", "window", "depth_range", "fill_holes"):
+        if getattr(options, name):
+            raise JShapeError(
+                f"--{name.replace('_', '-')} goes with --camera; the arm's own camera takes none"
+            )
+    return None
 
 
 def _interrupt(number: int, frame: Any) -> None:
@@ -202,16 +218,20 @@ def tell(summary: Mapping[str, Any]) -> None:
     print(f"run and pictures: {summary['out']}")
 
 
-def add_robot(parser: argparse.ArgumentParser) -> None:
-    """The options that say which robot, and how it acts."""
+def add_robot(parser: argparse.ArgumentParser, arm: str | None = "dry") -> None:
+    """The options that say which robot; `arm` is the one that is meant without `--arm`."""
     arms = ", ".join(f"{kind.example} ({kind.what})" for kind in ARMS.values())
-    parser.add_argument("--arm", default="dry", metavar="ARM", help=f"{arms}; default: dry")
     parser.add_argument(
-        "--camera", metavar="CAMERA", help="as for `jshape record`; default: the arm's own"
+        "--arm", default=arm, metavar="ARM", help=f"{arms}; default: {arm or 'none'}"
     )
     parser.add_argument(
-        "--camera-file", type=Path, metavar="FILE", help="camera.json to believe instead"
+        "--camera", metavar="CAMERA", help=f"{cameras.CAMERA_HELP}; default: the arm's own"
     )
+    parser.add_argument(
+        "--camera-file", type=Path, metavar="FILE",
+        help="camera.json to believe instead of what the camera says",
+    )  # fmt: skip
+    cameras.add_looking(parser, temporal=True)
     parser.add_argument(
         "--reproject", action="store_true", help="the camera is another than the bank's"
     )
@@ -228,6 +248,10 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frames", type=arguments.positive_count, default=15, help="of a look (15)"
     )
+
+
+def add_run(parser: argparse.ArgumentParser) -> None:
+    """The options that say where a run is kept, and whether anybody is asked."""
     parser.add_argument("--yes", action="store_true", help="act without asking")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")
     parser.add_argument(

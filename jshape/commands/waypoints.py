@@ -54,12 +54,7 @@ def _print(ways: Waypoints) -> None:
 
 def add(commands: Any) -> None:
     """The parser of `jshape waypoints`."""
-    parser = arguments.command(
-        commands,
-        "waypoints",
-        run,
-        "a plan as poses of the tool, for a controller of your own (ROS, RKCL)",
-    )
+    parser = arguments.command(commands, "waypoints", run)
     parser.add_argument("plan", type=Path, help="plan.json, or the folder of jshape plan --out")
     parser.add_argument("--out", type=Path, required=True, help="file: .json, .yaml or .yml")
     parser.add_argument(

@@ -8,7 +8,7 @@ import jax
 
 from jshape.camera import Camera
 from jshape.data.intrinsics import Z_RANGE, same_frames, within
-from jshape.errors import BadCamera, JShapeError
+from jshape.errors import BadCamera, JShapeError, did_you_mean
 from jshape.robot.cameras.bag import bag_camera
 from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.cameras.folder import folder_camera, picture_camera
@@ -77,7 +77,8 @@ def open_camera(
             known = path.suffix in (*bags.SUFFIXES, *PICTURES)
             what = "no such file" if known or "/" in text else "is not a camera"
         allowed = ", ".join(kind.example for kind in KINDS)
-        raise JShapeError(f"{text}: {what}; allowed: {allowed}")
+        near = did_you_mean(text.partition(":")[0], ("realsense", "sim"))
+        raise JShapeError(f"{text}: {what}; allowed: {allowed}{near}")
     opened = kind.open(text, Settings(given, topic, z_range, temporal, holes))
     try:
         opened.camera = within(opened.camera, z_range)

@@ -1,0 +1,286 @@
+"""jshape.toml: what it may say, whom it reaches, what beats it, and every refusal."""
+
+import argparse
+import json
+import re
+
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX
+from jshape.cli import build_parser, main
+from jshape.commands import settings
+from jshape.commands.config import EXAMPLE
+from jshape.errors import BadSetting
+from jshape.store.cameras import write_camera
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    """A folder of its own to work in, and no file named elsewhere."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv(settings.VARIABLE, raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What a command was run with, instead of running it."""
+    seen = []
+
+    def run(*words):
+        build = build_parser
+
+        def without_work(rest=None):
+            parser = build(rest)
+            for leaf in settings.leaves(parser):
+                if leaf.get_default("run"):
+                    leaf.set_defaults(run=lambda options: seen.append(options) or {})
+            return parser
+
+        monkeypatch.setattr("jshape.cli.build_parser", without_work)
+        assert main(list(words)) == 0
+        return seen[-1]
+
+    return run
+
+
+def write(text, name="jshape.toml"):
+    with open(name, "w") as file:
+        file.write(text)
+
+
+PLAN = ("plan", "a.png", "b.png")
+MOLD = ("mold", "b.png", "--out", "run")
+
+
+def test_keys_reach_every_command_that_has_the_option(asked, capsys):
+    write(
+        'bank = "my-bank"\ncamera = "realsense"\ncamera-file = "c.json"\narm = "sim:3"\n'
+        'planner = "beam"\nmaterial = "sand"\nmax_missing = 0.3\nstrengths = [0.5, 1]\n'
+        'window = "1,2,30x40"\ndepth-range = [0.4, 0.5]\nreproject = true\n'
+    )
+    plan = asked(*PLAN)
+    assert (plan.bank, plan.planner, plan.max_missing) == ("my-bank", "beam", 0.3)
+    assert plan.strengths == [0.5, 1.0] and plan.reproject is True
+    assert plan.camera == "c.json", "the camera is a device, and a plan wants its description"
+    mold = asked(*MOLD)
+    assert (mold.camera, str(mold.camera_file), mold.arm) == ("realsense", "c.json", "sim:3")
+    assert mold.window == (1, 2, 30, 40) and mold.depth_range == (0.4, 0.5)
+    assert mold.material == "sand" and mold.bank == "my-bank"
+    record = asked("record", "--out", "r")
+    assert (record.source, str(record.camera)) == ("realsense", "c.json")
+    assert asked("camera", "check").source == "realsense"
+    said = capsys.readouterr().err.splitlines()
+    assert said[0].startswith("settings of jshape.toml: bank, camera-file, planner")
+    assert "arm" not in said[0].split() and "arm," in said[1].split()
+
+
+def test_the_command_line_beats_the_table_and_the_table_the_rest(asked):
+    write('planner = "beam"\nmaterial = "sand"\n[mold]\nplanner = "refine"\nout = "there"\n')
+    assert asked(*PLAN).planner == "beam"
+    assert asked(*PLAN, "--planner", "greedy").planner == "greedy"
+    assert asked(*MOLD).planner == "refine" and asked(*MOLD).material == "sand"
+    assert str(asked("mold", "b.png").out) == "there", "what is required may stand in the file"
+    assert str(asked(*MOLD, "--material", "dough").out) == "run"
+
+
+def test_what_excludes_each_other(asked):
+    write("stride = 8\n")
+    assert (asked(*PLAN).stride, asked(*PLAN).positions) == (8, None)
+    given = asked(*PLAN, "--positions", "9x7")
+    assert (given.stride, given.positions) == (None, "9x7"), "the command line beats the file"
+    write('stride = 8\n[plan]\npositions = "9x7"\n')
+    assert (asked(*PLAN).stride, asked(*PLAN).positions) == (None, "9x7")
+    assert asked(*MOLD).stride == 8
+
+
+def test_data_and_measurements_read_only_their_own_table(asked):
+    write('material = "sand"\nbank = "x"\n[dataset-simulate]\nmaterial = "dough"\npairs = 3\n'
+          '[experiment-robot]\narm = "sim"\n')  # fmt: skip
+    assert asked("dataset", "simulate", "out").material == "dough"
+    assert asked("dataset", "simulate", "out").pairs == 3
+    assert asked("dataset", "simulate-recording", "out").material == "flour"
+    assert asked("evaluate", "pairs").bank is None
+    assert asked("experiment", "robot", "--out", "x").arm == "sim"
+    assert asked("experiment", "robot", "--out", "x").bank is None
+
+
+def test_files_are_relative_to_the_file(asked, here, monkeypatch):
+    (here / "set-up" / "my-bank").mkdir(parents=True)
+    (here / "set-up" / "film.db3").touch()
+    write('bank = "my-bank"\nbase = "base.json"\ncamera = "realsense:film.db3"\n[plan]\n'
+          'positions = "9x7"\n', "set-up/lab.toml")  # fmt: skip
+    where = ("--config", "set-up/lab.toml")
+    assert asked(*where, *PLAN).bank == "set-up/my-bank"
+    assert asked(*PLAN, *where).positions == "9x7", "a grid is not a file"
+    assert str(asked(*MOLD, *where).base) == "set-up/base.json"
+    assert asked(*MOLD, *where).camera == "realsense:set-up/film.db3"
+    monkeypatch.setenv(settings.VARIABLE, str(here / "set-up" / "lab.toml"))
+    assert asked(*PLAN).bank == str(here / "set-up" / "my-bank")
+    assert asked("--config", "off", *PLAN).bank is None
+    monkeypatch.setenv(settings.VARIABLE, "off")
+    assert asked(*PLAN).bank is None and asked(*PLAN, *where).bank == "set-up/my-bank"
+
+
+BAD = {
+    "no TOML": ("bank = \n", "jshape.toml: not TOML that can be read"),
+    "no text": ("bank = '\udcff'", "jshape.toml: not TOML that can be read"),
+    "unknown key": ('plannr = "x"', "jshape.toml: unknown key 'plannr'; did you mean planner?"),
+    "far from any": ("zzzz = 1", "unknown key 'zzzz'; allowed: a"),
+    "unknown table": ("[plam]\nstride = 1", "unknown table 'plam'; allowed: demo, plan"),
+    "key of another": ('[plan]\narm = "sim"', "[plan] unknown key 'arm'"),
+    "near in a table": ("[plan]\nstrid = 1", "[plan] unknown key 'strid'; did you mean stride?"),
+    "yes": ("yes = true", "yes is not taken from a file: --yes is said each time"),
+    "yes in a table": ("[mold]\nyes = true", "yes is not taken from a file"),
+    "overwrite": ("overwrite = false", "overwrite is not taken from a file"),
+    "restart": ("[train]\nrestart = true", "restart is not taken from a file"),
+    "twice": ("max_steps = 1\nmax-steps = 2", "max-steps is there twice"),
+    "a number for a name": ("bank = 3", "jshape.toml: bank: 3 is not text"),
+    "text for a truth": ('reproject = "yes"', "reproject: 'yes' is not true or false"),
+    "a number for a truth": ("reproject = 1", "reproject: 1 is not true or false"),
+    "a truth for a number": ("max-steps = true", "max-steps: true is not a number or text"),
+    "no whole number": ("max-steps = 2.5", "max-steps: '2.5' is not a whole number"),
+    "a list for one": ("max-steps = [1, 2]", "max-steps: '1,2' is not a whole number"),
+    "a list of names": ('bank = ["a", "b"]', "bank: ['a', 'b'] is not text"),
+    "no list": ("[plan]\nmost = 'knock=2'", "[plan] most: 'knock=2' is not a list"),
+    "no choice": ('planner = "gredy"', "unknown value 'gredy'; allowed: greedy, beam, improve, "
+                  "refine, mcts; did you mean greedy?"),
+    "a table for a value": ("[plan.bank]\nx = 1", "[plan] bank: a table is not text"),
+    "both": ('[plan]\nstride = 8\npositions = "9x7"', "excludes"),
+    "a date": ("bank = 2026-01-01", "is not text"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_is_wrong_is_said_in_one_line(case, capsys):
+    text, words = BAD[case]
+    with open("jshape.toml", "wb") as file:
+        file.write(text.encode(errors="surrogateescape"))
+    command = {"[train]": ("train", "x", "--out", "y")}.get(text.split("\n")[0], PLAN)
+    assert main([*command]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and err.startswith("jshape: error: jshape.toml: ")
+    assert words in err
+    assert main(["config"]) == 2, "and `jshape config` says so too"
+    assert words in capsys.readouterr().err
+
+
+def test_help_and_other_commands_do_not_stumble_over_a_broken_file(capsys):
+    write("nonsense")
+    assert main(["--version"]) == 0
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "--help"])
+    assert ended.value.code == 0 and "usage: jshape plan" in capsys.readouterr().out
+
+
+def test_a_file_that_is_named_must_be_there(capsys, monkeypatch):
+    assert main(["--config", "lab.toml", *PLAN]) == 2
+    assert "lab.toml: no such configuration file (--config off" in capsys.readouterr().err
+    monkeypatch.setenv(settings.VARIABLE, "gone.toml")
+    assert main([*PLAN]) == 2 and "gone.toml: no such" in capsys.readouterr().err
+    monkeypatch.delenv(settings.VARIABLE)
+    with pytest.raises(SystemExit):
+        main([*PLAN, "--conf", "off"])
+    assert "--config is written in full" in capsys.readouterr().err
+
+
+def test_an_empty_file_sets_nothing(asked, capsys):
+    write("")
+    assert main(["config"]) == 0 and "jshape.toml sets nothing" in capsys.readouterr().out
+    assert asked(*PLAN).bank is None and capsys.readouterr().err == ""
+
+
+def test_config_says_what_applies_and_where_it_is_from(capsys):
+    assert main(["config"]) == 0
+    assert "no jshape.toml here; jshape config --init writes one" in capsys.readouterr().out
+    write('bank = "flour-robot"\n[plan]\nstride = 8\n[dataset-simulate]\npairs = 3\n')
+    assert main(["config", "--json"]) == 0
+    found = {row["key"]: row for row in json.loads(capsys.readouterr().out)["settings"]}
+    assert set(found) == {"bank", "stride", "pairs"}
+    assert {"demo", "plan", "mold", "execute"} <= set(found["bank"]["of"])
+    assert "evaluate" not in found["bank"]["of"] and found["bank"]["from"] == "jshape.toml"
+    assert (found["stride"]["of"], found["stride"]["from"]) == (["plan"], "jshape.toml [plan]")
+    assert found["pairs"]["of"] == ["dataset simulate"]
+    assert main(["config", "plan"]) == 0
+    rows = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines()}
+    assert rows["stride"] == ["8", "jshape.toml", "[plan]"] and rows["yaws"] == ["1", "default"]
+    assert main(["config", "dataset", "simulate"]) == 0
+    assert re.search(r"pairs +3 +jshape.toml \[dataset-simulate\]", capsys.readouterr().out)
+    assert main(["config", "plam"]) == 2
+    assert "unknown command 'plam'" in capsys.readouterr().err
+    write("[dataset-simulat]\npairs = 3\n")
+    assert main(["config"]) == 2
+    assert "did you mean dataset-simulate?" in capsys.readouterr().err
+
+
+def test_init_writes_an_example_once(here, capsys):
+    assert main(["config", "--init"]) == 0
+    assert "jshape.toml" in capsys.readouterr().out
+    assert [p.name for p in here.iterdir()] == ["jshape.toml"]
+    (here / "jshape.toml").write_text("# mine\n")
+    assert main(["config", "--init"]) == 2
+    assert "exists and is not replaced" in capsys.readouterr().err
+    assert (here / "jshape.toml").read_text() == "# mine\n"
+    assert main(["config", "--init", "--config", "lab.toml"]) == 0
+    assert (here / "lab.toml").read_text() == EXAMPLE
+
+
+def test_the_example_is_right_behind_its_signs(asked, capsys):
+    write(EXAMPLE)
+    assert asked(*PLAN).bank is None, "as it is written it sets nothing"
+    keys = re.sub(r"^#(?=[a-z\[])", "", EXAMPLE, flags=re.MULTILINE)
+    assert keys.count("\n#") < EXAMPLE.count("\n#") - 12
+    write(keys)
+    assert main(["config"]) == 0
+    assert asked(*MOLD).frames == 15 and asked(*PLAN).positions == "41x31"
+    assert asked(*MOLD).depth_range == (0.42, 0.47)
+
+
+def test_every_option_of_a_file_reads_what_its_default_says():
+    """Whatever a command's own default is, the file can say it too, and means the same."""
+    for leaf in settings.leaves(build_parser()):
+        for key, action in settings.options_of(leaf).items():
+            default = action.default
+            if isinstance(default, bool | int | float) or (
+                isinstance(default, list) and default and action.type is not None
+            ):
+                found = settings.read_value(action, key, default, settings.Path())
+                assert found == default, (leaf.prog, key)
+
+
+def test_no_command_lets_a_file_answer_for_people():
+    for leaf in settings.leaves(build_parser()):
+        assert not {"yes", "overwrite", "resume", "restart"} & settings.options_of(leaf).keys()
+    with pytest.raises(BadSetting, match="is not true or false"):
+        settings.read_value(argparse.BooleanOptionalAction(["--x"], "x"), "x", 1, settings.Path())
+
+
+def test_a_mold_looks_through_a_window_as_a_recording_does(monkeypatch, here, capsys):
+    """The options of `jshape record` for looking reach the camera of `jshape mold`."""
+    seen = {}
+
+    def opened(name, **more):
+        seen.update(more, name=name)
+        raise BadSetting("seen")
+
+    monkeypatch.setattr("jshape.robot.cameras.names.open_camera", opened)
+    np.save("goal.npy", np.full(PAPER_BOX.shape, 0.45, np.float32))
+    words = ["mold", "goal.npy", "--out", "run", "--yes", "--bank", "flour-robot"]
+    look = ["--topic", "/d", "--window", "1,2,480x395", "--depth-range", "0.4,0.5"]
+    assert main([*words, "--camera", "x.bag", *look, "--no-temporal"]) == 2
+    assert seen == {"name": "x.bag", "camera": None, "topic": "/d", "z_range": (0.4, 0.5),
+                    "window": (1, 2, 480, 395), "temporal": False, "holes": False}  # fmt: skip
+    assert main([*words, "--camera", "x.bag"]) == 2 and seen["temporal"] is True
+    capsys.readouterr()
+    assert main([*words, "--arm", "sim", *look]) == 2
+    assert "--topic goes with --camera; the arm's own camera takes none" in capsys.readouterr().err
+    write_camera(here / "camera.json", PAPER_BOX, 1e-4)
+    assert main([*words, "--camera", "camera.json"]) == 2
+    said = capsys.readouterr().err
+    assert "camera.json: describes a camera and is none: --camera-file takes it" in said
+
+
+def test_a_camera_must_be_named_somewhere(capsys):
+    assert main(["record", "--out", "r"]) == 2
+    assert "which camera? name one, or set camera in jshape.toml" in capsys.readouterr().err

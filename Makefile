@@ -6,12 +6,13 @@ READY := $(VENV)/ready
 BENCH_READY := $(VENV)/bench-ready
 export JAX_PLATFORMS ?= cpu
 
-.PHONY: help demo test test-slow lint bench bank notebooks clean
+.PHONY: help demo test test-slow lint docs bench bank notebooks clean
 
 help:
 	@echo "make demo   simulate a bed and mold it into a goal, with pictures in runs/demo"
 	@echo "make test   run the tests        make lint   ruff and pyright"
 	@echo "make bench  measure speed beside what others use"
+	@echo "make docs   build the documentation into site/"
 	@echo "make notebooks  run the lessons and keep their outputs"
 	@echo "make bank   make the bundled banks again (20 minutes)"
 
@@ -42,6 +43,9 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
+docs: $(READY)
+	$(BIN)/mkdocs build --strict
+
 bench: $(BENCH_READY)
 	$(BIN)/python -m benchmarks.run --out bench
 
@@ -52,4 +56,4 @@ bank: $(READY)
 	$(BIN)/python -m jshape.experiments.banks weights
 
 clean:
-	rm -rf $(VENV) runs bench
+	rm -rf $(VENV) runs bench site

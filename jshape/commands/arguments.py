@@ -107,6 +107,11 @@ def positive_count(text: str) -> int:
     return _number(text, int, lambda x: x > 0, "a whole number from 1")
 
 
+def port(text: str) -> int:
+    """A port of this computer; 0 is any free one."""
+    return _number(text, int, lambda x: 0 <= x <= 65535, "a port from 0 to 65535")
+
+
 def seed(text: str) -> int:
     """A seed of 32 bits."""
     return _number(text, int, lambda x: 0 <= x < 2**32, "a seed from 0 to 4294967295")

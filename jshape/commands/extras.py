@@ -43,7 +43,7 @@ EXTRAS = (
           "import pyrealsense2; pyrealsense2.context()"),
     Extra("ros", "ROS bags, MCAP", ("rosbags",)),
     Extra("view", "beds and plans in 3-D in a browser", ("viser",)),
-    Extra("studio", "the studio in a browser", ("nicegui", "viser")),
+    Extra("studio", "the studio in a browser", ("nicegui",)),
     Extra("rerun", "runs in the Rerun viewer", ("rerun",)),
     Extra("grid", "experiments on several machines", ("ray",)),
     Extra("notebooks", "the lessons", ("ipykernel", "nbclient", "nbformat", "PIL")),

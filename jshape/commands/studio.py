@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -46,16 +46,10 @@ def studio(options: argparse.Namespace) -> dict[str, Any]:
     with opened as robot:
         bench.robot, bench.arm = robot, options.arm or ""
         print(f"the studio is at http://{options.host}:{options.port}; Ctrl-C ends it", flush=True)
-        serve(desk, bench, options.dataset, host=options.host, port=options.port,
-              show=not options.no_open)  # fmt: skip
+        with suppress(KeyboardInterrupt):  # how people end it
+            serve(desk, bench, options.dataset, host=options.host, port=options.port,
+                  show=not options.no_open)  # fmt: skip
     return {"out": str(bench.out)}
-
-
-def _port(text: str) -> int:
-    number = arguments.count(text)
-    if number > 65535:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a port: 0 to 65535")
-    return number
 
 
 def add(commands: Any) -> None:
@@ -73,5 +67,5 @@ def add(commands: Any) -> None:
         help="for runs and what is saved (studio)",
     )
     parser.add_argument("--host", default="127.0.0.1", help="to listen at (127.0.0.1: only here)")
-    parser.add_argument("--port", type=_port, default=PORT, help=f"to listen at ({PORT})")
+    parser.add_argument("--port", type=arguments.port, default=PORT, help=f"to listen at ({PORT})")
     parser.add_argument("--no-open", action="store_true", help="open no browser")

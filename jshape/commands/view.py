@@ -62,13 +62,6 @@ def _interrupt(number: int, frame: Any) -> None:
     raise KeyboardInterrupt
 
 
-def _port(text: str) -> int:
-    number = arguments.count(text)
-    if number > 65535:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a port: 0 to 65535")
-    return number
-
-
 def add(commands: Any) -> None:
     """The parser of `jshape view`."""
     parser = arguments.command(commands, "view", view)
@@ -80,7 +73,7 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("--host", default="127.0.0.1", help="to listen at (127.0.0.1: only here)")
     parser.add_argument(
-        "--port", type=_port, default=PORT, help=f"to listen at ({PORT}; 0: any free one)"
+        "--port", type=arguments.port, default=PORT, help=f"to listen at ({PORT}; 0: any free one)"
     )
     parser.add_argument("--no-open", action="store_true", help="open no browser")
     parser.add_argument(

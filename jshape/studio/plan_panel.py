@@ -77,7 +77,7 @@ class PlanPanel:
         assert desk.plan is not None
         deep = ui.number(value=round(float(desk.plan.strengths[k]), 2), min=0.1, step=0.1)
         deep.props(f'dense borderless prefix="x" aria-label="strength of {done}"')
-        deep.style("width: 4.2em; height: 28px").on("change", partial(self._deepen, k, deep))
+        deep.style("width: 4.2em; margin: -6px 0").on("change", partial(self._deepen, k, deep))
         for icon, what, act in (
             ("arrow_upward", "earlier", partial(desk.move, k, -1)),
             ("arrow_downward", "later", partial(desk.move, k, 1)),

@@ -436,5 +436,5 @@ def test_calibrate_refuses_in_one_line(rng, tmp_path, capsys):
     assert main(command) == 2
     assert "2 pose pairs" in capsys.readouterr().err
     assert main([*command, "--camera", "nothing"]) == 2
-    assert "neither a file nor a preset" in capsys.readouterr().err
+    assert "neither a camera.json nor a preset" in capsys.readouterr().err
     assert not (tmp_path / "pose.json").exists()

@@ -705,7 +705,8 @@ def test_colours_on_a_real_terminal(folder, tmp_path):
     pty = pytest.importorskip("pty")
 
     def run(words, **more):
-        usual = {name: value for name, value in os.environ.items() if name != "NO_COLOR"}
+        off = "NO_COLOR", "JSHAPE_CONFIG"
+        usual = {name: value for name, value in os.environ.items() if name not in off}
         environment = usual | {"TERM": "xterm", "PYTHONPATH": str(ROOT)} | more
         main_end, its_end = pty.openpty()
         with subprocess.Popen(

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from jshape.cli import main
 from jshape.errors import BadFile, JShapeError, UnknownName
-from jshape.experiments import EXPERIMENTS, pages, report
+from jshape.experiments import EXPERIMENTS, LeftOut, pages, report, samples
 from jshape.experiments.pages import Picture, Result, Table
 
 EVIL = "<script>alert(\"1\")</script> & 'so on'"
@@ -128,6 +128,40 @@ def test_the_report_goes_on_after_a_failure_and_says_so(tmp_path, two):
     with pytest.raises(BadFile):
         report.run_all(out, names=two)
     assert report.run_all(out, names=two[:1], overwrite=True)["experiments"][0]["failed"] is None
+
+
+def test_what_this_machine_cannot_do_is_noted_and_is_no_failure(tmp_path, monkeypatch):
+    def run_one(name, out, **options):
+        if name == "twin":
+            raise LeftOut(f"no engine {EVIL}")
+        return pages.write(result(), out)
+
+    monkeypatch.setattr(report, "run_one", run_one)
+    told = report.run_all(tmp_path / "out", names=("twin", "metric"))
+    first, second = told["experiments"]
+    assert (first["failed"], first["left_out"]) == (None, f"no engine {EVIL}")
+    assert second["left_out"] is None
+    read = Reader((tmp_path / "out" / "index.html").read_text())
+    assert f"Left out: no engine {EVIL}" in read.text and "script" not in read.tags
+    assert "metric/page.html" in read.links and "twin/page.html" not in read.links
+
+
+def test_a_report_lets_go_of_its_pairs(tmp_path, monkeypatch):
+    def run_one(name, out, **options):
+        samples._supply(0, "robot", "poke", (1.0, 1.0))
+        return pages.write(result(), out)
+
+    monkeypatch.setattr(report, "run_one", run_one)
+    report.run_all(tmp_path / "out", names=("metric",))
+    assert samples._supply.cache_info().currsize == 0
+
+
+def test_a_page_is_added_beside_what_is_there(tmp_path):
+    (tmp_path / "steps.jsonl").write_text("mine")
+    told = pages.add(result(), tmp_path)
+    assert json.loads((tmp_path / pages.JSON).read_text()) == json.loads(json.dumps(told))
+    assert (tmp_path / "steps.jsonl").read_text() == "mine"
+    assert all((tmp_path / name).is_file() for name in pages.contents(["one.png"]))
 
 
 def test_unknown_experiments_are_refused_before_anything_is_written(tmp_path):

@@ -97,6 +97,13 @@ def test_the_report_has_a_table_per_kind_and_all_figures(finished):
     for name in results.FIGURES:
         picture = cv2.imread(str(out / name))
         assert f"({name})" in text and picture.shape[0] > 150 and picture.std() > 10
+    page = (out / "page.html").read_text()
+    told = json.loads((out / "results.json").read_text())
+    assert [figure["name"] for figure in told["figures"]] == list(results.FIGURES)
+    assert "Goals that no action made" in page and "letter, %" in page
+    for flat, row in zip(told["rows"], summary["rows"], strict=True):
+        assert flat["left"] == row["left"] and "families" not in flat
+        assert all(flat[f"left_{k}"] == part["left"] for k, part in row["families"].items())
     # Two problems of each kind, as both entries left them in the closed loop.
     assert len(list((out / "frames").iterdir())) == 8
 

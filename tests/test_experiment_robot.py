@@ -7,7 +7,8 @@ import pytest
 
 from jshape import PAPER_BOX, actions
 from jshape.errors import UnknownName
-from jshape.experiments import robot
+from jshape.experiments import LeftOut, pages, robot
+from jshape.store import files
 
 
 def test_problems_are_the_papers():
@@ -28,6 +29,8 @@ def test_problems_are_the_papers():
 def test_a_problem_is_solved_and_written_down(tmp_path, monkeypatch):
     monkeypatch.setattr(robot, "AGENTS", ("robot",))
     monkeypatch.setattr(robot, "TRIED", {"max_steps": 3})
+    monkeypatch.setattr(robot, "QUICK", (0,))
+    monkeypatch.setattr(robot, "TRIED_QUICK", {"max_steps": 3})
     lines = []
     content = robot.run_robot(
         tmp_path / "six", arm="sim", bank_name="flour-robot", say=lines.append
@@ -40,6 +43,35 @@ def test_a_problem_is_solved_and_written_down(tmp_path, monkeypatch):
     assert "| 1 | robot |" in (tmp_path / "six" / "report.md").read_text()
     for name in ("robot.png", "curves.png"):
         assert (tmp_path / "six" / name).read_bytes().startswith(b"\x89PNG")
+    page = (tmp_path / "six" / "page.html").read_text()
+    assert (
+        "the simulator&#x27;s hand" in page
+        and " → ".join(f"{d:.2f}" for d in row["obtained_mm"]) in page
+    )
+    (flat,) = json.loads((tmp_path / "six" / "results.json").read_text())["rows"]
+    assert flat["obtained_mm"] == " ".join(f"{d:.4f}" for d in row["obtained_mm"])
+
+
+def test_without_the_twin_the_simulators_hand_stands_in(tmp_path, monkeypatch):
+    asked = {}
+
+    def no_engine():
+        raise LeftOut("no mujoco")
+
+    def run_robot(out, **options):
+        asked.update(options)
+        files.write_json(out / pages.JSON, {"title": "six"})
+
+    (tmp_path / "six").mkdir()
+    monkeypatch.setattr(robot, "check_engine", no_engine)
+    monkeypatch.setattr(robot, "run_robot", run_robot)
+    assert robot.run(tmp_path / "six") == {"title": "six"}
+    assert asked["arm"] == "sim" and "no mujoco" in asked["notes"][0]
+    monkeypatch.setattr(robot, "check_engine", lambda: None)
+    robot.run(tmp_path / "six")
+    assert asked["arm"] == "mujoco" and not asked["notes"]
+    robot.run(tmp_path / "six", quick=True)
+    assert asked["arm"] == "sim" and asked["quick"]
 
 
 def test_an_arm_that_is_none_is_refused(tmp_path):

@@ -140,6 +140,30 @@ def test_viewpoint_writes_a_page_with_every_view(tmp_path):
     assert "turns about its centre" in (out / "page.html").read_text()
 
 
+def test_pairs_are_made_once_and_do_not_depend_on_what_else_is_asked_for(monkeypatch):
+    made = []
+    real = samples.simulate_pairs
+
+    def watched(key, count, **options):
+        for pair in real(key, count, **options):
+            made.append((pair.agent, pair.action))
+            yield pair
+
+    monkeypatch.setattr(samples, "simulate_pairs", watched)
+    samples.forget()
+    few = samples.pairs_of(None, seed=5, count=1, actions=("poke",), agents=("human",))
+    both = samples.pairs_of(None, seed=5, count=2, actions=("poke",))
+    assert made == [("human", "poke"), *[("robot", "poke")] * 2, ("human", "poke")]
+    human = both.of(agent="human")
+    np.testing.assert_array_equal(few.posterior[0], human.posterior[0])
+    assert (human.posterior[0] != human.posterior[1]).any()
+    deep = samples.pairs_of(
+        None, seed=5, count=1, actions=("poke",), agents=("human",), strengths=(2.0, 2.0)
+    )
+    assert deep.strength.tolist() == [2.0] and len(made) == 5
+    samples.forget()
+
+
 def test_prediction_crosses_agents_and_csv_equals_json(tmp_path, pairs, capsys):
     datasets.save_pairs(pairs, tmp_path / "data")
     out = tmp_path / "out"

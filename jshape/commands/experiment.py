@@ -1,6 +1,7 @@
 """`jshape experiment NAME`: what was measured for the documentation, to be measured again."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ def planning(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape experiment planning`: planners against problems that nobody can game."""
     how = over_devices(options.devices)  # first of all: what loads a bank starts JAX
     from jshape.experiments import planning as benchmark
+    from jshape.experiments.planning_report import SETTINGS
     from jshape.viz.planning import tables
 
     kinds = options.kinds
@@ -24,8 +26,10 @@ def planning(options: argparse.Namespace) -> dict[str, Any]:
     named = {"entries": options.entries, "kinds": kinds, "loops": options.loops}
     given: dict[str, Any] = {name: tuple(dict.fromkeys(n)) for name, n in named.items() if n}
     for name in ("problems", "max_steps", "seconds", "seed"):
-        given[name] = getattr(options, name)
-    settings = benchmark.Settings(**given)
+        if getattr(options, name) is not None:
+            given[name] = getattr(options, name)
+    usual = SETTINGS[True] if options.quick else benchmark.Settings()
+    settings = replace(usual, **given)
     result = benchmark.run_planning(
         options.out,
         settings,
@@ -41,7 +45,7 @@ def planning(options: argparse.Namespace) -> dict[str, Any]:
             print_table(head, rows)
         for note in result["notes"]:
             print(f"\n{note}")
-        print(f"\ntables and pictures: {options.out}")
+        print(f"\ntables, pictures and page: {options.out}")
     return result
 
 
@@ -50,20 +54,24 @@ def robot(options: argparse.Namespace) -> dict[str, Any]:
     from jshape.experiments.robot import run_robot
 
     say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
+    arm = options.arm or ("sim" if options.quick else "mujoco")
     result = run_robot(
-        options.out, arm=options.arm, bank_name=options.bank, seed=options.seed,
-        overwrite=options.overwrite, say=say,
+        options.out, arm=arm, bank_name=options.bank, seed=options.seed,
+        quick=options.quick, overwrite=options.overwrite, say=say,
     )  # fmt: skip
-    say(f"tables and pictures: {options.out}")
+    say(f"tables, pictures and page: {options.out}")
     return result
 
 
 def twin(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape experiment twin`: every action at every place in the physics twin."""
-    from jshape.experiments.twin import check_twin
+    from jshape.experiments.twin import QUICK, check_twin
 
     say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
-    result = check_twin(options.out, key=options.seed, overwrite=options.overwrite, say=say)
+    places = QUICK if options.quick else {}
+    result = check_twin(
+        options.out, key=options.seed, overwrite=options.overwrite, say=say, **places
+    )
     say((options.out / "report.md").read_text())
     return result
 
@@ -79,7 +87,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "pairs": {"type": arguments.positive_count, "help": "simulated per action and agent"},
     "partitions": {"type": arguments.positive_count, "help": "of the pairs (4; quick: fewer)"},
     "width": {"type": arguments.positive_count, "help": "of the networks (8; quick: 4)"},
-    "epochs": {"type": arguments.positive_count, "help": "of the networks (40; quick: 30)"},
+    "epochs": {"type": arguments.positive_count, "help": "of the networks (40; quick: 12)"},
 }  # fmt: skip
 
 
@@ -121,6 +129,8 @@ def every(options: argparse.Namespace) -> dict[str, Any]:
 def _add_pages(experiments: Any) -> None:
     """The parsers of the experiments that end in a page, and of all of them."""
     for name, entry in EXPERIMENTS.items():
+        if entry.own_command:
+            continue
         parser = arguments.command(experiments, name, with_page, entry.what)
         _add_common(parser, entry.data)
         for key in entry.options:
@@ -132,10 +142,14 @@ def _add_pages(experiments: Any) -> None:
 
 def _add_common(parser: argparse.ArgumentParser, data: bool) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for the page")
-    parser.add_argument("--quick", action="store_true", help="few and small of everything")
+    _add_quick(parser)
     parser.add_argument("--seed", type=arguments.seed, default=0, help="of everything random")
     if data:
         parser.add_argument("--data", type=Path, help="a data set (default: simulated pairs)")
+
+
+def _add_quick(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--quick", action="store_true", help="few and small of everything")
 
 
 def add(commands: Any) -> None:
@@ -154,19 +168,24 @@ def add(commands: Any) -> None:
         "planners on goals that another hand or no action made; goes on where it was stopped",
     )
     parser.add_argument("--out", type=Path, required=True, help="folder for runs and tables")
+    _add_quick(parser)
     parser.add_argument(
-        "--problems", type=arguments.positive_count, default=20, help="of each kind (default: 20)"
+        "--problems", type=arguments.positive_count, help="of each kind (default: 20; quick: 1)"
     )
-    parser.add_argument("--entries", nargs="+", metavar="ENTRY", help="who takes part (all)")
+    parser.add_argument(
+        "--entries", nargs="+", metavar="ENTRY", help="who takes part (all; quick: two)"
+    )
     parser.add_argument(
         "--kinds", nargs="+", metavar="KIND",
         help="applied, shape, mpm (default: the first two, and mpm where --data has it)",
     )  # fmt: skip
-    parser.add_argument("--loops", nargs="+", metavar="LOOP", help="open, closed (both)")
+    parser.add_argument(
+        "--loops", nargs="+", metavar="LOOP", help="open, closed (both; quick: closed)"
+    )
     parser.add_argument("--data", type=Path, help="folder that may hold real/ and mpm/")
     parser.add_argument("--seed", type=arguments.seed, default=0, help="other problems")
     parser.add_argument(
-        "--max-steps", type=arguments.positive_count, default=16, help="most actions (default: 16)"
+        "--max-steps", type=arguments.positive_count, help="most actions (default: 16; quick: 4)"
     )
     arguments.add_devices(parser)
     parser.add_argument("--seconds", type=arguments.positive, help="for each plan (no limit)")
@@ -175,7 +194,8 @@ def add(commands: Any) -> None:
         experiments, "robot", robot, "the paper's six robot problems, in the physics twin"
     )
     parser.add_argument("--out", type=Path, required=True, help="folder for runs and tables")
-    parser.add_argument("--arm", choices=("mujoco", "sim"), default="mujoco", help="(mujoco)")
+    _add_quick(parser)
+    parser.add_argument("--arm", choices=("mujoco", "sim"), help="(mujoco; quick: sim)")
     parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
     parser.add_argument("--seed", type=arguments.seed, default=0, help="other problems")
 
@@ -183,5 +203,6 @@ def add(commands: Any) -> None:
         experiments, "twin", twin, "grasp, knock and poke at 15 places: collisions, place errors"
     )
     parser.add_argument("--out", type=Path, required=True, help="folder for the tables")
+    _add_quick(parser)
     parser.add_argument("--seed", type=arguments.seed, default=0, help="another bed")
     _add_pages(experiments)

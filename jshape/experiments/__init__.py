@@ -2,6 +2,12 @@
 
 from typing import NamedTuple
 
+from jshape.errors import JShapeError
+
+
+class LeftOut(JShapeError):
+    """An experiment needs what this machine does not have; a report says so and goes on."""
+
 
 class Experiment(NamedTuple):
     """One that ends in a page (`pages`): its module has `run(out, quick=, seed=, ...)`."""
@@ -14,6 +20,8 @@ class Experiment(NamedTuple):
     """Takes a data set."""
     options: tuple[str, ...] = ()
     """What else may be asked for: names of the keywords of `run`."""
+    own_command: bool = False
+    """Its command has options of its own."""
 
 
 _STUDY = ("actions", "pairs", "partitions", "width", "epochs")
@@ -40,6 +48,12 @@ EXPERIMENTS = {
     "refinement": Experiment(
         "jshape.experiments.refinement", "networks with and without refinement", True, _STUDY
     ),
+    "ablation": Experiment(
+        "jshape.experiments.ablation",
+        "what each ingredient of f_P brings",
+        True,
+        ("actions", "pairs", "partitions"),
+    ),
     "shaping": Experiment(
         "jshape.experiments.shaping",
         "the paper's six shaping problems, planned and carried out, with the search tree",
@@ -47,6 +61,21 @@ EXPERIMENTS = {
     "generalization": Experiment(
         "jshape.experiments.generalization",
         "five actions, sand, uneven beds, overlapping and deeper actions, with f_D and f_P",
+    ),
+    "planning": Experiment(
+        "jshape.experiments.planning_report",
+        "planners on goals that another hand or no action made",
+        own_command=True,
+    ),
+    "robot": Experiment(
+        "jshape.experiments.robot",
+        "the paper's six robot problems, looking after each action",
+        own_command=True,
+    ),
+    "twin": Experiment(
+        "jshape.experiments.twin",
+        "every action at every place in the physics twin: collisions, place errors",
+        own_command=True,
     ),
 }
 """By name, in the order of the report: a new one is a module and a row here."""

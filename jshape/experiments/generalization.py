@@ -119,8 +119,8 @@ def run(
             ),
             pages.Picture(
                 FIGURES[1], examples_figure(examples, ("f_D sand", "f_P sand")),
-                "The first problem of each situation; lighter is higher. Right: d as predicted "
-                "(dashed) and as it was after each action.",
+                "The first problem of each situation; lighter is higher, counted from the end of "
+                "the camera's range. Right: d as predicted (dashed) and as obtained each time.",
             ),
         ],
         settings={"problems of each situation": count, "seed": seed, "hand": AGENT,

@@ -74,11 +74,13 @@ def examples_figure(examples: Mapping[str, Sequence[Story]], names: Sequence[str
         }
         heights = [pictures.height_mm(np.asarray(i), first.camera) for i in images.values()]
         low, high = np.percentile(heights[:2], (0.5, 99.5))
+        high = max(high, low + 5)
         for ax, title, height in zip(line, images, heights, strict=False):
-            ax.imshow(height, cmap="gray", vmin=low, vmax=max(high, low + 5))
+            ax.imshow(height, cmap="gray", vmin=low, vmax=high)
             ax.set(xticks=[], yticks=[])
             ax.set_title(title, fontsize=9)
         line[0].set_ylabel(situation, fontsize=9)
+        line[0].set_xlabel(f"black {low:.0f}, white {high:.0f} mm", fontsize=8)
         draw_distances(line[4], names, shown)
     axes[0, 4].set_title("d to the goal (mm)", fontsize=9)
     axes[-1, 4].set_xlabel("actions applied", fontsize=9)

@@ -97,6 +97,17 @@ def write(result: Result, out: Path, *, overwrite: bool = False) -> dict[str, An
     Raises:
       BadFile: the folder exists, or cannot be written.
     """
+    names = [picture.name for picture in result.pictures]
+    with files.atomic_folder(out, overwrite, contents=contents(names)) as folder:
+        return add(result, folder)
+
+
+def add(result: Result, folder: Path) -> dict[str, Any]:
+    """The same into a folder that holds more, such as the runs that it is about.
+
+    Raises:
+      BadFile: a file cannot be written; each is whole or as it was.
+    """
     content = {
         "title": result.title,
         "paragraphs": list(result.paragraphs),
@@ -105,13 +116,11 @@ def write(result: Result, out: Path, *, overwrite: bool = False) -> dict[str, An
         "notes": list(result.notes),
         "rows": [{name: _plain(value) for name, value in row.items()} for row in result.rows],
     }
-    names = [picture.name for picture in result.pictures]
-    with files.atomic_folder(out, overwrite, contents=contents(names)) as folder:
-        files.write_json(folder / JSON, content)
-        files.write_atomic(folder / CSV, csv_text(content["rows"]))
-        for picture in result.pictures:
-            files.write_atomic(folder / picture.name, png(picture.figure, dpi=DPI))
-        files.write_atomic(folder / PAGE, page(result))
+    files.write_json(folder / JSON, content)
+    files.write_atomic(folder / CSV, csv_text(content["rows"]))
+    for picture in result.pictures:
+        files.write_atomic(folder / picture.name, png(picture.figure, dpi=DPI))
+    files.write_atomic(folder / PAGE, page(result))
     return content
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jshape.errors import JShapeError, UnknownName
-from jshape.experiments import EXPERIMENTS, pages
+from jshape.experiments import EXPERIMENTS, LeftOut, pages, samples
 from jshape.experiments.samples import Progress, Say, silent, unheard
 from jshape.store import files
 
@@ -52,7 +52,8 @@ def run_all(
 ) -> dict[str, Any]:
     """Run experiments into subfolders; the front page grows with each.
 
-    One that fails is noted on the front page, and the others go on.
+    One that fails is noted on the front page, and the others go on; so is one that needs what this
+    machine does not have, which is no failure.
 
     Args:
       out: folder of the report.
@@ -65,7 +66,8 @@ def run_all(
       progress: wraps what takes long.
 
     Returns:
-      `experiments`: a row each with its name, title, seconds, and why it failed if it did.
+      `experiments`: a row each with its name, title, seconds, and why it failed or was left out if
+      it was.
 
     Raises:
       UnknownName: no such experiment.
@@ -83,20 +85,24 @@ def run_all(
     common = {"quick": quick, "seed": seed, "overwrite": overwrite, "say": say}
     for name in names:
         say(f"{name}: {EXPERIMENTS[name].what}")
-        start, failed, result = time.perf_counter(), None, None
+        start, failed, left_out, result = time.perf_counter(), None, None, None
         try:
             result = run_one(name, out / name, data=data, progress=progress, **common)
+        except LeftOut as problem:
+            left_out = files.one_line(problem, 200)
+            say(f"{name}: left out: {left_out}")
         except JShapeError as problem:
             failed = files.one_line(problem, 200)
             say(f"{name}: {failed}")
         seconds = time.perf_counter() - start
         title = EXPERIMENTS[name].what if result is None else result["title"]
-        row = {"name": name, "title": title, "seconds": seconds, "failed": failed}
-        content["experiments"].append(row)
+        row = {"name": name, "title": title, "seconds": seconds}
+        content["experiments"].append(row | {"failed": failed, "left_out": left_out})
         if result is not None:
             found[name] = result
             say(f"{name}: {seconds:.0f} s")
         _write(out, content, found)
+    samples.forget()
     wrong = [row["name"] for row in content["experiments"] if row["failed"]]
     if wrong:
         raise JShapeError(f"failed: {', '.join(wrong)}; the others are in {out}")
@@ -113,6 +119,9 @@ def _write(out: Path, content: dict[str, Any], found: Mapping[str, Mapping[str, 
         parts.append(f"<h2>{html.escape(row['title'])}</h2>")
         if row["failed"]:
             parts.append(pages.paragraph(f"Failed: {row['failed']}"))
+            continue
+        if row["left_out"]:
+            parts.append(pages.paragraph(f"Left out: {row['left_out']}"))
             continue
         result = found[name]
         parts += [pages.paragraph(text) for text in result["paragraphs"]]

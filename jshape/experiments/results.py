@@ -9,16 +9,15 @@ import numpy as np
 
 from jshape import metric, sim
 from jshape.errors import BadFile
-from jshape.experiments import measures
+from jshape.experiments import measures, pages, planning_page
 from jshape.experiments.problems import Problem
 from jshape.predict.bank import Bank
 from jshape.store import files, runs
 from jshape.viz import planning as drawn
-from jshape.viz.pictures import png
 from jshape.viz.scores import markdown
 
 FIGURES = ("left.png", "curves.png", "gains.png", "sheet.png")
-FILES = ("summary.json", "report.md", *FIGURES)
+FILES = ("summary.json", "report.md", *pages.contents(FIGURES))
 """What is written beside the runs when all are done."""
 WHAT = "experiment planning"
 
@@ -99,9 +98,8 @@ def conclude(
             "gains.png": drawn.gains_figure(acting, errors),
             "sheet.png": drawn.sheet_figure(_sheet(record, problems)),
         }
-    for name, figure in figures.items():
-        files.write_atomic(out / name, png(figure))
-        text += f"\n![{name.removesuffix('.png')}]({name})\n"
+    text += "".join(f"\n![{name.removesuffix('.png')}]({name})\n" for name in figures)
+    pages.add(planning_page.result(summary, figures), out)
     files.write_atomic(out / "report.md", text)
     files.write_json(out / "summary.json", summary)
     return summary

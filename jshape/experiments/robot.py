@@ -4,21 +4,23 @@ Four goals are made by the robot's hand and two by a human's, each by three acti
 another on a levelled bed, as in the paper's section VII-C.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
-from matplotlib.figure import Figure
 
 from jshape import actions, metric, sim
 from jshape.camera import PAPER_BOX
 from jshape.data.view import image_of_depth
 from jshape.errors import UnknownName
+from jshape.experiments import LeftOut, pages
 from jshape.experiments.measures import Retrieval, retrieval
 from jshape.experiments.problems import Applied
-from jshape.experiments.samples import ACTIONS
+from jshape.experiments.robot_page import FIGURES, curves, page_of, report, strips
+from jshape.experiments.samples import ACTIONS, Progress, silent, unheard
+from jshape.experiments.twin import check_engine
 from jshape.planning import DEFAULT_BANK
 from jshape.robot.arms.names import BOX
 from jshape.robot.arms.simulated import SimulatedArm
@@ -28,8 +30,6 @@ from jshape.robot.robot import Robot
 from jshape.robot.simulated import SimulatedWorld
 from jshape.store import banks, files, runs
 from jshape.store.procedures import load_hand
-from jshape.viz import pictures
-from jshape.viz.scores import markdown
 
 AGENTS = ("robot", "robot", "robot", "robot", "human", "human")
 """Whose hand made the goal of each problem."""
@@ -39,11 +39,51 @@ TRIED: dict[str, Any] = {"stride": 8, "strengths": (0.5, 1.0, 1.6), "max_steps":
 """What the loop tries, and how many actions it may take."""
 MIN_GAIN_MM = 0.01
 """An action must help by more than this: below it the camera's noise decides."""
-ARMS = ("mujoco", "sim")
-FILES = ("report.md", "robot.json", "robot.png", "curves.png")
+ARMS = {"mujoco": "the physics twin", "sim": "the simulator's hand over the height field"}
+QUICK = (0, 4)
+"""Problems of a quick run: one goal of each hand."""
+TRIED_QUICK: dict[str, Any] = {"max_steps": 4}
+"""The same there: only the paper's places and one strength, which take less to compile."""
+FILES = ("report.md", "robot.json", *pages.contents(FIGURES))
 """What is written beside the run's own files."""
 
 Say = Callable[[str], Any]
+
+
+def run(
+    out: Path,
+    *,
+    quick: bool = False,
+    seed: int = 0,
+    overwrite: bool = False,
+    say: Say = unheard,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """The six goals in the physics twin, or where it cannot be had with the simulator's hand.
+
+    Args:
+      out: folder of the result.
+      quick: two goals, with the simulator's hand.
+      seed: of beds, goals and noise.
+      overwrite: replace an earlier result.
+      say: told each line for people.
+      progress: unused; each action is said.
+
+    Returns:
+      What `results.json` holds: a row per problem.
+
+    Raises:
+      BadFile: the folder holds something else, or cannot be written.
+    """
+    arm, notes = "sim" if quick else "mujoco", []
+    if arm == "mujoco":
+        try:
+            check_engine()
+        except LeftOut as problem:
+            arm, notes = "sim", [f"The simulator's hand stands in for the twin: {problem}"]
+    more: dict[str, Any] = {"quick": quick, "overwrite": overwrite, "notes": notes}
+    run_robot(out, arm=arm, seed=seed, say=say, **more)
+    return files.read_json(out / pages.JSON)
 
 
 def run_robot(
@@ -52,6 +92,8 @@ def run_robot(
     arm: str = "mujoco",
     bank_name: str | None = None,
     seed: int = 0,
+    quick: bool = False,
+    notes: Sequence[str] = (),
     overwrite: bool = False,
     say: Say = print,
 ) -> dict[str, Any]:
@@ -62,6 +104,8 @@ def run_robot(
       arm: "mujoco", the physics twin, or "sim", the hand over the height field.
       bank_name: bundled bank or folder; None is the default.
       seed: of beds, goals and noise.
+      quick: two problems, and few candidates.
+      notes: for the page.
       overwrite: replace what is there.
       say: told each line for people.
 
@@ -81,7 +125,9 @@ def run_robot(
     )  # fmt: skip
     rows, stories = [], []
     least = MIN_GAIN_MM / float(metric.to_mm(1.0, bank.camera))
-    for number, agent in enumerate(AGENTS):
+    tried = TRIED_QUICK if quick else TRIED
+    for number in QUICK if quick else range(len(AGENTS)):
+        agent = AGENTS[number]
         bed, wanted, applied = problem(seed, number, agent)
         with _robot(arm, wanted, seed + len(AGENTS) + number) as other:
             goal = image_of_depth(other.look(), bank.camera, where="goal").image
@@ -90,7 +136,7 @@ def run_robot(
         with _robot(arm, bed, seed + number) as robot:
             result = mold(
                 robot, goal, bank, min_gain=least, patience=2, watch=True,
-                on_step=lambda step, depth: say(_line(step)), **TRIED,
+                on_step=lambda step, depth: say(_line(step)), **tried,
             )  # fmt: skip
         found = retrieval(applied, result.first_plan, bank.camera)
         row = _row(number, agent, applied, result, found)
@@ -101,8 +147,12 @@ def run_robot(
     content = {"arm": arm, "rows": rows}
     files.write_json(out / "robot.json", content)
     files.write_atomic(out / "report.md", report(content))
-    files.write_atomic(out / "robot.png", pictures.png(strips(stories)))
-    files.write_atomic(out / "curves.png", pictures.png(curves(stories)))
+    titles = [f"problem {row['problem']}, goal by a {row['goal_by']}" for row in rows]
+    names = [f"{row['problem']}, by a {row['goal_by']}" for row in rows]
+    figures = strips(stories, names), curves(stories, titles)
+    settings = {name: run.meta[name] for name in ("arm", "bank", "seed")} | {"tried": tried}
+    notes = [*notes, f"An action must help by more than {MIN_GAIN_MM} mm."]
+    pages.add(page_of(rows, ARMS[arm], figures, settings, notes), out)
     return content
 
 
@@ -149,56 +199,6 @@ def _row(
         "exact": bool(found.exact),
         "stop": result.stop.name,
     }
-
-
-def report(content: dict[str, Any]) -> str:
-    """The six problems as Markdown."""
-    head = ("problem", "goal by", "applied", "carried out", "d before, then after each action (mm)",
-            "first plan predicted", "retrieved")  # fmt: skip
-    rows = [
-        (
-            str(row["problem"]), row["goal_by"], ", ".join(a["action"] for a in row["applied"]),
-            ", ".join(row["actions"]), " → ".join(f"{d:.2f}" for d in row["obtained_mm"]),
-            f"{row['predicted_mm'][-1]:.2f}", f"{100 * row['retrieved']:.0f} %",
-        )
-        for row in content["rows"]
-    ]  # fmt: skip
-    pictures_ = "![initial, wanted, predicted, obtained](robot.png)\n\n![d](curves.png)\n"
-    return f"# Six robot experiments ({content['arm']})\n\n{markdown(head, rows)}\n{pictures_}"
-
-
-def strips(stories: list[Molding]) -> Figure:
-    """Per problem I0, I*, the image predicted by the first plan, and the one obtained."""
-    camera = stories[0].first_plan.camera
-    figure = Figure(figsize=(11, 2.3 * len(stories)), layout="constrained")
-    axes = figure.subplots(len(stories), 4, squeeze=False)
-    for line, story in zip(axes, stories, strict=True):
-        first = story.first_plan
-        shown = {
-            "initial": story.images[0],
-            "wanted": story.goal,
-            f"predicted, {first.distances_mm[-1]:.2f} mm": first.images[-1],
-            f"obtained, {story.distances_mm[-1]:.2f} mm": story.images[-1],
-        }
-        for ax, (title, image) in zip(line, shown.items(), strict=True):
-            ax.imshow(pictures.height_mm(image, camera), cmap="gray", vmin=0, vmax=32)
-            ax.set_title(title, fontsize=9)
-            ax.set_xticks([])
-            ax.set_yticks([])
-    return figure
-
-
-def curves(stories: list[Molding]) -> Figure:
-    """The distance to the goal after each action, predicted and obtained, per problem."""
-    figure = Figure(figsize=(11, 5.5), layout="constrained")
-    axes = figure.subplots(-(-len(stories) // 3), 3, squeeze=False).ravel()
-    for k, (ax, story) in enumerate(zip(axes, stories, strict=False)):
-        pictures.draw_curve(ax, story.first_plan.distances_mm, story.distances_mm)
-        ax.set_title(f"problem {k + 1}, goal by a {AGENTS[k]}", fontsize=9)
-    figure.supylabel("distance to the goal (mm)", fontsize=10)
-    for ax in axes[len(stories) :]:
-        ax.set_axis_off()
-    return figure
 
 
 def _line(step: Step) -> str:

@@ -1,7 +1,9 @@
 """What experiments look at: pairs of a data set or of the simulator, and small cameras."""
 
-from collections.abc import Callable, Iterable, Sequence
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ import numpy as np
 
 from jshape.camera import D435_BAZAR, PAPER_BOX, Camera
 from jshape.data.pairs import Pairs
-from jshape.data.simulate import simulate_pairs, together
+from jshape.data.simulate import SimulatedPair, simulate_pairs, together
 from jshape.errors import BadDataset
 from jshape.store import datasets
 
@@ -54,9 +56,13 @@ def pairs_of(
     count: int,
     actions: Sequence[str] | None = None,
     agents: Sequence[str] | None = None,
+    strengths: tuple[float, float] = (1.0, 1.0),
     progress: Progress = silent,
 ) -> Pairs:
     """The pairs of a data set, or simulated ones in flour if there is none.
+
+    Simulated pairs are kept in memory: another experiment that asks for as many or fewer of the
+    same gets the first of them, and only more are made anew.
 
     Args:
       data: folder of a data set; then only `actions` and `agents` matter.
@@ -64,6 +70,7 @@ def pairs_of(
       count: simulated pairs per action and agent.
       actions: names; None is all that a data set has, or the paper's robot's three.
       agents: names; None is all that a data set has, or both.
+      strengths: least and greatest strength of simulated pairs.
       progress: wraps the pairs that are simulated.
 
     Raises:
@@ -80,10 +87,46 @@ def pairs_of(
             raise BadDataset(f"{data}: has no pairs of {asked}")
         return pairs.select(keep)
     actions, agents = actions or ACTIONS, agents or AGENTS
-    total = count * len(actions) * len(agents)
-    key = jax.random.key(seed)
-    made = simulate_pairs(key, count, actions=actions, agents=agents, beds=BEDS, frames=FRAMES)
-    return together(progress(made, total, "simulating"))
+    made = (
+        pair
+        for agent in agents
+        for action in actions
+        for pair in _supply(seed, agent, action, strengths).first(count)
+    )
+    return together(progress(made, count * len(actions) * len(agents), "simulating"))
+
+
+class _Supply:
+    """Simulated pairs of one action and agent: made when they are asked for, and kept."""
+
+    def __init__(self, more: Iterator[SimulatedPair]):
+        self._made: list[SimulatedPair] = []
+        self._more = more
+
+    def first(self, count: int) -> Iterator[SimulatedPair]:
+        """The first so many, always the same."""
+        for k in range(count):
+            if k == len(self._made):
+                self._made.append(next(self._more))
+            yield self._made[k]
+
+
+@lru_cache
+def _supply(seed: int, agent: str, action: str, strengths: tuple[float, float]) -> _Supply:
+    # Each has its own key, so that what is drawn does not depend on what else is asked for.
+    key = jax.random.fold_in(jax.random.key(seed), zlib.crc32(f"{agent} {action}".encode()))
+    endless = 2**31
+    return _Supply(
+        simulate_pairs(
+            key, endless, actions=(action,), agents=(agent,), beds=BEDS, frames=FRAMES,
+            strengths=strengths,
+        )
+    )  # fmt: skip
+
+
+def forget() -> None:
+    """Let go of the simulated pairs that are kept in memory."""
+    _supply.cache_clear()
 
 
 def source(data: Path | None) -> str:

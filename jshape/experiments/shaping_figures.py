@@ -54,11 +54,13 @@ def stories_figure(
         }
         heights = [pictures.height_mm(np.asarray(i), plan.camera) for i in images.values()]
         low, high = np.percentile(heights[:2], (0.5, 99.5))
+        high = max(high, low + 5)
         for ax, title, height in zip(line, images, heights, strict=False):
-            ax.imshow(height, cmap="gray", vmin=low, vmax=max(high, low + 5))
+            ax.imshow(height, cmap="gray", vmin=low, vmax=high)
             ax.set(xticks=[], yticks=[])
             ax.set_title(title, fontsize=9)
         line[0].set_ylabel(name, fontsize=9)
+        line[0].set_xlabel(f"black {low:.0f}, white {high:.0f} mm", fontsize=8)
         who = [f"{one.entry.predictor}, {one.entry.where}" for one in every]
         draw_distances(line[4], who, every)
     axes[0, 4].set_title("d to the goal (mm)", fontsize=9)

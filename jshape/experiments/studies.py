@@ -7,6 +7,7 @@ import numpy as np
 
 from jshape.data.pairs import Pairs
 from jshape.errors import BadDataset
+from jshape.experiments.ingredients import Trials
 from jshape.experiments.samples import Progress
 from jshape.learn.floor import noise_floor
 from jshape.learn.measure import Score, Trial, summarise
@@ -16,7 +17,7 @@ PARTITIONS = 4
 """The paper's, of 75 % to fit to and 25 % to test on."""
 NETWORK: Mapping[str, Any] = {"width": 8, "epochs": 40, "learning_rate": 5e-4, "patience": 0}
 """How the networks are trained unless one says otherwise: small, for minutes on a CPU."""
-QUICK: Mapping[str, Any] = {**NETWORK, "width": 4, "epochs": 30}
+QUICK: Mapping[str, Any] = {**NETWORK, "width": 4, "epochs": 12}
 
 
 def training(quick: bool, width: int | None, epochs: int | None, seed: int) -> dict[str, Any]:
@@ -26,7 +27,7 @@ def training(quick: bool, width: int | None, epochs: int | None, seed: int) -> d
     return found | {name: value for name, value in given.items() if value is not None}
 
 
-def trials_of(study: Study, what: str, progress: Progress) -> list[Trial]:
+def trials_of(study: Study | Trials, what: str, progress: Progress) -> list[Trial]:
     """All trials of a study; `progress` wraps its steps."""
     return [trial for found in progress(study, len(study), what) for trial in found]
 

@@ -14,22 +14,72 @@ import numpy as np
 from jshape import actions, sim
 from jshape._typing import Array, Key
 from jshape.camera import PAPER_BOX
-from jshape.experiments.samples import ACTIONS
+from jshape.errors import JShapeError
+from jshape.experiments import LeftOut, pages
+from jshape.experiments.samples import ACTIONS, Progress, Say, silent, unheard
+from jshape.experiments.twin_page import FIGURES, page_of, report
 from jshape.robot.arms.names import BOX
 from jshape.robot.procedure import Done, Hand, perform
 from jshape.robot.surface import surface_point
-from jshape.robot.twin import iiwa
+from jshape.robot.twin import engine, iiwa
 from jshape.robot.twin.model import Obstacle
 from jshape.robot.twin.start import Ready, make_twin
 from jshape.robot.twin.world import Twin
 from jshape.store import files
 from jshape.store.procedures import load_hand
-from jshape.viz.scores import markdown
 
 HILLS = 0.005
 """Standard deviation of the bed's surface, metres."""
-FILES = ("report.md", "twin.json")
+FILES = ("report.md", "twin.json", *pages.contents(FIGURES))
 """What is written."""
+QUICK: dict[str, Any] = {"columns": 2, "rows": 1}
+"""Places of a quick check."""
+
+
+def run(
+    out: Path,
+    *,
+    quick: bool = False,
+    seed: int = 0,
+    overwrite: bool = False,
+    say: Say = unheard,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """The check, for a report of all experiments.
+
+    Args:
+      out: folder of the result.
+      quick: two places.
+      seed: of the bed.
+      overwrite: replace an earlier result.
+      say: told each line for people.
+      progress: unused; each trial is said.
+
+    Returns:
+      What `results.json` holds: a row per action and place.
+
+    Raises:
+      LeftOut: MuJoCo or mink is not installed, or there is nothing to draw with.
+      BadFile: the folder holds something else, or cannot be written.
+    """
+    check_engine()
+    places: dict[str, Any] = QUICK if quick else {}
+    check_twin(out, key=seed, overwrite=overwrite, say=say, **places)
+    return files.read_json(out / pages.JSON)
+
+
+def check_engine() -> None:
+    """Whether the twin can be had here.
+
+    Raises:
+      LeftOut: MuJoCo or mink is not installed, or there is nothing to draw with.
+    """
+    try:
+        engine.mink()
+        empty = engine.mujoco().MjModel.from_xml_string("<mujoco/>")
+        engine.renderer(empty, 16, 16).close()
+    except JShapeError as problem:
+        raise LeftOut(str(problem)) from None
 
 
 def check_twin(
@@ -89,6 +139,7 @@ def check_twin(
     if out is not None:
         files.write_json(Path(out) / "twin.json", content)
         files.write_atomic(Path(out) / "report.md", report(content))
+        pages.add(page_of(content), Path(out))
     return content
 
 
@@ -151,31 +202,6 @@ def summary(name: str, trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "effort_nm": felt,
         "joint_margin_degrees": min(one["joint_margin_degrees"] for one in mine),
     }
-
-
-def report(content: dict[str, Any]) -> str:
-    """The check as Markdown."""
-    head = ("action", "completed", "collisions", "place error mm, mean", "max", "contact felt",
-            "effort Nm: above", "contact", "act", "up", "least joint margin, degrees")  # fmt: skip
-    rows = [
-        (
-            row["action"], f"{row['completed']} of {row['trials']}", str(row["collisions"]),
-            f"{row['place_error_mm']['mean']:.2f}", f"{row['place_error_mm']['max']:.2f}",
-            f"{row['contact_felt']} of {row['trials']}",
-            *(f"{value:.1f}" for value in row["effort_nm"].values()),
-            f"{row['joint_margin_degrees']:.1f}",
-        )
-        for row in content["actions"]
-    ]  # fmt: skip
-    lines = ["# The twin, action by action", "", markdown(head, rows), "## A buried obstacle", ""]
-    for where, row in content["obstacle"].items():
-        ended = ", ".join(row["ended_by_contact"]) or "none"
-        lines.append(
-            f"- {where}: effort {row['effort_nm']['act']:.0f} Nm in the act, ended by contact: "
-            f"{ended}; {row['operations']} operations; the bed changed by "
-            f"{row['deepest_change_mm']:.1f} mm at most"
-        )
-    return "\n".join(lines) + "\n"
 
 
 def _change(twin: Twin) -> np.ndarray:

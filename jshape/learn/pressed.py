@@ -1,5 +1,6 @@
 """Fitting f_P: the maps of a pressed tool from the ground before and after."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from jshape._typing import Array, Float, Key
 from jshape.camera import Camera
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import Examples
-from jshape.errors import BadDataset
+from jshape.errors import BadDataset, UnknownName
 from jshape.predict.ground import Ground
 from jshape.predict.pressed import Pressed
 
@@ -39,6 +40,18 @@ SCALES = {
     "deep": 1e-2, "stroke": 1e-2,
 }  # fmt: skip
 """What is fitted, and what 1 is to the optimiser."""
+INGREDIENTS = (
+    "depth",
+    "descent",
+    "absolute",
+    "tool",
+    *(n for n in SCALES if n not in ("tool", "give")),
+)
+"""What a fit can do without, to see what it brings.  "depth": looking for the depth of the places,
+else it is the median; "descent": fitting, else it is the first guess; "absolute": the absolute
+error, else its square; "tool": what levels, `tool` and `give`, else all is `rest`, and there is no
+`swell` either, which goes with what the tool displaces; and each of the other maps, which then
+stays 0, or for "reference" and "stroke" as first guessed."""
 EDGE = 2e-4
 """A surface this near to the end of the camera's range may lie beyond it, metres."""
 
@@ -55,7 +68,13 @@ class Shown(NamedTuple):
 
 
 def fit_pressed(
-    examples: Examples, camera: Camera, start: Pressed | None = None, *, seed: int = 0
+    examples: Examples,
+    camera: Camera,
+    start: Pressed | None = None,
+    *,
+    seed: int = 0,
+    without: Collection[str] = (),
+    view: type[Ground] = Ground,
 ) -> Pressed:
     """f_P of one action from its pairs, or from another bank's f_P and few pairs.
 
@@ -69,11 +88,19 @@ def fit_pressed(
       camera: theirs.
       start: what to adapt; None fits from nothing.
       seed: of the order of the pairs.
+      without: those of `INGREDIENTS` that are to be left out of a fit from nothing.
+      view: how a fit from nothing brings ROIs onto its grid and back.
 
     Raises:
+      UnknownName: `without` has what is none of them.
       BadDataset: no pairs, one without any pixel seen before and after, or pixels that no pair has
         seen.
     """
+    for name in without:
+        if name not in INGREDIENTS:
+            raise UnknownName("ingredient", name, INGREDIENTS)
+    if "tool" in without:
+        without = {*without, "swell"}
     if len(examples.prior) == 0:
         raise BadDataset("no pairs to fit to")
     seen = np.isfinite(examples.prior) & np.isfinite(examples.posterior)
@@ -88,21 +115,33 @@ def fit_pressed(
         )
     prior, posterior = (np.stack([fill_nan(roi) for roi in rois]) for rois in examples[:2])
     filled = Examples(prior, posterior, examples.place, examples.strengths)
-    ground = _ground(filled, camera) if start is None else start.ground
+    if start is not None:
+        ground = start.ground
+    else:
+        ground = _ground(filled, camera, view, DEPTHS if "depth" not in without else (0,))
     counted = jnp.asarray(_at_nodes(seen, ground), jnp.float32)
     before, after = _surfaces(ground, filled)
     shown = Shown(before, after, counted, jnp.asarray(filled.strengths))
-    first = _first_guess(ground, shown) if start is None else _corrected(start, shown)
+    first = _first_guess(ground, shown, without) if start is None else _corrected(start, shown)
     steps, step = max(int(np.clip(PER_PAIR * len(seen), *STEPS)), PER_MANY * len(seen)), STEP
     if start is not None:
         steps, step = ADAPT_STEPS, ADAPT_STEP
-    found = _descend(first, shown, jax.random.key(seed), steps, step)
+    if "descent" in without:
+        return first
+    free = None
+    if without:  # as numbers, so that each thing that is left out does not compile anew
+        free = {name: float(name not in without) for name in SCALES}
+        free["give"] = free["tool"]
+    key = jax.random.key(seed)
+    found = _descend(first, shown, key, steps, step, free, "absolute" in without)
     if start is None and (filled.strengths == 1.0).all():
         found = replace(found, stroke=found.deepest)  # pairs of one strength say nothing about it
     return found
 
 
-def _ground(examples: Examples, camera: Camera) -> Ground:
+def _ground(
+    examples: Examples, camera: Camera, view: type[Ground], depths: Collection[int]
+) -> Ground:
     """A grid over the ROI, at the depth where places are meant.
 
     That is not known: of depths around the median of what was seen, it is the one from which the
@@ -110,7 +149,7 @@ def _ground(examples: Examples, camera: Camera) -> Ground:
     right.
     """
     h, w = examples.prior.shape[1:]
-    blank = Ground(camera, 1.0, 1.0, (1, 1), (w, h))
+    blank = view(camera, 1.0, 1.0, (1, 1), (w, h))
     per_metre = np.stack([blank.per_metre(place) for place in jnp.asarray(examples.place)])
     middle = float(camera.z_max) - float(np.median(examples.prior / per_metre))
     rows = h * float(camera.fx) / float(camera.fy) / PIXELS
@@ -127,7 +166,7 @@ def _ground(examples: Examples, camera: Camera) -> Ground:
         change = np.asarray(after - before)
         return float(np.abs(change - strength * np.median(change / strength, 0)).mean())
 
-    found = {1e-3 * mm: unlike(middle + 1e-3 * mm) for mm in DEPTHS}
+    found = {1e-3 * mm: unlike(middle + 1e-3 * mm) for mm in depths}
     least = max(found[0.0], 1e-9)  # one pair is like itself from everywhere
     return at(middle + min(found, key=lambda off: found[off] / least + DOUBT * abs(off)))
 
@@ -160,24 +199,30 @@ def _at_nodes(seen: np.ndarray, ground: Ground) -> np.ndarray:
     return seen[:, picked[0]][:, :, picked[1]]
 
 
-def _first_guess(ground: Ground, shown: Shown) -> Pressed:
-    """A tool as deep as the mean change, which is the prediction on flat ground."""
+def _first_guess(ground: Ground, shown: Shown, without: Collection[str] = ()) -> Pressed:
+    """A tool as deep as the mean change, which is the prediction on flat ground.
+
+    Without a tool all of the mean change is `rest`.
+    """
     # The change that is nearest to all, each being its strength times as much.
     weight = shown.counted * shown.strength[:, None, None]
     whole = (weight * shown.strength[:, None, None]).sum(0)
     mean = ((shown.after - shown.before) * weight).sum(0) / jnp.where(whole > 0, whole, 1.0)
     touched = mean > CONTACT * jnp.maximum(mean.max(), 1e-9)
+    if "tool" in without:
+        touched = jnp.zeros_like(touched)
     rest = jnp.where(touched, 0.0, mean)
+    none = jnp.zeros_like(mean)
     return Pressed(
         ground,
         reference=jnp.where(jnp.abs(mean) > 0.5 * jnp.abs(mean).max(), 0.0, -6.0),
         # Below the ground beside the tool by 3 mm: it is felt by hills, not by the flat.
         tool=mean - 3e-3,
         give=touched.astype(jnp.float32),
-        rest=rest,
-        swell=rest,
-        follow=jnp.zeros_like(mean),
-        deep=jnp.zeros_like(mean),
+        rest=none if "rest" in without else rest,
+        swell=none if "swell" in without else rest,
+        follow=none,
+        deep=none,
         stroke=mean.max(),
     )
 
@@ -202,11 +247,21 @@ def _gap(predictor: Pressed, shown: Shown) -> Float[Array, "n rows columns"]:
     return jnp.where(shown.after < camera.z_min + EDGE, jnp.maximum(gap, 0.0), gap)
 
 
-@jax.jit
+@jax.jit(static_argnames=["squared"])
 def _descend(
-    start: Pressed, shown: Shown, key: Key[Array, ""], steps: int | Array, step: float | Array
+    start: Pressed,
+    shown: Shown,
+    key: Key[Array, ""],
+    steps: int | Array,
+    step: float | Array,
+    free: dict[str, float | Array] | None,
+    squared: bool,
 ) -> Pressed:
-    """`start` after `steps` steps of Adam, the first of length `step`, falling by half a cosine."""
+    """`start` after `steps` steps of Adam, the first of length `step`, falling by half a cosine.
+
+    `free` is 1 for what is fitted and 0 for what stays, None for all; `squared` lowers the squares
+    of the errors.
+    """
     import optax
 
     count = shown.before.shape[0]
@@ -220,14 +275,19 @@ def _descend(
     def loss(shift, chosen):
         some = Shown(*(part[chosen] for part in shown))
         weight = some.counted / jnp.sqrt(some.strength)[:, None, None]
-        gap = jnp.abs(_gap(moved(shift), some)) * weight
         # In units of 10 mm, that of the maps: Adam's epsilon is then far below the gradients.
+        if squared:
+            gap = 1e4 * _gap(moved(shift), some) ** 2 * weight
+            return gap.sum() / jnp.maximum(some.counted.sum(), 1.0)
+        gap = jnp.abs(_gap(moved(shift), some)) * weight
         return 100.0 * gap.sum() / jnp.maximum(some.counted.sum(), 1.0)
 
     def one(number, state):
         shift, memory = state
         order = jax.random.permutation(jax.random.fold_in(key, number), count)
         slope = jax.grad(loss)(shift, order[: min(BATCH, count)])
+        if free is not None:
+            slope = {name: free[name] * part for name, part in slope.items()}
         updates, memory = adam.update(slope, memory)
         length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * number / steps))
         return jax.tree.map(lambda x, dx: x - length * dx, shift, updates), memory

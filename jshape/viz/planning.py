@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from jshape.viz.pictures import COLOURS
 from jshape.viz.scores import Rows
@@ -150,6 +151,7 @@ def curves_figure(runs: Sequence[Mapping[str, Any]]) -> Figure:
                 mean = np.mean([_carried(d, longest) for d in mine], 0)
                 ax.plot(100 * mean, color=f"C{k % 10}", label=f"{name}, {loop}", **STYLES[loop])
         ax.set(xlabel="actions applied", ylim=(0, TALLEST))
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set_title(TITLES[kind], fontsize=10)
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("distance left (% of that at the start)")

@@ -1,0 +1,217 @@
+"""What each ingredient of f_P brings: left out one at a time, and added one at a time to f_D."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.data.pairs import Pairs
+from jshape.experiments import pages, studies
+from jshape.experiments.ablation_figures import bars_figure
+from jshape.experiments.ingredients import MEAN, WHOLE, Trials, Variant, added, left_out
+from jshape.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
+from jshape.learn.measure import Comparison, Trial, compare
+
+FIGURES = ("ingredients.png",)
+PAIRS = {True: 8, False: 40}
+"""Simulated pairs per action, of one strength and as many of several."""
+STRENGTHS = (0.3, 2.0)
+"""Least and greatest of the pairs of several strengths."""
+ADDED, LEFT_OUT = "added", "left out"
+"""The two parts of the experiment."""
+
+
+def run(
+    out: Path,
+    *,
+    data: Path | None = None,
+    quick: bool = False,
+    seed: int = 0,
+    actions: Sequence[str] | None = None,
+    pairs: int | None = None,
+    partitions: int | None = None,
+    overwrite: bool = False,
+    say: Say = unheard,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Errors of f_P without each of its ingredients, and of all steps from f_D to f_P.
+
+    Args:
+      out: folder of the result.
+      data: a data set; None simulates the robot's pairs, of one strength and of several.
+      quick: few pokes, two partitions.
+      seed: of simulated pairs, partitions and fits.
+      actions: names; None is the paper's three (one if quick), or all of a data set.
+      pairs: simulated per action.
+      partitions: how many.
+      overwrite: replace an earlier result.
+      say: told each line for people.
+      progress: wraps what takes long.
+
+    Returns:
+      What `results.json` holds: a row per set of pairs, agent, action, part and ingredient.
+
+    Raises:
+      BadDataset: the data set cannot be read or split.
+      BadFile: the folder holds something else, or cannot be written.
+      UnknownName: no such action.
+    """
+    pages.check(out, overwrite, FIGURES)
+    partitions = partitions or (2 if quick else studies.PARTITIONS)
+    rows: list[dict[str, Any]] = []
+    notes: list[str] = []
+    sets = _sets(data, quick, seed, actions, pairs or PAIRS[quick], progress)
+    for where, found in sets.items():
+        kept, left = studies.enough(found)
+        notes += left
+        varied = bool((kept.strength != kept.strength[0]).any())
+        steps = {ADDED: added(varied), LEFT_OUT: left_out(varied)}
+        trials = Trials(kept, [v for several in steps.values() for v in several], partitions, seed)
+        say(f"{len(trials)} fits to {where}, {len(kept)} pairs")
+        rows += rows_of(where, steps, studies.trials_of(trials, "ablation", progress), kept)
+    means = [mean_over_actions(rows, *panel) for panel in _panels(rows)]
+    result = pages.Result(
+        title="What each ingredient of f_P brings",
+        paragraphs=words(means, partitions),
+        rows=rows,
+        tables=[_table(mean) for mean in means],
+        pictures=[
+            pages.Picture(
+                FIGURES[0], bars_figure(means, (ADDED, LEFT_OUT)),
+                "Mean error over the actions, with its standard deviation over the partitions. "
+                "Left: from f_D down, each bar has one ingredient more than the one above it. "
+                "Right: f_P, and f_P without one ingredient each; what goes far beyond the broken "
+                "line is needed.",
+            )
+        ],
+        settings={"data": source(data), "pairs": {w: len(p) for w, p in sets.items()},
+                  "partitions": partitions, "seed": seed},
+        notes=[
+            *notes,
+            "Ingredients share work: what two do alike is missed by neither alone, so the errors "
+            "of leaving out need not add up. What an ingredient changes is a mean over the pairs "
+            "tested, each once however often it was; its ± is the standard error over them, a "
+            "little too small, as they share training sets.",
+        ],
+    )  # fmt: skip
+    return pages.write(result, out, overwrite=overwrite)
+
+
+def _sets(
+    data: Path | None, quick: bool, seed: int, actions: Sequence[str] | None, count: int,
+    progress: Progress,
+) -> dict[str, Pairs]:  # fmt: skip
+    """The pairs by what they are called."""
+    if data is not None:
+        return {source(data): pairs_of(data, seed=seed, count=count, actions=actions)}
+    actions = actions or (("poke",) if quick else None)
+    what: dict[str, Any] = {"seed": seed, "count": count, "actions": actions,
+                            "agents": ("robot",), "progress": progress}  # fmt: skip
+    several = f"simulated pairs, strengths {STRENGTHS[0]:g} to {STRENGTHS[1]:g}"
+    return {"simulated pairs": pairs_of(None, **what),
+            several: pairs_of(None, strengths=STRENGTHS, **what)}  # fmt: skip
+
+
+def rows_of(
+    where: str, steps: dict[str, list[Variant]], trials: Sequence[Trial], pairs: Pairs
+) -> list[dict[str, Any]]:
+    """A row per action, agent and step, with what the step changes, pair by pair.
+
+    What is added is compared with the step before it, what is left out with f_P.
+    """
+    scores = {(s.predictor, s.agent, s.action): s for s in studies.scores_of(trials, pairs)}
+    rows = []
+    for part, variants in steps.items():
+        for k, variant in enumerate(variants):
+            before = variants[k - 1 if part == ADDED else 0].name if k else ""
+            both = [t for t in trials if t.predictor in (variant.name, before)]
+            changes = {(c.agent, c.action): c for c in compare(both, before)}
+            for (name, agent, action), score in scores.items():
+                if name == variant.name:
+                    told = {"set": where, "part": part, "step": k, "ingredient": variant.said}
+                    rows.append(told | score._asdict() | _change(changes.get((agent, action))))
+    return rows
+
+
+def _change(found: Comparison | None) -> dict[str, Any]:
+    names = ("changed_by_mm", "changed_error_mm", "better")
+    values = (None,) * 3 if found is None else (found.difference_mm, found.error_mm, found.better)
+    return dict(zip(names, values, strict=True))
+
+
+def _panels(rows: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
+    """Sets and agents."""
+    return list(dict.fromkeys((row["set"], row["agent"]) for row in rows))
+
+
+def mean_over_actions(
+    rows: Sequence[dict[str, Any]], where: str, agent: str
+) -> list[dict[str, Any]]:
+    """The rows of a set and an agent, with means over their actions."""
+    mine = [row for row in rows if (row["set"], row["agent"]) == (where, agent)]
+    found = []
+    for part, step in dict.fromkeys((row["part"], row["step"]) for row in mine):
+        same = [row for row in mine if (row["part"], row["step"]) == (part, step)]
+        line = {name: same[0][name] for name in ("set", "agent", "part", "step", "ingredient",
+                                                 "predictor")}  # fmt: skip
+        for name in ("mean_mm", "std_mm", "change_mm", "changed_by_mm", "better"):
+            line[name] = _mean([row[name] for row in same])
+        errors = [row["changed_error_mm"] for row in same]
+        known = None not in errors
+        line["changed_error_mm"] = (
+            float(np.linalg.norm(np.array(errors, float)) / len(errors)) if known else None
+        )
+        found.append(line)
+    return found
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def words(means: Sequence[Sequence[dict[str, Any]]], partitions: int) -> list[str]:
+    """What is seen, from the numbers."""
+    text = [
+        "f_P presses a learned tool into the ground seen from above; f_D adds the mean change of "
+        "the image. Between them lie a few ingredients. Each is left out of f_P by itself, and "
+        "they are added to f_D one after the other; everything is fitted to three quarters of the "
+        f"pairs and tested on the last quarter, in {partitions} random partitions.",
+    ]
+    for mean in means:
+        by_name = {line["predictor"]: line["mean_mm"] for line in mean}
+        whose = f"{mean[0]['set'].capitalize()}, {mean[0]['agent']}"
+        chain = [line for line in mean if line["part"] == ADDED and line["step"]]
+        gains = sorted(chain, key=lambda line: line["changed_by_mm"])
+        listed = ", ".join(f"{one['ingredient']} {one['changed_by_mm']:+.2f}" for one in gains[:3])
+        text.append(
+            f"{whose}: f_D {by_name[MEAN]:.2f} mm, f_P {by_name[WHOLE]:.2f} mm. Added one after "
+            f"the other, most is gained by: {listed} mm."
+        )
+        without = [line for line in mean if line["part"] == LEFT_OUT and line["step"]]
+        needed = [one for one in without if one["changed_by_mm"] > 2 * one["changed_error_mm"]]
+        needed.sort(key=lambda one: -one["changed_by_mm"])
+        listed = ", ".join(f"{one['ingredient']} {one['changed_by_mm']:+.3f}" for one in needed)
+        others = ", ".join(one["ingredient"] for one in without if one not in needed)
+        text.append(
+            (f"Left out of f_P by itself, the error grows by: {listed} mm. " if needed else "")
+            + (f"Not missed by more than twice the standard error: {others}." if others else "")
+        )
+    return text
+
+
+def _table(mean: Sequence[dict[str, Any]]) -> pages.Table:
+    lines = []
+    for line in mean:
+        by, error = line["changed_by_mm"], line["changed_error_mm"]
+        sign = {ADDED: "+ ", LEFT_OUT: "without: "}[line["part"]] if line["step"] else ""
+        name = line["predictor"] if not line["step"] else ""
+        lines.append((
+            line["part"], f"{name}{': ' if name else ''}{sign}{line['ingredient']}",
+            f"{line['mean_mm']:.3f} ± {line['std_mm']:.3f}",
+            "-" if by is None else f"{by:+.3f} ± {error:.3f}",
+            "-" if by is None else f"{100 * line['better']:.0f} %",
+        ))  # fmt: skip
+    head = ("", "predictor", "error (mm)", "changed by that (mm)", "better on")
+    return pages.Table(f"{mean[0]['set'].capitalize()}, {mean[0]['agent']}", head, lines)

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from jshape import devices
 from jshape.commands import arguments
 from jshape.commands.tables import print_table
 from jshape.errors import JShapeError
 from jshape.store import banks, checkpoints, datasets, files
+from jshape.store.shared_checkpoints import SharedCheckpoints
 
 WITHOUT_CHECKPOINTS = ("D", "P")
 """Kinds that are fitted in seconds: there is nothing to go on from."""
@@ -21,9 +23,11 @@ OF_NETWORKS = (*(name for name in arguments.TRAINING if name != "seed"), "morpho
 
 def train(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
+    process, mesh = _devices(options)  # first of all: what loads a bank starts JAX
     from jshape import metric
     from jshape.learn.fit import fit
     from jshape.learn.held_out import LEAST_PAIRS
+    from jshape.learn.shared import shared_over
     from jshape.viz import curves as drawings
     from jshape.viz import pictures
 
@@ -32,9 +36,10 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
         _refuse_unused(options)
     files.check_target(options.out, options.overwrite, contents=banks.CONTENTS)
     kept = options.out.absolute().with_name(options.out.absolute().name + ".training")
-    if options.restart:
+    if options.restart and process == 0:
         checkpoints.discard(kept)
-    resumed = (keeps or kept.is_dir()) and checkpoints.check_folder(kept)
+    # Only the first process tries what can be written: the others would see its attempts.
+    resumed = process == 0 and (keeps or kept.is_dir()) and checkpoints.check_folder(kept)
     if resumed and not keeps:
         raise JShapeError(
             f"{kept}: holds an interrupted training of another kind; --restart removes it"
@@ -45,16 +50,18 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     settings = {name: value for name, value in settings.items() if value is not None}
     to_mm = float(metric.to_mm(1.0, pairs.camera))
     going_on = f"going on from {kept} (--restart starts again)"
-    watch = _Watch(to_mm, going_on if resumed and not options.json else "")
+    watch = _Watch(to_mm, going_on if resumed and not options.json else "", quiet=process > 0)
+    keep = checkpoints.Checkpoints if options.coordinator is None else SharedCheckpoints
     try:
-        bank = fit(
-            pairs,
-            options.kind,
-            start=start,
-            report=watch,
-            keep=(lambda action: checkpoints.Checkpoints(kept, action)) if keeps else None,
-            **settings,
-        )
+        with shared_over(mesh):
+            bank = fit(
+                pairs,
+                options.kind,
+                start=start,
+                report=watch,
+                keep=(lambda action: keep(kept, action)) if keeps else None,
+                **settings,
+            )
     except KeyboardInterrupt:
         watch.close()
         if keeps and kept.is_dir():
@@ -78,6 +85,10 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     info: dict[str, Any] = {"data": data, "errors": rows, "licence": options.licence}
     if watch.curves:
         info["training"] = watch.summary()
+    result = {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
+    result |= {"errors": rows, "training": info.get("training", {})}
+    if process > 0:  # the first one writes and tells
+        return result
     curves = {
         "curve.csv": drawings.curves_csv(watch.curves, to_mm),
         "curve.png": pictures.png(drawings.curves_figure(watch.curves, to_mm)),
@@ -100,8 +111,23 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
                 f"{name}: {found['epochs']} epochs, {found['seconds']:.0f} s; best is epoch "
                 f"{found['best_epoch']} with {found['best_mm']:.3f} mm"
             )
-    result = {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
-    return result | {"errors": rows, "training": info.get("training", {})}
+    return result
+
+
+def _devices(options: argparse.Namespace) -> tuple[int, Any]:
+    """The number of this process, and the mesh that shares the batches, or None."""
+    numbers = [name for name in ("processes", "process") if getattr(options, name) is not None]
+    if options.coordinator is None and numbers:
+        raise JShapeError(f"--{numbers[0]} goes with --coordinator HOST:PORT")
+    shared = options.coordinator is not None or options.devices is not None
+    if options.kind in WITHOUT_CHECKPOINTS and shared:
+        name = "coordinator" if options.coordinator is not None else "devices"
+        raise JShapeError(f"--{name}: kind {options.kind} trains no network and does not use it")
+    process = 0
+    if options.coordinator is not None:
+        where = None if options.coordinator == "auto" else options.coordinator
+        process = devices.join(where, options.processes, options.process)
+    return process, devices.mesh_of(options.devices or 1, "batch") if shared else None
 
 
 def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> dict[str, float]:
@@ -133,8 +159,9 @@ def _refuse_unused(options: argparse.Namespace) -> None:
 class _Watch:
     """Progress bars, one per action, and what the curves were; quiet where nobody looks."""
 
-    def __init__(self, to_mm: float, going_on: str = ""):
+    def __init__(self, to_mm: float, going_on: str = "", *, quiet: bool = False):
         self.to_mm = to_mm
+        self.quiet = quiet or not sys.stderr.isatty()
         self.going_on = going_on
         """What to say once a checkpoint was accepted."""
         self.curves: dict[str, tuple] = {}
@@ -153,7 +180,7 @@ class _Watch:
             self.shown = progress.action
             self.bar = tqdm(
                 total=progress.epochs, initial=made - 1, desc=progress.action, unit="epoch",
-                disable=not sys.stderr.isatty(),
+                disable=self.quiet,
             )  # fmt: skip
         self.curves[progress.action], self.best[progress.action] = progress.curve, progress.best
         if self.bar is not None:
@@ -189,7 +216,7 @@ class _Watch:
 
 def add(commands: Any) -> None:
     """The parser of `jshape train`."""
-    parser = arguments.command(commands, "train", train, "fit a bank to a data set")
+    parser = arguments.command(commands, "train", train)
     parser.add_argument("dataset", type=Path)
     parser.add_argument(
         "--kind",
@@ -211,3 +238,14 @@ def add(commands: Any) -> None:
         "--morphology", choices=("erode", "dilate"), default=None,
         help="what B goes through: erode (the paper), dilate (its authors' code)",
     )  # fmt: skip
+    parser.add_argument(
+        "--devices", type=arguments.devices, metavar="N",
+        help="CPU devices (of each process) that share a network's batches (1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--coordinator", metavar="HOST:PORT",
+        help="where process 0 of several is reached that train one bank together; auto: what "
+        "Slurm, Open MPI or Kubernetes say",
+    )  # fmt: skip
+    parser.add_argument("--processes", type=arguments.positive_count, metavar="N", help="in all")
+    parser.add_argument("--process", type=arguments.count, metavar="K", help="this one, from 0")

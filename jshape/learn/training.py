@@ -21,6 +21,7 @@ from jshape._typing import Array, Float
 from jshape.data.pairs import Examples
 from jshape.errors import BadDataset, BadFile, JShapeError
 from jshape.learn.settings import FREE, Training
+from jshape.learn.shared import Devices, current
 
 Loss = Callable[[Any, Examples], Array]
 """(params, B examples) -> (B,) losses.  A function of a module, not a lambda made for the
@@ -130,7 +131,8 @@ def train(
 ) -> Trained:
     """Lower the mean loss over examples, from `params`; the same every time for the same seed.
 
-    A resumed training makes the same batches, so it ends where an uninterrupted one does.
+    A resumed training makes the same batches, so it ends where an uninterrupted one does.  Inside
+    `shared.shared_over` several devices share each batch.
 
     Args:
       loss: per example; may see NaN pixels (no reading), as `roi_loss` does.
@@ -143,9 +145,10 @@ def train(
       BadDataset: no examples, too few to keep some out for validation, or one that has no pixel
         with a reading both before and after.
       BadFile: the checkpoint is of other settings or pairs, or cannot be used.
-      JShapeError: the loss is no longer a number.
+      JShapeError: the loss is no longer a number; or processes that share the batches do not
+        train the same.
     """
-    hooks = hooks or Hooks()
+    hooks, devices = hooks or Hooks(), current()
     training, validation = split(examples, settings)
     step, measure = _compiled(loss, settings.learning_rate)
     params = _copy(params)
@@ -154,6 +157,8 @@ def train(
     if hooks.keep is not None and (found := hooks.keep.load()) is not None:
         state = _restore(state, *found, mark, hooks.keep.where)
     saved = len(state.curve)
+    devices.agree(f"{mark} {saved:9}")
+    state.params, state.optimizer = devices.everywhere((state.params, state.optimizer))
     order = jax.random.key(settings.seed)
     done = _finished(state, settings)
     if done:
@@ -162,7 +167,7 @@ def train(
         epoch, start = len(state.curve) + 1, time.perf_counter()
         shuffle = jax.random.permutation(jax.random.fold_in(order, epoch), len(training.prior))
         total = 0.0
-        for batch, counted in _batches(training, np.asarray(shuffle), settings.batch):
+        for batch, counted in _batches(training, np.asarray(shuffle), settings.batch, devices):
             state.params, state.optimizer, part = step(
                 state.params, state.optimizer, batch, counted
             )
@@ -170,7 +175,7 @@ def train(
         row = Row(
             epoch,
             float(total) / len(training.prior),
-            _mean_loss(measure, state.params, validation, settings.batch),
+            _mean_loss(measure, state.params, validation, settings.batch, devices),
             time.perf_counter() - start,
         )
         if not np.isfinite(row.score):
@@ -186,7 +191,7 @@ def train(
             hooks.keep.save(*_snapshot(state, mark))
             saved = epoch
         _tell(hooks, state, settings, done)
-    return Trained(state.best, tuple(state.curve))
+    return Trained(devices.back(state.best), tuple(state.curve))
 
 
 def split(examples: Examples, settings: Training) -> tuple[Examples, Examples]:
@@ -217,18 +222,22 @@ def split(examples: Examples, settings: Training) -> tuple[Examples, Examples]:
     return examples.select(np.sort(order[out:])), examples.select(np.sort(order[:out]))
 
 
-def _batches(examples: Examples, order: np.ndarray, most: int) -> Iterator[tuple[Examples, Array]]:
+def _batches(
+    examples: Examples, order: np.ndarray, most: int, devices: Devices | None = None
+) -> Iterator[tuple[Examples, Array]]:
     """Batches of one size with a mask of what counts: as even as can be, then filled up.
 
-    10 pairs at a batch of 8 are two batches of 5, which wastes less than 8 and 2.
+    10 pairs at a batch of 8 are two batches of 5, which wastes less than 8 and 2; on 4 devices they
+    are filled up to 8, 2 for each.
     """
+    devices = devices or Devices()
     size = -(-len(order) // -(-len(order) // most)) if len(order) else 1
+    full = -(-size // devices.count) * devices.count
     for start in range(0, len(order), size):
         chosen = order[start : start + size]
-        counted = np.arange(size) < len(chosen)
-        chosen = np.concatenate([chosen, np.full(size - len(chosen), chosen[0])])
-        parts: Any = map(jnp.asarray, examples.select(chosen))
-        yield Examples(*parts), jnp.asarray(counted)
+        counted = np.arange(full) < len(chosen)
+        chosen = np.concatenate([chosen, np.full(full - len(chosen), chosen[0])])
+        yield devices.divided((examples.select(chosen), counted))
 
 
 @cache
@@ -261,10 +270,12 @@ def _compiled(loss: Loss, learning_rate: float) -> tuple[Callable, Callable]:
     return step, measure
 
 
-def _mean_loss(measure: Callable, params: Any, examples: Examples, most: int) -> float:
+def _mean_loss(
+    measure: Callable, params: Any, examples: Examples, most: int, devices: Devices
+) -> float:
     count = len(examples.prior)
     order = np.arange(count)
-    parts = [measure(params, *batch) for batch in _batches(examples, order, most)]
+    parts = [measure(params, *batch) for batch in _batches(examples, order, most, devices)]
     return float(sum(parts)) / count if count else float("nan")
 
 

@@ -1,0 +1,173 @@
+"""A simulated data set made in shards, by any engine: the files that one process would write.
+
+The keys of the simulator's pairs follow one another (`simulate_pairs` splits one off for each), so
+a shard begins with the key of its first pair and needs nothing of the others.  Finished shards are
+data sets beside the one that is made of them in the end.
+"""
+
+import json
+import shutil
+from collections.abc import Generator, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jshape.camera import PAPER_BOX
+from jshape.data.simulate import DEPTH_UNIT, ROIS, SimulatedPair, simulate_pairs
+from jshape.engines import Engine, here
+from jshape.errors import BadFile
+from jshape.store import datasets, files
+
+RECIPE = "recipe.json"
+
+
+class Shard(NamedTuple):
+    """Pairs of one action and agent that follow one another."""
+
+    start: int
+    """Number of its first pair in the data set."""
+    index: int
+    """Of its first pair among those of the same action and agent."""
+    count: int
+    action: str
+    agent: str
+    key: np.ndarray
+    """Data of the key of its first pair."""
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f"{self.start:06d}"
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A data set to be simulated; the fields are those of `simulate_pairs`."""
+
+    pairs: int
+    """Per action and agent."""
+    actions: tuple[str, ...] = tuple(ROIS)
+    agents: tuple[str, ...] = ("robot",)
+    material: str = "flour"
+    beds: tuple[str, ...] = ("flat",)
+    frames: int = 5
+    strengths: tuple[float, float] = (1.0, 1.0)
+    seed: int = 0
+    size: int = 16
+    """Most pairs of a shard: 5 s of work, and the 25 MB that come back at once."""
+
+    def __len__(self) -> int:
+        return self.pairs * len(self.actions) * len(self.agents)
+
+    @property
+    def shards(self) -> list[Shard]:
+        """All shards, in the order of the data set."""
+        keys, found, first = _keys(self.seed, len(self)), [], 0
+        for agent in self.agents:
+            for action in self.actions:
+                for index in range(0, self.pairs, self.size):
+                    count, key = min(self.size, self.pairs - index), keys[first + index]
+                    found.append(Shard(first + index, index, count, action, agent, key))
+                first += self.pairs
+        return found
+
+
+def simulate(
+    simulation: Simulation, out: Path, engine: Engine = here, *, overwrite: bool = False
+) -> Generator[str, None, None]:
+    """Make a data set; gives the name of each shard when it is there.
+
+    Shards are kept in `OUT.shards` until all are there, so that the same call goes on.
+
+    Args:
+      simulation: what to make.
+      out: folder of the data set.
+      engine: what computes.
+      overwrite: replace the data set that is there.
+
+    Raises:
+      UnknownName, JShapeError: as for `simulate_pairs`.
+      BadFile: the folder exists or cannot be written; or shards of another data set are kept.
+    """
+    files.check_target(out, overwrite, contents=datasets.CONTENTS)
+    kept = out.absolute().with_name(out.absolute().name + ".shards")
+    _begin(simulation, kept)
+    shards = simulation.shards
+    there = [(kept / shard.name).is_dir() for shard in shards]
+    yield from (shard.name for shard, is_there in zip(shards, there, strict=True) if is_there)
+    left = [shard for shard, is_there in zip(shards, there, strict=True) if not is_there]
+    for number, pairs in engine(simulated, simulation, left):
+        with datasets.dataset_writer(kept / left[number].name, PAPER_BOX, DEPTH_UNIT) as add:
+            for index, pair in enumerate(pairs, left[number].start):
+                add(
+                    id=f"{pair.action}_{pair.agent}_{index:05d}", action=pair.action,
+                    agent=pair.agent, material=pair.material, prior=pair.prior,
+                    posterior=pair.posterior, u=pair.position[0], v=pair.position[1],
+                    width=pair.roi[0], height=pair.roi[1], strength=pair.strength,
+                )  # fmt: skip
+        yield left[number].name
+    with datasets.dataset_writer(out, PAPER_BOX, DEPTH_UNIT, overwrite=overwrite) as add:
+        for shard in shards:
+            part = datasets.load_pairs(kept / shard.name)
+            for k in range(len(part)):
+                add(**datasets.row_of(part, k))
+    shutil.rmtree(kept)
+
+
+def simulated(simulation: Simulation, shard: Shard) -> list[SimulatedPair]:
+    """The pairs of a shard."""
+    turn = shard.index % len(simulation.beds)  # they are taken in turn, from where it begins
+    beds = simulation.beds[turn:] + simulation.beds[:turn]
+    key = jax.random.wrap_key_data(jnp.asarray(shard.key))
+    return list(_pairs(simulation, key, shard.count, (shard.action,), (shard.agent,), beds))
+
+
+def _pairs(
+    simulation: Simulation,
+    key: jax.Array,
+    count: int,
+    actions: tuple[str, ...],
+    agents: tuple[str, ...],
+    beds: tuple[str, ...],
+) -> Iterator[SimulatedPair]:
+    return simulate_pairs(
+        key, count, actions=actions, agents=agents, beds=beds, material=simulation.material,
+        frames=simulation.frames, strengths=simulation.strengths,
+    )  # fmt: skip
+
+
+def _keys(seed: int, count: int) -> np.ndarray:
+    """Data of the keys that `simulate_pairs` has before each of `count` pairs: (count, words).
+
+    It splits a key in six and goes on with the first.
+    """
+
+    def step(data: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
+        following = jax.random.split(jax.random.wrap_key_data(data), 6)[0]
+        return jax.random.key_data(following), data
+
+    first = jax.random.key_data(jax.random.key(seed))
+    return np.asarray(lax.scan(step, first, length=count)[1])
+
+
+def _begin(simulation: Simulation, kept: Path) -> None:
+    """Check what is asked for, and make the folder of shards, which says what they are shards of.
+
+    Raises:
+      BadFile: it holds those of another data set, or something else.
+    """
+    nothing = jax.random.key(0), 0, simulation.actions, simulation.agents, simulation.beds
+    next(_pairs(simulation, *nothing), None)  # names and numbers are checked all the same
+    recipe = json.loads(files.json_text(asdict(simulation), str(kept)))
+    if not kept.exists():
+        with files.atomic_folder(kept) as temp:
+            files.write_json(temp / RECIPE, recipe)
+    elif not (kept / RECIPE).is_file() or files.read_json(kept / RECIPE) != recipe:
+        raise BadFile(
+            f"{kept}: holds shards of another data set; remove it, or make that one to its end"
+        )

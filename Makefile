@@ -12,7 +12,7 @@ help:
 	@echo "make demo   simulate a bed and mold it into a goal, with pictures in runs/demo"
 	@echo "make test   run the tests        make lint   ruff and pyright"
 	@echo "make bench  measure speed beside what others use"
-	@echo "make docs   build the documentation into site/"
+	@echo "make docs   build the documentation into build/site"
 	@echo "make notebooks  run the lessons and keep their outputs"
 	@echo "make bank   make the bundled banks again (20 minutes)"
 
@@ -44,7 +44,7 @@ lint: $(READY)
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: $(READY)
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 bench: $(BENCH_READY)
 	$(BIN)/python -m benchmarks.run --out bench
@@ -56,4 +56,4 @@ bank: $(READY)
 	$(BIN)/python -m jshape.experiments.banks weights
 
 clean:
-	rm -rf $(VENV) runs bench site
+	rm -rf $(VENV) runs bench build

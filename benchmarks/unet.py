@@ -29,7 +29,10 @@ WIDTH = 32
 GOAL = 1.2
 """Most of PyTorch's time that a forward pass takes."""
 AGREE = 1e-4
-"""Most that the images of two networks differ, and gradients as a share of their largest."""
+"""Most that the images of two networks differ."""
+AGREE_SLOPES = 2e-3
+"""The same of gradients, as a share of each array's largest number.  They jump where the loss, ReLU
+or pooling has a tie: jshape in float32 is 4.7e-4 from jshape in float64 for one image of 183x183."""
 TRAINED: tuple[Shape, ...] = tuple((b, h, w) for w, h in PAPER_ROIS.values() for b in (1, 8))
 FORWARD: tuple[Shape, ...] = (*TRAINED, *((b, *ROIS["knock"][::-1]) for b in (1, 8)))
 """The paper's grasp, knock and poke, and the knock that the simulator's material needs."""
@@ -139,7 +142,7 @@ def _forward(params: dict[str, Any], shape: Shape, peers: Sequence[str]) -> Meas
     after = np.asarray(calls["jshape"]())
     gaps = [float(np.abs(np.asarray(calls[peer]()) - after).max()) for peer in peers]
     times = _in_turns(calls)
-    return _agreeing(shape, times, flops, drawn_flops(shape), first, gaps)
+    return _agreeing(shape, times, flops, drawn_flops(shape), first, gaps, AGREE)
 
 
 def _training(params: dict[str, Any], shape: Shape, peers: Sequence[str]) -> Measured:
@@ -177,7 +180,8 @@ def _training(params: dict[str, Any], shape: Shape, peers: Sequence[str]) -> Mea
         moments = [adam.state[leaf]["exp_avg"].numpy() for leaf in leaves]
         gaps.append(_gradient_gap(jax.tree.leaves(state[1][0].mu), moments))
     times = _in_turns(calls, blocks=2)
-    return _agreeing(shape, times, flops, drawn_flops(shape, train=True), first, gaps)
+    drawn = drawn_flops(shape, train=True)
+    return _agreeing(shape, times, flops, drawn, first, gaps, AGREE_SLOPES)
 
 
 def _gradient_gap(ours: Sequence[Any], theirs: Sequence[np.ndarray]) -> float:
@@ -196,10 +200,11 @@ def _agreeing(
     drawn: float,
     first: float,
     gaps: Sequence[float],
+    most: float,
 ) -> Measured:
     gap = float(np.max(gaps, initial=0.0))  # NaN if any is
-    if not gap < AGREE:
-        raise AssertionError(f"networks for {shape} differ by {gap:.2g}, more than {AGREE:g}")
+    if not gap < most:
+        raise AssertionError(f"networks for {shape} differ by {gap:.2g}, more than {most:g}")
     return Measured(shape, seconds, flops, drawn, first - seconds["jshape"], gap)
 
 
@@ -252,7 +257,8 @@ def _table(report: Report, what: str, all_: Sequence[Measured], peak: float) -> 
     """Times and shares of the peak, and the largest difference as a row."""
     if len(all_[0].seconds) > 1:
         gap = max(m.gap for m in all_)
-        report.add(f"{what}: largest difference", gap, "", goal=AGREE, tolerance=10)
+        most = AGREE if what == "forward" else AGREE_SLOPES
+        report.add(f"{what}: largest difference", gap, "", goal=most, tolerance=10)
     head = [what, *(f"{name}, ms (share of the peak)" for name in all_[0].seconds)]
     head += ["GFLOP jshape / as drawn", "first call, s"]
     rows = []

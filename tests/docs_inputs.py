@@ -1,0 +1,215 @@
+"""What the documentation's commands take: made when a command names it and it is not there yet."""
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import jax
+import numpy as np
+
+from jshape import D435_BAZAR, PAPER_BOX, Camera, Pairs, metric, rollout, save_pairs, sim
+from jshape.camera import reproject
+from jshape.cli import main
+from jshape.data.recording import simulate_recording
+from jshape.data.simulate import DEPTH_UNIT, look, simulate_pairs, together
+from jshape.robot.cameras.played import Played
+from jshape.store.cameras import write_camera
+from jshape.store.images import write_depth_png
+from tests.conftest import ROOT, SHARED
+
+APPLIED = (("knock", (130, 110)), ("poke", (330, 280)))
+FAR = Camera(640, 530, 780.0, 780.0, 319.5, 264.5, 0.57, 0.62)
+"""A camera that is not the bank's, 0.6 m above the bed."""
+
+
+def bed_and_goal() -> tuple[np.ndarray, np.ndarray]:
+    """Depths of a bed, and of what two actions made of it."""
+    bed = goal = sim.flat_bed()
+    for name, at in APPLIED:
+        xy = sim.position_to_xy(PAPER_BOX, np.array(at))
+        goal = sim.apply_action(jax.random.key(1), goal, "flour", (name, "robot"), xy)
+    first, second = (
+        look(jax.random.key(k), one, PAPER_BOX, frames=5) for k, one in enumerate((bed, goal))
+    )
+    return first, second
+
+
+def frames(folder: Path) -> None:
+    """`now.png`, `wanted.png` and the `camera.json` beside them."""
+    for name, depth in zip(("now", "wanted"), bed_and_goal(), strict=True):
+        write_depth_png(folder / f"{name}.png", depth, DEPTH_UNIT)
+    write_camera(folder / "camera.json", PAPER_BOX, DEPTH_UNIT)
+
+
+def far(folder: Path) -> None:
+    """The same bed, seen by another camera from higher up."""
+    for name, depth in zip(("far", "far-wanted"), bed_and_goal(), strict=True):
+        whole = np.where(depth > 0, depth, np.median(depth))
+        seen, _ = reproject(whole, PAPER_BOX, FAR, rise=0.15)
+        write_depth_png(folder / f"{name}.png", np.nan_to_num(np.asarray(seen)), DEPTH_UNIT)
+    write_camera(folder / "far.json", FAR, DEPTH_UNIT)
+
+
+def tilted(folder: Path) -> None:
+    """A frame of a tilted bin with holes, and its camera."""
+    camera = Camera(640, 480, 619.871, 619.871, 314.241, 238.906, 0.5, 1.0)
+    v, u = np.mgrid[:480, :640]
+    depth = 0.86 / (1 + 0.6 * (v - 238.9) / 619.9) * (1 + 0.002 * np.sin(u / 9))
+    counts = np.where(np.hypot(u - 80, v - 120) < 190, 0, np.rint(depth / DEPTH_UNIT))
+    cv2.imwrite(str(folder / "background-0.depth.png"), counts.astype(np.uint16))
+    write_camera(folder / "sr300.json", camera, DEPTH_UNIT)
+
+
+def pokes(count: int, seed: int, material: str = "flour") -> Pairs:
+    """Pairs of pokes of a robot and a human."""
+    who = {"actions": ("poke",), "agents": ("robot", "human"), "material": material}
+    return together(simulate_pairs(jax.random.key(seed), count, **who))
+
+
+def bank(folder: Path) -> None:
+    """A bank: a copy of a bundled one."""
+    shutil.copytree(ROOT / "weights/pressed-flour-human", folder / "my-bank")
+
+
+def plan(folder: Path, name: str = "my-plan") -> None:
+    """What `jshape plan --out my-plan` leaves, of actions that were given."""
+    from jshape.store import plans
+    from jshape.viz import pictures
+
+    whole = [np.where(depth > 0, depth, np.median(depth)) for depth in bed_and_goal()]
+    now, wanted = (metric.weigh(PAPER_BOX.luminance(z, quantize=False), PAPER_BOX) for z in whole)
+    names, places = zip(*APPLIED, strict=True)
+    found = rollout(now, wanted, names, np.array(places), bank="flour-robot")
+    (folder / name).mkdir()
+    plans.write_plan(folder / name / "plan.json", found)
+    (folder / name / "plan.png").write_bytes(pictures.png(pictures.plan_figure(found)))
+
+
+def run(folder: Path) -> None:
+    """What `jshape demo` leaves."""
+    words = [
+        "demo",
+        "--bank",
+        "flour-robot",
+        "--max-steps",
+        "2",
+        "--out",
+        str(folder / "runs/demo"),
+    ]
+    assert main(words) == 0
+
+
+def goal(folder: Path) -> None:
+    """What `jshape goal` leaves."""
+    assert main(["goal", "flat", "--text", "J", "--out", str(folder / "my-goal")]) == 0
+
+
+def poses(folder: Path) -> None:
+    """Pose pairs of a fixed camera, by both names that the pages use."""
+    from tests.test_calibration import pairs_of
+
+    hands, targets, _ = pairs_of(np.random.default_rng(2), False, count=14, mm=0.4, deg=0.1)
+    pairs = [
+        {"base_gripper": hand.tolist(), "camera_target": seen.tolist()}
+        for hand, seen in zip(hands, targets, strict=True)
+    ]
+    for name in ("poses.json", "pairs.json"):
+        (folder / name).write_text(json.dumps(pairs))
+
+
+def base(folder: Path) -> None:
+    """A pose of the camera, written by hand."""
+    matrix = [[1, 0, 0, 0.55], [0, -1, 0, 0.02], [0, 0, -1, 0.61], [0, 0, 0, 1]]
+    fields = {"format": "jshape-pose", "version": 1, "T_base_camera": matrix}
+    (folder / "base.json").write_text(json.dumps(fields))
+
+
+def before_after(folder: Path) -> None:
+    """Frames of others: NAME_before.png and NAME_after.png."""
+    inside, pairs = folder / "frames", pokes(2, 4)
+    inside.mkdir()
+    write_camera(inside / "camera.json", PAPER_BOX, DEPTH_UNIT)
+    for name, prior, posterior in zip("ab", pairs.prior, pairs.posterior, strict=False):
+        cv2.imwrite(str(inside / f"{name}_before.png"), prior)
+        cv2.imwrite(str(inside / f"{name}_after.png"), posterior)
+
+
+def downloads(folder: Path) -> None:
+    """The authors' layout, in small."""
+    from tests import test_imports
+
+    made = test_imports.authors.__wrapped__(folder / "made", np.random.default_rng(7))
+    shutil.move(made, folder / "downloads")
+
+
+def mcap(folder: Path) -> None:
+    """A bag as ROS 2 records it."""
+    from tests.written_bags import depth_bag
+
+    _, shots = simulate_recording(jax.random.key(3), ["poke"], still=2, move=1, rest=1)
+    made = depth_bag(folder / "bag", "mcap", PAPER_BOX, list(shots))
+    shutil.copy(next(made.glob("*.mcap")), folder / "session.mcap")
+
+
+def sdk(folder: Path) -> None:
+    """A recording of the RealSense SDK: pokes below a virtual D435."""
+    from tests.virtual_realsense import record
+
+    _, shots = simulate_recording(jax.random.key(9), ["poke"] * 4, still=8, move=3, rest=3)
+    record(folder / "session.db3", PAPER_BOX, DEPTH_UNIT, shots)
+
+
+def camera(count: int | None) -> Played:
+    """The D435 that is plugged in; somebody presses Ctrl-C after `count` frames."""
+    depth = np.asarray(sim.render(sim.flat_bed(), D435_BAZAR))
+    rng = np.random.default_rng(5)
+
+    def shots():
+        taken = 0
+        while count is None or taken < count:
+            taken += 1
+            noisy = depth + 0.00045 * rng.standard_normal(depth.shape)
+            yield np.rint(noisy / DEPTH_UNIT).astype(np.uint16)
+        raise KeyboardInterrupt
+
+    return Played("virtual D435", D435_BAZAR, DEPTH_UNIT, shots(), live=True)
+
+
+INPUTS = {
+    "now.png": frames,
+    "wanted.png": frames,
+    "camera.json": frames,
+    "far.png": far,
+    "far-wanted.png": far,
+    "far.json": far,
+    "background-0.depth.png": tilted,
+    "sr300.json": tilted,
+    "pairs": lambda folder: save_pairs(pokes(8, 0), folder / "pairs"),
+    "monday": lambda folder: save_pairs(pokes(1, 1), folder / "monday"),
+    "tuesday": lambda folder: save_pairs(pokes(1, 2), folder / "tuesday"),
+    "dough-pairs": lambda folder: save_pairs(pokes(4, 5, "dough"), folder / "dough-pairs"),
+    "both": lambda folder: save_pairs(pokes(2, 6), folder / "both"),
+    "more-pairs": lambda folder: save_pairs(pokes(2, 3), folder / "more-pairs"),
+    "my-bank": bank,
+    "my-goal": goal,
+    "my-plan": plan,
+    "letter": lambda folder: plan(folder, "letter"),
+    "runs/demo": run,
+    "poses.json": poses,
+    "pairs.json": poses,
+    "base.json": base,
+    "frames": before_after,
+    "downloads": downloads,
+    "data": lambda folder: (folder / "data").symlink_to(SHARED / "data"),
+    "session.mcap": mcap,
+    "session.db3": sdk,
+}
+"""By the name that the pages give it, how it is made."""
+
+
+def input_of(word: str) -> str | None:
+    """The input that a word of a command names: "realsense:session.db3", "my-plan/plan.json"."""
+    path = Path(word.rpartition(":")[2])
+    names = [path.as_posix(), *(parent.as_posix() for parent in path.parents)]
+    return next((name for name in names if name in INPUTS), None)

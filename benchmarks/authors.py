@@ -194,8 +194,10 @@ def _work(report: Report, problem: Problem, plan: Plan, theirs: AuthorsPlan) -> 
     # Ours: image and goal, effects stay in cache. Theirs: the ROI is read, changed and put back.
     mine = 4 * 2 * pixels
     other = 8 * (FULL_IMAGE_PASSES * times * problem.pixels + 4 * len(theirs.steps) * rois)
-    report.add(f"bytes read and written, {name}: jshape", mine / 1e6, "MB", tolerance=1.001)
-    report.add("the authors' way / jshape, bytes read and written", other / mine, "times",
+    report.add(
+        f"bytes of the search by counting passes, {name}: jshape", mine / 1e6, "MB", tolerance=1.001
+    )
+    report.add("the authors' way / jshape, bytes by counting passes", other / mine, "times",
                more=True, tolerance=1.01)  # fmt: skip
 
 

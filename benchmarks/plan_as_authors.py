@@ -12,9 +12,10 @@ What it transcribes:
   program writes one PNG per candidate, each in a folder of its own, and reads the best one's back.
 - Nothing is remembered from step to step; of equal candidates the first is taken.
 
-In its favour: networks are loaded once, not at every step, and called without Keras; with `folder`
-None only the best image is rounded, in memory.  It stops as the paper says, when no candidate
-lowers d (the program takes the first action anyway, and ends after six).
+In its favour: I of both images, R and the factor to mm are there before the clock starts, as they
+are for `jshape.plan`; networks are loaded once, not at every step, and called without Keras; with
+`folder` None only the best image is rounded, in memory.  It stops as the paper says, when no
+candidate lowers d (the program takes the first action anyway, and ends after six).
 """
 
 from collections.abc import Callable, Sequence
@@ -28,10 +29,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.problems import Problem, weights
-from jshape import metric
+from benchmarks.problems import Problem
 from jshape.actions import first_pixels
-from jshape.camera import Camera
 from jshape.predict.bank import Bank
 
 FULL_IMAGE_PASSES = 10
@@ -53,9 +52,10 @@ class AuthorsPlan:
 
 
 def plan_as_authors(
-    luminance: np.ndarray,
-    wanted: np.ndarray,
-    camera: Camera,
+    image: np.ndarray,
+    goal: np.ndarray,
+    rays: np.ndarray,
+    to_mm: float,
     predictors: Sequence[Predict],
     rois: Sequence[tuple[int, int]],
     places: Sequence[np.ndarray],
@@ -67,9 +67,10 @@ def plan_as_authors(
     """Algorithm 1 as the module's docstring says.
 
     Args:
-      luminance: (H, W) of uint8, now.
-      wanted: (H, W) of uint8.
-      camera: of both.
+      image: (H, W) of I now, float64, as made of 8 bits.
+      goal: (H, W) of I wanted, likewise.
+      rays: (H, W) of R_uv / R̄.
+      to_mm: of d.
       predictors: one per action.
       rois: sizes (w, h) per action.
       places: (N, 2) of (u, v) per action, ROIs inside the image.
@@ -77,8 +78,6 @@ def plan_as_authors(
       folder: where every candidate's image is written to; None: only in memory.
       tuned: float32 and `cv2.norm` instead: the same work by the fastest means at hand.
     """
-    rays = weights(camera)
-    to_mm = float(metric.to_mm(1.0, camera))
     kind = np.float32 if tuned else np.float64
 
     def read(levels: np.ndarray) -> np.ndarray:
@@ -92,7 +91,7 @@ def plan_as_authors(
             return cv2.norm(image, goal, cv2.NORM_L1) * to_mm / image.size
         return float((np.abs(image - goal) * (to_mm / image.size)).sum())
 
-    image, goal = read(luminance), read(wanted)
+    image, goal = (x.astype(kind, copy=False) for x in (image, goal))
     done, least = AuthorsPlan(images=[image]), distance(image)
     while len(done.steps) < max_steps:
         best, best_d, best_image = None, np.inf, image
@@ -143,7 +142,8 @@ def authors_way(
         )
 
     arguments = (
-        problem.luminance, problem.wanted, bank.camera, [of(a) for a in range(len(bank.actions))],
+        *problem.exact_images, problem.rays, problem.to_mm,
+        [of(a) for a in range(len(bank.actions))],
         list(bank.rois.values()), [problem.places[name] for name in bank.actions], max_steps,
     )  # fmt: skip
     if not files:

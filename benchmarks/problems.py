@@ -41,9 +41,24 @@ class Problem:
         return self.luminance.size
 
     @cached_property
+    def rays(self) -> np.ndarray:
+        """R_uv / R̄, (H, W) float64."""
+        return weights(self.bank.camera)
+
+    @cached_property
+    def to_mm(self) -> float:
+        """Of d."""
+        return float(metric.to_mm(1.0, self.bank.camera))
+
+    @cached_property
+    def exact_images(self) -> tuple[np.ndarray, np.ndarray]:
+        """I of both: (H, W) float64."""
+        return weighed(self.luminance, self.bank.camera), weighed(self.wanted, self.bank.camera)
+
+    @cached_property
     def images(self) -> tuple[np.ndarray, np.ndarray]:
         """I of both: (H, W) float32."""
-        one, other = (weighed(x, self.bank.camera) for x in (self.luminance, self.wanted))
+        one, other = self.exact_images
         return one.astype(np.float32), other.astype(np.float32)
 
     def ours(self, max_steps: int) -> Plan:

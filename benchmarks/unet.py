@@ -31,8 +31,8 @@ GOAL = 1.2
 AGREE = 1e-4
 """Most that the images of two networks differ."""
 AGREE_SLOPES = 2e-3
-"""The same of gradients, as a share of each array's largest number.  They jump where the loss, ReLU
-or pooling has a tie: jshape in float32 is 4.7e-4 from jshape in float64 for one image of 183x183."""
+"""The same of gradients, as a share of each array's largest number.  They jump where the loss,
+ReLU or pooling has a tie: jshape's own in float32 and float64 are 4.7e-4 apart for 183x183."""
 TRAINED: tuple[Shape, ...] = tuple((b, h, w) for w, h in PAPER_ROIS.values() for b in (1, 8))
 FORWARD: tuple[Shape, ...] = (*TRAINED, *((b, *ROIS["knock"][::-1]) for b in (1, 8)))
 """The paper's grasp, knock and poke, and the knock that the simulator's material needs."""

@@ -74,7 +74,7 @@ def test_files_and_tuning_change_no_plan(tmp_path):
     assert authors_way(made, 4, tuned=True).steps == plain.steps
     predictors = [lambda roi, first, d=d: np.clip(roi + d, 0, 1) for d in deltas_of(made)]
     plan_as_authors(
-        made.luminance, made.wanted, CAMERA, predictors, list(ROIS.values()),
+        *made.exact_images, made.rays, made.to_mm, predictors, list(ROIS.values()),
         list(PLACES.values()), 1, folder=tmp_path,
     )  # fmt: skip
     kept = sorted(tmp_path.glob("*/img.png"))

@@ -131,7 +131,7 @@ def test_with_peers_the_rows_hold_ratios_and_differences(small, tmp_path):
 @pytest.mark.parametrize("gap", [2e-4, float("nan")])
 def test_networks_that_differ_are_not_compared(gap):
     with pytest.raises(AssertionError, match="differ by"):
-        unet._agreeing((1, 16, 16), {"jshape": 1.0}, 1.0, 1.0, 2.0, [0.0, gap])
+        unet._agreeing((1, 16, 16), {"jshape": 1.0}, 1.0, 1.0, 2.0, [0.0, gap], unet.AGREE)
 
 
 def test_the_simulators_rows(monkeypatch, tmp_path):

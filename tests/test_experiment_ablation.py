@@ -12,6 +12,7 @@ from jshape.errors import UnknownName
 from jshape.experiments import ablation, ingredients
 from jshape.experiments.ingredients import AsSeen, Trials, Variant, added, left_out
 from jshape.learn import pressed as learning
+from jshape.learn.measure import Trial
 from jshape.learn.pressed import INGREDIENTS, fit_pressed
 from jshape.predict.difference import fit_difference
 from jshape.store import datasets
@@ -127,6 +128,10 @@ def test_each_step_has_one_ingredient_more_and_the_last_is_all_of_f_p(varied):
         {n} for n in ingredients.SAID if n in INGREDIENTS
     ][: len(without) - 2]
     assert any("stroke" in v.without for v in without) == varied
+    said = {v.name: v.said for v in (*chain, *without)}
+    assert "descent" in said["f_D with view, absolute"]
+    assert said["f_P without absolute"].startswith("squared error")
+    assert "growing rims" in said["f_P without tool"]
     assert len({v.name for v in (*chain, *without)}) == len(chain) + len(without) - 1
 
 
@@ -163,13 +168,51 @@ def test_the_changes_add_up_from_f_d_to_f_p(tmp_path, pairs, short, capsys):
         assert row["changed_by_mm"] == pytest.approx(gap, abs=1e-5) and row["count"] == 2
     page = (out / "page.html").read_text()
     assert all(f"{row['mean_mm']:.3f} ± {row['std_mm']:.3f}" in page for row in rows)
+    assert all(row["actions_std_mm"] == pytest.approx(row["std_mm"], abs=1e-6) for row in rows)
+
+
+LINE = {"set": "s", "agent": "robot", "part": "added", "step": 1, "ingredient": "i",
+        "predictor": "f_P", "std_mm": 0.1, "actions_std_mm": 0.07, "change_mm": 3.0, "better": 0.5,
+        "over_whole_mm": None, "over_whole_error_mm": None}  # fmt: skip
 
 
 def test_means_are_over_the_actions_and_errors_shrink_with_them():
-    line = {"set": "s", "agent": "robot", "part": "added", "step": 1, "ingredient": "i",
-            "predictor": "f_P", "std_mm": 0.1, "change_mm": 3.0, "better": 0.5}  # fmt: skip
-    rows = [line | {"action": a, "mean_mm": m, "changed_by_mm": c, "changed_error_mm": e}
+    rows = [LINE | {"action": a, "mean_mm": m, "changed_by_mm": c, "changed_error_mm": e}
             for a, m, c, e in (("poke", 1.0, -0.2, 0.03), ("knock", 2.0, -0.4, 0.04))]  # fmt: skip
     (mean,) = ablation.mean_over_actions(rows, "s", "robot")
     assert (mean["mean_mm"], mean["changed_by_mm"]) == pytest.approx((1.5, -0.3))
     assert mean["changed_error_mm"] == pytest.approx(0.025)
+    assert mean["std_mm"] == 0.07
+
+
+def test_the_spread_is_that_of_the_mean_over_the_actions():
+    def trial(action, error):
+        one = np.full(2, error)
+        return Trial("f_P", "robot", "robot", action, 6, np.array(["a", "b"]), one, one)
+
+    # Two partitions: what one action is worse by, the other is better by.
+    trials = [trial("poke", 1.0), trial("knock", 3.0), trial("poke", 2.0), trial("knock", 2.0)]
+    assert ablation._spread(trials, "f_P", "robot") == 0.0
+    assert ablation._spread(trials[:3] + trials[1:2], "f_P", "robot") == pytest.approx(0.25)
+
+
+def test_the_page_says_what_harms_and_claims_no_gain_that_noise_may_be():
+    def line(part, step, name, by=None, error=None, over=None):
+        return LINE | {"part": part, "step": step, "ingredient": name, "predictor": name,
+                       "mean_mm": 1.0, "changed_by_mm": by, "changed_error_mm": error,
+                       "over_whole_mm": over, "over_whole_error_mm": over and 0.01}  # fmt: skip
+
+    start = [line("added", 0, "f_D", over=0.2), line("left out", 0, "f_P")]
+    mean = [*start, line("added", 1, "tool", -0.3, 0.1, -0.05), line("added", 2, "salt", 0.2, 0.09),
+            line("left out", 1, "rims gone", 0.3, 0.1),
+            line("left out", 2, "salt gone", -0.3, 0.1)]  # fmt: skip
+    _, up, ahead, down = ablation.words([mean], 4)
+    assert "most is gained by: tool -0.300 mm" in up
+    assert "The error grows with: salt +0.200 mm. These are harmful" in up
+    assert ahead == "Better than f_P with all its ingredients: tool -0.050 mm."
+    assert "grows: rims gone +0.300 mm" in down and "falls: salt gone -0.300 mm" in down
+    noise = [*start, line("added", 1, "tool", -0.3, 0.2, 0.05),
+             line("left out", 1, "rims gone", -0.3, 0.2)]  # fmt: skip
+    _, up, down = ablation.words([noise], 4)
+    assert "none gains more than twice its standard error" in up and "harmful" not in up + down
+    assert "No change beyond twice the standard error: rims gone." in down

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+import jshape
 from jshape.cli import main
 from jshape.errors import BadFile, JShapeError, UnknownName
 from jshape.experiments import EXPERIMENTS, LeftOut, pages, report, samples
 from jshape.experiments.pages import Picture, Result, Table
+from jshape.viz.planning import gains_figure
 
 EVIL = "<script>alert(\"1\")</script> & 'so on'"
 
@@ -162,6 +164,49 @@ def test_a_page_is_added_beside_what_is_there(tmp_path):
     assert json.loads((tmp_path / pages.JSON).read_text()) == json.loads(json.dumps(told))
     assert (tmp_path / "steps.jsonl").read_text() == "mine"
     assert all((tmp_path / name).is_file() for name in pages.contents(["one.png"]))
+
+
+def test_a_page_says_how_it_was_made(tmp_path, monkeypatch):
+    given = {"quick": True, "seed": 3, "actions": ["knock", "poke"], "overwrite": True}
+    words = report.command_of("ablation", tmp_path / "my out", given | {"data": None})
+    with pages.made_by(words):
+        told = pages.write(result(), tmp_path / "out")["made"]
+    assert told["command"] == (
+        "jshape experiment ablation --out 'my out' --quick --seed 3 --actions knock poke"
+    )
+    assert told["quick"] and told["jshape"] == jshape.__version__
+    text = Reader((tmp_path / "out" / "page.html").read_text()).text
+    assert "Quick (--quick)" in text and told["command"] in text
+    assert f"with jshape {told['jshape']} on {told['date']}" in text
+    assert "--only robot" in " ".join(report.command_of("robot", tmp_path, {}))
+
+    monkeypatch.setattr("sys.argv", ["/bin/jshape", "experiment", "twin", "--out", "a<b"])
+    pages.write(result(), tmp_path / "own")
+    text = Reader((tmp_path / "own" / "page.html").read_text()).text
+    assert "Not --quick" in text and "jshape experiment twin --out 'a<b'" in text
+    monkeypatch.setattr("sys.argv", ["/bin/other", "--quick"])
+    assert pages.made()["command"] == "" and pages.made()["quick"] is None
+
+
+def test_too_few_pairs_are_refused_by_name(tmp_path, capsys):
+    code = main(["experiment", "ablation", "--out", str(tmp_path / "o"), "--pairs", "3"])
+    assert code == 2 and "--pairs 3: must be at least 4" in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
+def test_no_gain_is_cut_off_and_only_a_line_that_is_there_is_explained():
+    rng = np.random.default_rng(0)
+    both = [*rng.normal(0, 0.1, (60, 2)).tolist(), [0.1, -3.0], [-2.0, 0.2], [4.0, 0.1], [0.2, 5.0]]
+    steps = [{"action": "poke", "predicted_gain_mm": p, "gain_mm": g} for p, g in both]
+    runs = [{"entry": "greedy", "loop": "closed", "steps": steps}]
+    made = gains_figure(runs, {})
+    for limits, values in zip(
+        (made.axes[0].get_xlim(), made.axes[0].get_ylim()), zip(*both, strict=True), strict=True
+    ):
+        assert limits[0] < min(values) and max(values) < limits[1]
+    assert "dotted" not in made.get_supxlabel()
+    with_line = gains_figure(runs, {"greedy": {"poke": 0.3}})
+    assert "dotted: usual error" in with_line.get_supxlabel()
 
 
 def test_unknown_experiments_are_refused_before_anything_is_written(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from jshape import PAPER_BOX, actions
 from jshape.errors import UnknownName
-from jshape.experiments import LeftOut, pages, robot
+from jshape.experiments import LeftOut, pages, robot, robot_page
 from jshape.store import files
 
 
@@ -78,3 +78,15 @@ def test_an_arm_that_is_none_is_refused(tmp_path):
     with pytest.raises(UnknownName, match="mujoco, sim"):
         robot.run_robot(tmp_path / "six", arm="kuka")
     assert not (tmp_path / "six").exists()
+
+
+def test_the_page_says_as_in_the_paper_only_when_every_distance_falls():
+    def said(*obtained):
+        rows = [{"obtained_mm": d, "retrieved": 1.0, "goal_by": "robot"} for d in obtained]
+        return robot_page.words(rows, "an arm")[1]
+
+    assert "In 2 of 2 problems" in (all_fall := said([2.0, 1.0], [3.0, 2.0, 1.0]))
+    assert "falls at each step, as in the paper;" in all_fall
+    some = said([2.0, 1.0], [2.0, 1.0, 1.5])
+    assert "In 1 of 2 problems" in some and "as in the paper" not in some
+    assert "In 0 of 1 problems" in said([2.0])  # no action was carried out

@@ -1,6 +1,7 @@
 """Grids of banks and data sets in shards: the same by every engine, and nothing computed twice."""
 
 import json
+import shutil
 from dataclasses import replace
 from itertools import islice
 
@@ -17,6 +18,7 @@ from jshape.experiments import grid as grids
 from jshape.experiments import shards
 from jshape.experiments.grid import Cell, Grid
 from jshape.learn.evaluate import cross_validate
+from jshape.store import files
 from jshape.store.datasets import load_pairs
 
 QUICK = {"width": 1, "epochs": 2, "batch": 4}
@@ -196,6 +198,57 @@ def test_the_command_says_what_failed_and_goes_on(pairs, tmp_path, capsys, monke
     assert "interrupted with 2 of 4 cells finished; the same command goes on" in said.err
 
 
+def test_any_error_of_a_cell_is_its_own(pairs, tmp_path, monkeypatch):
+    fit = grids.fit
+
+    def failing(training, kind, **options):
+        if training.agent[0] == "robot":
+            raise FloatingPointError("not\nfinite")
+        return fit(training, kind, **options)
+
+    monkeypatch.setattr(grids, "fit", failing)
+    grid = Grid(pairs, partitions=1)
+    first, second = sorted(grids.run(grid, tmp_path), key=lambda done: done.cell)
+    assert (first.cell.agent, first.problem) == ("human", "") and first.bank is not None
+    assert (second.problem, second.bank) == ("FloatingPointError: not finite", None)
+
+    def interrupted(*args, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(grids, "fit", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        list(grids.run(grid, tmp_path))
+
+
+def test_the_table_is_of_all_that_belongs_together(pairs, tmp_path, capsys, monkeypatch):
+    save_pairs(pairs, tmp_path / "pairs")
+    out = tmp_path / "grid"
+    call = ["grid", "train", str(tmp_path / "pairs"), "--out", str(out), "--kinds", "D"]
+
+    def interrupted(grid, task):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(grids, "fitted", interrupted)
+        assert main([*call, "--partitions", "2"]) == 130
+    said = capsys.readouterr().out
+    assert f"no cell is finished, so there is no table: {out / 'summary.json'}" in said
+    assert "banks, table and figure" not in said
+    assert [path.name for path in out.iterdir()] == ["summary.json"]
+
+    assert main([*call, "--partitions", "2"]) == 0
+    wide = (out / "scores.csv").read_text()
+    assert "not asked for now" not in capsys.readouterr().out
+    assert main([*call, "--partitions", "1", "--agents", "human"]) == 0
+    assert "finished before and not asked for now: 3 cells" in capsys.readouterr().out
+    assert sorted((out / "scores.csv").read_text().splitlines()) == sorted(wide.splitlines())
+    # Cells of another seed do not belong to them.
+    narrow = ["--partitions", "1", "--agents", "human", "--seed", "1", "--overwrite", "--json"]
+    assert main([*call, *narrow]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["finished"], summary["others"], len(summary["scores"])) == (1, 0, 1)
+
+
 SMALL = shards.Simulation(
     pairs=3, actions=("poke", "knock"), beds=("flat", "curved"), frames=1, strengths=(0.5, 2.0),
     seed=5, size=2,
@@ -208,8 +261,10 @@ def simulated(tmp_path_factory):
     out = tmp_path_factory.mktemp("shards") / "pairs"
     first = list(islice(shards.simulate(SMALL, out), 2))
     assert first == ["000000", "000002"] and not out.exists()
-    with pytest.raises(BadFile, match="pairs.shards: holds shards of another data set"):
+    with pytest.raises(BadFile, match="pairs.shards: holds shards .* another seed: 5, now 6; give"):
         next(shards.simulate(replace(SMALL, seed=6), out))
+    with pytest.raises(BadFile, match="another size: 2, now 3"):
+        next(shards.simulate(replace(SMALL, size=3), out))
     rest = Counting()
     assert list(shards.simulate(SMALL, out, rest)) == ["000000", "000002", "000003", "000005"]
     assert [shard.name for shard in rest.tasks] == ["000003", "000005"]
@@ -234,6 +289,55 @@ def test_shards_are_what_one_process_makes(simulated):
     assert found.centre.tolist() == [list(pair.position) for pair in expected]
     with pytest.raises(UnknownName, match="'tap'; allowed"):
         next(shards.simulate(replace(SMALL, actions=("tap",)), simulated.parent / "no"))
+
+
+def test_a_damaged_shard_is_made_again(simulated, tmp_path, capsys, monkeypatch):
+    """By the command, after a Ctrl-C; only that shard, and the data set is what it would be."""
+    done, work = [], shards.simulated
+
+    def dying(simulation, shard):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(shard.name)
+        return work(simulation, shard)
+
+    out = tmp_path / "pairs"
+    call = ["grid", "simulate", str(out), "--pairs", "3", "--actions", "poke", "knock", "--beds"]
+    call += ["flat", "curved", "--frames", "1", "--strengths", "0.5", "2", "--seed", "5"]
+    monkeypatch.setattr(shards, "simulated", dying)
+    assert main([*call, "--size", "2"]) == 130
+    said = capsys.readouterr().err
+    assert "2 of 4 shards are finished; they are kept in" in said and "goes on" in said
+    assert "error" not in said and not out.exists()
+
+    kept = tmp_path / "pairs.shards"
+    monkeypatch.setattr(shards, "simulated", work)
+    frames = sorted(kept.glob("00000[02]/frames/*.png"))
+    frames[0].write_bytes(frames[1].read_bytes())  # an image still, but another
+    rest, said = Counting(), []
+    assert len(list(shards.simulate(SMALL, out, rest, say=said.append))) == 4
+    assert [shard.name for shard in rest.tasks] == ["000000", "000003", "000005"]
+    assert said == [f"{kept / '000000'}: damaged or not finished; it is made again"]
+    for path in simulated.rglob("*.*"):
+        assert (out / path.relative_to(simulated)).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("harm", ["table", "frame", "checksums", "more"])
+def test_what_a_whole_shard_is(simulated, tmp_path, harm):
+    folder = tmp_path / "000000"
+    shutil.copytree(simulated, folder)
+    checksums = files.write_json(tmp_path / "000000.json", shards._digests(folder))
+    assert shards._is_whole(folder)
+    frame = next(folder.glob("frames/*.png"))
+    if harm == "table":
+        (folder / "pairs.csv").unlink()
+    elif harm == "frame":
+        frame.write_bytes(frame.read_bytes()[:-1])
+    elif harm == "checksums":
+        checksums.unlink()
+    else:
+        (folder / "more.txt").write_text("")
+    assert not shards._is_whole(folder)
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,7 @@
 """The studio's desk, its runs and its annotation, without a browser."""
 
+import json
+import threading
 import time
 
 import jax
@@ -10,6 +12,7 @@ import jshape
 from jshape.data.simulate import simulate_pairs, together
 from jshape.data.view import image_of_depth
 from jshape.errors import BadBank, BadDataset, BadFile, JShapeError
+from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import levelled_world
 from jshape.store import annotations, datasets
 from jshape.studio import pictures
@@ -200,20 +203,95 @@ def test_a_run_ends_when_it_is_told_to(planned, tmp_path):
     planned.draw(BRUSH._replace(depth_mm=25.0, width_mm=90.0))  # worth an action
     molder, _ = begin(planned, tmp_path / "run")
     wait_for(molder, State.ASKING)
-    molder.answer(False)
+    molder.answer(True, molder.number - 1)  # to an earlier question: none to this one
+    assert molder.state is State.ASKING
+    molder.answer(False, molder.number)
     molder.wait(60.0)
     assert molder.state is State.FINISHED and "declined" in molder.why
     molder.answer(True)  # too late: nothing happens
     assert not molder.running
 
 
-def test_stop_stops_the_arm_and_the_run(planned, tmp_path):
-    molder, _ = begin(planned, tmp_path / "run", plan=planned.plan)
+class Slow(SimulatedArm):
+    """An arm that takes its time, and remembers what it was told."""
+
+    def __init__(self, arm):
+        self.__dict__.update(arm.__dict__)
+        self.told = []
+        self.moving = threading.Event()
+
+    def _spend(self, name):
+        self.told.append(name)
+        self.moving.set()
+        time.sleep(0.2)
+
+    def move(self, pose, *, speed, threshold):
+        self._spend("move")
+        return super().move(pose, speed=speed, threshold=threshold)
+
+    def home(self):
+        self._spend("home")
+        return super().home()
+
+
+def test_stop_ends_the_action_and_nothing_more_is_commanded(planned, tmp_path):
+    robot = simulated_robot(planned.depth_of(planned.bed), planned.bank, "flour")
+    robot.arm = arm = Slow(robot.arm)
+    bed = arm.world.bed
+    molder = Molder(
+        robot, planned.bank, planned.goal, tmp_path / "run", meta={"bank": planned.bank_name},
+        plan=planned.plan,
+    )  # fmt: skip
     wait_for(molder, State.ASKING)
+    arm.moving.clear()
     molder.answer(True)
-    molder.stop()
+    assert arm.moving.wait(60)
+    told = len(arm.told)
+    assert molder.stop() is None
     molder.wait(60.0)
-    assert not molder.running and len(molder.lines) <= 2
+    assert not molder.running and len(arm.told) == told and arm.world.bed is bed
+    assert molder.state is State.FAILED and "stopped by a person" in molder.why
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["state"] == "aborted"
+    assert robot.arm is arm  # and the next run may move it again
+
+
+def test_stop_answers_a_question_and_says_what_went_wrong_with_it(planned, tmp_path):
+    robot = simulated_robot(planned.depth_of(planned.bed), planned.bank, "flour")
+
+    def broken():
+        raise OSError("no answer")
+
+    molder = Molder(
+        robot, planned.bank, planned.goal, tmp_path / "run", meta={"bank": planned.bank_name},
+        plan=planned.plan, ask_first=True,
+    )  # fmt: skip
+    wait_for(molder, State.ASKING)
+    assert "goes home" in molder.question and molder.ahead is None
+    assert not (tmp_path / "run" / "log.jsonl").is_file()  # nothing has begun
+    robot.arm.arm.stop = broken
+    assert "did not stop: OSError: no answer" in molder.stop()
+    molder.wait(60.0)
+    assert molder.state is State.FAILED
+
+
+def test_a_desk_is_locked_while_a_run_goes_on(planned):
+    planned.locked = "a run goes on"
+    version, plan = planned.version, planned.plan
+    for change in (
+        planned.undo, planned.clear, planned.make_plan, lambda: planned.drop(0),
+        lambda: planned.draw(BRUSH), lambda: planned.use_bank("flour-robot"),
+    ):  # fmt: skip
+        with pytest.raises(JShapeError, match="a run goes on"):
+            change()
+    assert planned.plan is plan and planned.version == version
+    planned.follow(plan.rest(1))
+    assert planned.selected == 1 and planned.version > version
+
+
+def test_a_goal_that_is_the_bed_is_not_planned_for(desk):
+    with pytest.raises(JShapeError, match="draw, write or load one first"):
+        desk.make_plan()
 
 
 def test_a_run_that_breaks_says_why(planned, tmp_path):

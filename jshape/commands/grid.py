@@ -51,13 +51,18 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
         for why in dict.fromkeys(problems.values()):
             mine = [cell.name for cell, problem in problems.items() if problem == why]
             print(f"failed: {', '.join(mine)}: {why}")
-        print(f"banks, table and figure: {options.out}")
+        if summary["others"]:
+            print(f"of the table, finished before and not asked for now: {summary['others']} cells")
+        if scores:
+            print(f"banks, table and figure: {options.out}")
+        else:
+            print(f"no cell is finished, so there is no table: {options.out / grids.SUMMARY}")
     if getattr(options, "exit_code", 0):
         print(
             f"interrupted with {summary['finished']} of {summary['cells']} cells finished; the "
             "same command goes on", file=sys.stderr,
         )  # fmt: skip
-    elif not scores:
+    elif not summary["finished"]:
         raise JShapeError(f"no cell could be computed: {next(iter(problems.values()))}")
     return summary
 
@@ -79,12 +84,20 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         seed=options.seed,
         size=options.size,
     )
-    made = shards.simulate(simulation, options.out, engine, overwrite=options.overwrite)
+    made = shards.simulate(
+        simulation, options.out, engine, overwrite=options.overwrite,
+        say=lambda line: print(line, file=sys.stderr),
+    )  # fmt: skip
+    count = len(simulation.shards)
     try:
-        for _ in progress(made, len(simulation.shards), "shards"):
+        for _ in progress(made, count, "shards"):
             pass
     except KeyboardInterrupt:
-        raise JShapeError("interrupted; the same command goes on") from None
+        there = shards.finished(options.out)
+        kept = f"; they are kept in {shards.kept_beside(options.out)}" if there else ""
+        print(f"{there} of {count} shards are finished{kept}; the same command goes on",
+              file=sys.stderr)  # fmt: skip
+        raise  # there is no data set yet that a result could name
     finally:
         made.close()
     if not options.json:

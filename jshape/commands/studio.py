@@ -24,8 +24,10 @@ def studio(options: argparse.Namespace) -> dict[str, Any]:
         raise JShapeError(
             f"the studio needs {problem.name}: pip install 'jshape[studio]'"
         ) from None
+    from jshape.studio.annotation import Annotation
     from jshape.studio.bench import Bench
     from jshape.studio.desk import Desk
+    from jshape.view.browser import check_free
 
     desk = Desk(options.bank or DEFAULT_BANK, options.material)
     options.resume, options.yes, options.overwrite = False, True, False  # the page asks
@@ -38,6 +40,8 @@ def studio(options: argparse.Namespace) -> dict[str, Any]:
         desk.load_goal(options.desired, options.camera_file, reproject=options.reproject)
     if options.host not in LOCAL:
         print(f"anybody who reaches {options.host} can use this page", file=sys.stderr)
+    check_free(options.host, options.port)
+    boxes = None if options.dataset is None else Annotation(options.dataset)
     bench = Bench(None, "", options.out, options.camera_file, options.reproject)
     opened: Any = nullcontext()
     if options.arm is not None:
@@ -47,8 +51,9 @@ def studio(options: argparse.Namespace) -> dict[str, Any]:
         bench.robot, bench.arm = robot, options.arm or ""
         print(f"the studio is at http://{options.host}:{options.port}; Ctrl-C ends it", flush=True)
         with suppress(KeyboardInterrupt):  # how people end it
-            serve(desk, bench, options.dataset, host=options.host, port=options.port,
+            serve(desk, bench, boxes, host=options.host, port=options.port,
                   show=not options.no_open)  # fmt: skip
+        bench.end()
     return {"out": str(bench.out)}
 
 

@@ -20,6 +20,11 @@ STRENGTHS = (0.3, 2.0)
 """Least and greatest of the pairs of several strengths."""
 ADDED, LEFT_OUT = "added", "left out"
 """The two parts of the experiment."""
+CHANGES = {
+    "changed": ("changed_by_mm", "changed_error_mm"),
+    "over_whole": ("over_whole_mm", "over_whole_error_mm"),
+}
+"""Columns of a change of the error, and of its standard error: by the step, and from f_P."""
 
 
 def run(
@@ -79,10 +84,13 @@ def run(
         pictures=[
             pages.Picture(
                 FIGURES[0], bars_figure(means, (ADDED, LEFT_OUT)),
-                "Mean error over the actions, with its standard deviation over the partitions. "
-                "Left: from f_D down, each bar has one ingredient more than the one above it. "
-                "Right: f_P, and f_P without one ingredient each; what goes far beyond the broken "
-                "line is needed.",
+                "Mean error over the actions, with the standard deviation of that mean over the "
+                "partitions. Left: from f_D down, each bar has what is named more than the one "
+                "above it. Right: f_P, and f_P with the change that is named; what goes far "
+                "beyond the broken line is needed. The view from above comes with the depth of "
+                "the places and with the mean change (the rims) on nodes of the ground, the "
+                "absolute error with all fitting by descent; with the tool go the growing rims, "
+                "which are of what it displaces; squares take the place of absolute errors.",
             )
         ],
         settings={"data": source(data), "pairs": {w: len(p) for w, p in sets.items()},
@@ -118,9 +126,12 @@ def rows_of(
 ) -> list[dict[str, Any]]:
     """A row per action, agent and step, with what the step changes, pair by pair.
 
-    What is added is compared with the step before it, what is left out with f_P.
+    What is added is compared with the step before it, what is left out with f_P; `over_whole_mm`
+    compares every step with f_P.  `actions_std_mm` is the standard deviation over the partitions of
+    the mean over the actions of an agent.
     """
     scores = {(s.predictor, s.agent, s.action): s for s in studies.scores_of(trials, pairs)}
+    whole = {(c.predictor, c.agent, c.action): c for c in compare(trials, WHOLE)}
     rows = []
     for part, variants in steps.items():
         for k, variant in enumerate(variants):
@@ -130,8 +141,22 @@ def rows_of(
             for (name, agent, action), score in scores.items():
                 if name == variant.name:
                     told = {"set": where, "part": part, "step": k, "ingredient": variant.said}
-                    rows.append(told | score._asdict() | _change(changes.get((agent, action))))
+                    told |= {"actions_std_mm": _spread(trials, name, agent)}
+                    told |= score._asdict() | _change(changes.get((agent, action)))
+                    over = whole.get((name, agent, action))
+                    told["over_whole_mm"] = over and over.difference_mm
+                    told["over_whole_error_mm"] = over and over.error_mm
+                    rows.append(told)
     return rows
+
+
+def _spread(trials: Sequence[Trial], predictor: str, agent: str) -> float:
+    """Standard deviation over the partitions of the mean error over the actions, mm."""
+    means: dict[str, list[float]] = {}
+    for trial in trials:  # partition by partition
+        if (trial.predictor, trial.agent) == (predictor, agent):
+            means.setdefault(trial.action, []).append(float(trial.error_mm.mean()))
+    return float(np.mean(list(means.values()), 0).std())
 
 
 def _change(found: Comparison | None) -> dict[str, Any]:
@@ -155,13 +180,13 @@ def mean_over_actions(
         same = [row for row in mine if (row["part"], row["step"]) == (part, step)]
         line = {name: same[0][name] for name in ("set", "agent", "part", "step", "ingredient",
                                                  "predictor")}  # fmt: skip
-        for name in ("mean_mm", "std_mm", "change_mm", "changed_by_mm", "better"):
+        line["std_mm"] = same[0]["actions_std_mm"]
+        for name in ("mean_mm", "change_mm", "changed_by_mm", "better", "over_whole_mm"):
             line[name] = _mean([row[name] for row in same])
-        errors = [row["changed_error_mm"] for row in same]
-        known = None not in errors
-        line["changed_error_mm"] = (
-            float(np.linalg.norm(np.array(errors, float)) / len(errors)) if known else None
-        )
+        for name in ("changed_error_mm", "over_whole_error_mm"):
+            errors = [row[name] for row in same]
+            known = None not in errors
+            line[name] = float(np.linalg.norm(errors) / len(errors)) if known else None
         found.append(line)
     return found
 
@@ -182,33 +207,65 @@ def words(means: Sequence[Sequence[dict[str, Any]]], partitions: int) -> list[st
     for mean in means:
         by_name = {line["predictor"]: line["mean_mm"] for line in mean}
         whose = f"{mean[0]['set'].capitalize()}, {mean[0]['agent']}"
-        chain = [line for line in mean if line["part"] == ADDED and line["step"]]
-        gains = sorted(chain, key=lambda line: line["changed_by_mm"])
-        listed = ", ".join(f"{one['ingredient']} {one['changed_by_mm']:+.2f}" for one in gains[:3])
+        up = [line for line in mean if line["part"] == ADDED]
+        down = [line for line in mean if line["part"] == LEFT_OUT and line["step"]]
+        gained, lost = _beyond(up, -1), _beyond(up, 1)
         text.append(
             f"{whose}: f_D {by_name[MEAN]:.2f} mm, f_P {by_name[WHOLE]:.2f} mm. Added one after "
-            f"the other, most is gained by: {listed} mm."
+            "the other, "
+            + (
+                f"most is gained by: {_listed(gained[:3])}. "
+                if gained
+                else "none gains more than twice its standard error. "
+            )
+            + (f"The error grows with: {_listed(lost)}. These are harmful there. " if lost else "")
         )
-        without = [line for line in mean if line["part"] == LEFT_OUT and line["step"]]
-        needed = [one for one in without if one["changed_by_mm"] > 2 * one["changed_error_mm"]]
-        needed.sort(key=lambda one: -one["changed_by_mm"])
-        listed = ", ".join(f"{one['ingredient']} {one['changed_by_mm']:+.3f}" for one in needed)
-        others = ", ".join(one["ingredient"] for one in without if one not in needed)
+        ahead = _beyond(up, -1, "over_whole")
+        if ahead:
+            listed = _listed(ahead, "over_whole_mm", "predictor")
+            text.append(f"Better than f_P with all its ingredients: {listed}.")
+        needed, harmful = _beyond(down, 1), _beyond(down, -1)
+        others = [one["ingredient"] for one in down if one not in (*needed, *harmful)]
         text.append(
-            (f"Left out of f_P by itself, the error grows by: {listed} mm. " if needed else "")
-            + (f"Not missed by more than twice the standard error: {others}." if others else "")
+            "Changed in f_P by itself, "
+            + (
+                f"the error grows: {_listed(needed)}. "
+                if needed
+                else "nothing grows the error by more than twice the standard error. "
+            )
+            + (
+                f"The error falls: {_listed(harmful)}. What is left out there is harmful. "
+                if harmful
+                else ""
+            )
+            + (f"No change beyond twice the standard error: {', '.join(others)}." if others else "")
         )
-    return text
+    return [one.strip() for one in text]
+
+
+def _beyond(
+    lines: Sequence[dict[str, Any]], sign: int, what: str = "changed"
+) -> list[dict[str, Any]]:
+    """Lines whose error changes that way by more than twice the standard error, greatest first."""
+    value, error = CHANGES[what]
+    known = [line for line in lines if line[value] is not None and line[error] is not None]
+    found = [line for line in known if sign * line[value] > 2 * line[error]]
+    return sorted(found, key=lambda line: -sign * line[value])
+
+
+def _listed(
+    lines: Sequence[dict[str, Any]], value: str = "changed_by_mm", name: str = "ingredient"
+) -> str:
+    return "; ".join(f"{line[name]} {line[value]:+.3f}" for line in lines) + " mm"
 
 
 def _table(mean: Sequence[dict[str, Any]]) -> pages.Table:
     lines = []
     for line in mean:
         by, error = line["changed_by_mm"], line["changed_error_mm"]
-        sign = {ADDED: "+ ", LEFT_OUT: "without: "}[line["part"]] if line["step"] else ""
-        name = line["predictor"] if not line["step"] else ""
+        name = f"{line['predictor']}: " if not line["step"] else ""
         lines.append((
-            line["part"], f"{name}{': ' if name else ''}{sign}{line['ingredient']}",
+            line["part"], f"{name}{line['ingredient']}",
             f"{line['mean_mm']:.3f} ± {line['std_mm']:.3f}",
             "-" if by is None else f"{by:+.3f} ± {error:.3f}",
             "-" if by is None else f"{100 * line['better']:.0f} %",

@@ -18,7 +18,9 @@ def bars_figure(means: Sequence[Sequence[dict[str, Any]]], parts: Sequence[str])
       parts: "added" and "left out", the columns.
     """
     longest = [max(sum(line["part"] == part for line in mean) for part in parts) for mean in means]
-    figure = Figure(figsize=(9.4, 0.9 + sum(0.9 + 0.27 * n for n in longest)), layout="constrained")
+    figure = Figure(
+        figsize=(11.8, 0.9 + sum(0.9 + 0.27 * n for n in longest)), layout="constrained"
+    )
     axes = figure.subplots(
         len(means), len(parts), squeeze=False, gridspec_kw={"height_ratios": longest}
     )
@@ -26,7 +28,7 @@ def bars_figure(means: Sequence[Sequence[dict[str, Any]]], parts: Sequence[str])
         ends = [line["mean_mm"] + line["std_mm"] for line in mean]
         for ax, part in zip(row, parts, strict=True):
             lines = [line for line in mean if line["part"] == part]
-            _bars(ax, lines, "+ " if part == parts[0] else "without ")
+            _bars(ax, lines)
             ax.set_xlim(0, 1.22 * max(ends))
             ax.set_title(f"{mean[0]['set']}, {mean[0]['agent']}\n{part}", fontsize=9)
     for ax in axes[-1]:
@@ -34,7 +36,7 @@ def bars_figure(means: Sequence[Sequence[dict[str, Any]]], parts: Sequence[str])
     return figure
 
 
-def _bars(ax: Axes, lines: Sequence[dict[str, Any]], sign: str) -> None:
+def _bars(ax: Axes, lines: Sequence[dict[str, Any]]) -> None:
     """One panel: horizontal bars from above, with their numbers."""
     whole = next(line["mean_mm"] for line in lines if line["predictor"] == "f_P")
     labels = []
@@ -43,7 +45,7 @@ def _bars(ax: Axes, lines: Sequence[dict[str, Any]], sign: str) -> None:
         colour = {"f_D": FIRST, "f_P": LAST}.get(name, STEP)
         ax.barh(at, mean, 0.7, xerr=std, capsize=2, color=colour)
         ax.text(mean + std, at, f"  {mean:.2f}", va="center", fontsize=8)
-        said = f"{sign}{line['ingredient']}" if line["step"] else f"{name}: {line['ingredient']}"
+        said = line["ingredient"] if line["step"] else f"{name}: {line['ingredient']}"
         labels.append(f"{said} = f_P" if name == "f_P" and line["step"] else said)
     ax.axvline(whole, color=LAST, linestyle="--", linewidth=1)
     ax.set_yticks(range(len(lines)), labels, fontsize=8)

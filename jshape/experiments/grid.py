@@ -7,11 +7,12 @@ whatever the grid is that asks for it, and in whatever order.
 
 import hashlib
 from collections.abc import Generator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 import numpy as np
 
@@ -143,15 +144,18 @@ class Grid:
             "test_share": self.test_share,
             "split_seed": self.seed,
             "training": {name: settings[name] for name in used},
-            "pairs": self._digests[cell[:2]],
+            "pairs": self._digest_of(cell.agent, cell.action),
         }
 
+    def _digest_of(self, agent: str, action: str) -> str:
+        if (agent, action) not in self._digests:
+            self._digests[agent, action] = _digest(self.pairs.of(action, agent))
+        return self._digests[agent, action]
+
     @cached_property
-    def _digests(self) -> dict[tuple[str, ...], str]:
+    def _digests(self) -> dict[tuple[str, str], str]:
         """Of the pairs of each agent and action: 0.3 s for a hundred, and all cells ask."""
-        return {
-            (agent, action): _digest(self.pairs.of(action, agent)) for agent, action in self._groups
-        }
+        return {}
 
 
 def run(
@@ -187,8 +191,8 @@ def in_tasks(cells: Sequence[Cell]) -> list[tuple[Cell, ...]]:
 
 def fitted(grid: Grid, task: tuple[Cell, ...]) -> list[Done]:
     """A task: fit one bank, and test it as each of the task's kinds."""
-    mine, split = grid.split(task[0])
     try:
+        mine, split = grid.split(task[0])
         training, tested = mine.select(np.sort(split.train)), mine.select(split.test)
         whole = fit(training, max((cell.kind for cell in task), key=len), **grid.options)
         found = []
@@ -199,8 +203,10 @@ def fitted(grid: Grid, task: tuple[Cell, ...]) -> list[Done]:
             who = cell.kind, cell.agent, cell.agent, cell.action, len(training)
             found.append(Done(cell, bank, Trial(*who, tested.id, errors, changes)))
         return found
-    except JShapeError as problem:
-        return [Done(cell, None, None, str(problem)) for cell in task]
+    except Exception as problem:  # whatever it is, the other cells do not depend on it
+        own = isinstance(problem, JShapeError)
+        why = str(problem) if own else f"{type(problem).__name__}: {files.one_line(problem)}"
+        return [Done(cell, None, None, why) for cell in task]
 
 
 def finished(grid: Grid, out: Path, overwrite: bool = False) -> dict[Cell, Trial]:
@@ -228,8 +234,27 @@ def finished(grid: Grid, out: Path, overwrite: bool = False) -> dict[Cell, Trial
     return found
 
 
+def others(grid: Grid, out: Path) -> dict[Cell, Trial]:
+    """The tests of cells in the folder that have the grid's pairs and settings but are not its own.
+
+    What else is there (cells of other pairs or settings, damaged ones) is passed over.
+    """
+    asked, found = {cell.name for cell in grid.cells}, {}
+    for folder in sorted((out / CELLS).glob("*")):
+        if folder.name in asked:
+            continue
+        with suppress(JShapeError, ValueError):
+            agent, action, kind, partition = map(unquote, folder.name.split("-"))
+            cell = Cell(agent, action, kind, int(partition))
+            found[cell] = _load(folder, grid.facts(cell))
+    return found
+
+
 def conclude(grid: Grid, out: Path, problems: Mapping[Cell, str]) -> tuple[list[Score], dict]:
     """Means over the partitions that are finished, as table and figure in the folder.
+
+    They show all finished cells there of the same pairs and settings, so that asking for fewer
+    cells takes nothing away.
 
     Args:
       grid: which cells.
@@ -239,11 +264,11 @@ def conclude(grid: Grid, out: Path, problems: Mapping[Cell, str]) -> tuple[list[
     Returns:
       The scores, and what `summary.json` holds.
     """
-    trials = finished(grid, out, overwrite=True)
-    scores = scores_of(list(trials.values()), grid.pairs)
+    trials, besides = finished(grid, out, overwrite=True), others(grid, out)
+    scores = scores_of([*trials.values(), *besides.values()], grid.pairs)
     summary = {
         "out": str(out), "cells": len(grid.cells), "finished": len(trials),
-        "scores": [score._asdict() for score in scores],
+        "others": len(besides), "scores": [score._asdict() for score in scores],
         "failed": [{**cell._asdict(), "why": why} for cell, why in problems.items()],
     }  # fmt: skip
     if scores:

@@ -66,7 +66,7 @@ class Variant(NamedTuple):
     name: str
     """In rows: "f_D", "f_P", "f_P without tool", "f_D with view, absolute"."""
     said: str
-    """The ingredient that was added or left out, in words; what it is for f_D and f_P."""
+    """The step in words: "+ learned reference", "without rims"; what it is for f_D and f_P."""
     without: tuple[str, ...] = ()
     """For `fit_pressed`."""
     view: type[Ground] = Ground
@@ -85,6 +85,16 @@ SAID = {
     "deep": "rims of deep strokes",
 }
 """The ingredients in words: the view, and those that `fit_pressed` can do without."""
+STEPS_UP = {
+    "view": "+ view from above, depth of the places, rims on nodes",
+    "absolute": "+ fit by descent, absolute error",
+}
+"""Steps up from f_D that bring more than the one ingredient."""
+STEPS_DOWN = {
+    "absolute": "squared error instead",
+    "tool": "without tool that levels and growing rims",
+}
+"""Steps down from f_P that are more than to leave one ingredient out, or something else."""
 ADDED = ("absolute", "tool", "reference", "swell", "follow", "stroke", "deep")
 """In this order to the mean change seen from above."""
 OF_STRENGTHS = ("stroke", "deep")
@@ -96,13 +106,14 @@ def added(varied: bool) -> list[Variant]:
     names = [name for name in ADDED if varied or name not in OF_STRENGTHS]
     found = [
         Variant(MEAN, "mean change of the image"),
-        Variant(f"{MEAN} with view", SAID["view"], ("descent", *names)),
+        Variant(f"{MEAN} with view", STEPS_UP["view"], ("descent", *names)),
     ]
     for k, name in enumerate(names, 1):
         last = k == len(names)
         # Rims and what is beside the tool are there from the start: the mean change.
         label = WHOLE if last else f"{MEAN} with view, {', '.join(names[:k])}"
-        found.append(Variant(label, SAID[name], tuple(names[k:])))
+        said = STEPS_UP.get(name, f"+ {SAID[name]}")
+        found.append(Variant(label, said, tuple(names[k:])))
     return found
 
 
@@ -112,6 +123,7 @@ def left_out(varied: bool) -> list[Variant]:
     for name, said in SAID.items():
         if varied or name not in OF_STRENGTHS:
             without, view = ((), AsSeen) if name == "view" else ((name,), Ground)
+            said = STEPS_DOWN.get(name, f"without {said}")
             found.append(Variant(f"{WHOLE} without {name}", said, without, view))
     return found
 

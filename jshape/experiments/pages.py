@@ -8,14 +8,20 @@ import csv
 import html
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import shlex
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
+import jshape
 from jshape.store import files
 from jshape.viz.pictures import png
 
@@ -33,6 +39,10 @@ th:first-child,td:first-child{text-align:left}thead th{border-bottom:2px solid #
 figure{margin:1.6rem 0}img{max-width:100%;height:auto}
 figcaption,.small{color:#555;font-size:.9rem}
 """
+
+
+_COMMAND: ContextVar[Sequence[str] | None] = ContextVar("command", default=None)
+"""The words of the command that pages are made by, if it is known better than from the shell."""
 
 
 class Table(NamedTuple):
@@ -69,6 +79,51 @@ class Result:
     """What was left out, and what to be careful with."""
 
 
+@contextmanager
+def made_by(command: Sequence[str]) -> Iterator[None]:
+    """Pages that are written meanwhile say that this command made them.
+
+    Args:
+      command: its words, "jshape" first.
+    """
+    token = _COMMAND.set(command)
+    try:
+        yield
+    finally:
+        _COMMAND.reset(token)
+
+
+def made() -> dict[str, Any]:
+    """How and when a page is made.
+
+    Returns:
+      `command`, "" if it is not known, `quick`, None then, `jshape`, its version, and `date`, UTC.
+    """
+    words = _COMMAND.get()
+    if words is None and Path(sys.argv[0]).name in ("jshape", "__main__.py"):
+        words = ["jshape", *sys.argv[1:]]
+    return {
+        "command": shlex.join(words or ()),
+        "quick": None if words is None else "--quick" in words,
+        "jshape": jshape.__version__,
+        "date": datetime.now(UTC).date().isoformat(),
+    }
+
+
+def made_line(found: Mapping[str, Any]) -> str:
+    """What `made` gives, HTML."""
+    how = f"<code>{html.escape(found['command'])}</code>" if found["command"] else "a program"
+    quick = {
+        True: "Quick (<code>--quick</code>): small and few, numbers to look at, not to quote. ",
+        False: "Not <code>--quick</code>. ",
+        None: "",
+    }[found["quick"]]
+    return (
+        f'<p class="small">{quick}Made by {how} with jshape {html.escape(found["jshape"])} on '
+        f"{found['date']}.</p>"
+    )
+
+
 def contents(pictures: Iterable[str]) -> tuple[str, ...]:
     """The files of a result with these figures, as `files.check_target` wants them."""
     return (JSON, CSV, PAGE, *pictures)
@@ -92,7 +147,7 @@ def write(result: Result, out: Path, *, overwrite: bool = False) -> dict[str, An
       overwrite: replace an earlier result.
 
     Returns:
-      What `results.json` holds: title, paragraphs, figures, settings, notes, rows.
+      What `results.json` holds: title, how it was made, paragraphs, figures, settings, notes, rows.
 
     Raises:
       BadFile: the folder exists, or cannot be written.
@@ -110,6 +165,7 @@ def add(result: Result, folder: Path) -> dict[str, Any]:
     """
     content = {
         "title": result.title,
+        "made": made(),
         "paragraphs": list(result.paragraphs),
         "figures": [{"name": one.name, "caption": one.caption} for one in result.pictures],
         "settings": dict(result.settings),
@@ -120,7 +176,7 @@ def add(result: Result, folder: Path) -> dict[str, Any]:
     files.write_atomic(folder / CSV, csv_text(content["rows"]))
     for picture in result.pictures:
         files.write_atomic(folder / picture.name, png(picture.figure, dpi=DPI))
-    files.write_atomic(folder / PAGE, page(result))
+    files.write_atomic(folder / PAGE, page(result, content["made"]))
     return content
 
 
@@ -136,9 +192,9 @@ def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
     return stream.getvalue()
 
 
-def page(result: Result) -> str:
-    """The page of a result, HTML."""
-    parts = [paragraph(text) for text in result.paragraphs]
+def page(result: Result, how: Mapping[str, Any]) -> str:
+    """The page of a result, HTML; `how` it was made, as `made` gives it."""
+    parts = [made_line(how), *(paragraph(text) for text in result.paragraphs)]
     parts += [image(picture.name, picture.caption) for picture in result.pictures]
     parts += [_table(table) for table in result.tables]
     if result.notes:

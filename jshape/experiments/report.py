@@ -13,6 +13,10 @@ from jshape.experiments.samples import Progress, Say, silent, unheard
 from jshape.store import files
 
 INDEX, PAGE = "index.json", "index.html"
+LEAST_PAIRS = 4
+"""Of an action and agent: `studies.enough` leaves out what has fewer."""
+NOT_SAID = ("overwrite", "say", "progress")
+"""Options of `run` that change nothing in a result."""
 
 
 def run_one(name: str, out: Path, *, data: Path | None = None, **options: Any) -> dict[str, Any]:
@@ -29,14 +33,32 @@ def run_one(name: str, out: Path, *, data: Path | None = None, **options: Any) -
 
     Raises:
       UnknownName: no such experiment.
-      JShapeError: what the experiment raises.
+      JShapeError: too few pairs are asked for; what the experiment raises.
     """
     if name not in EXPERIMENTS:
         raise UnknownName("experiment", name, EXPERIMENTS)
     entry = EXPERIMENTS[name]
+    pairs = options.get("pairs")
+    if pairs is not None and pairs < LEAST_PAIRS:
+        raise JShapeError(f"--pairs {pairs}: must be at least {LEAST_PAIRS}, to fit to and to test")
     if entry.data:
         options["data"] = data
-    return import_module(entry.module).run(out, **options)
+    with pages.made_by(command_of(name, out, options)):
+        return import_module(entry.module).run(out, **options)
+
+
+def command_of(name: str, out: Path, options: Mapping[str, Any]) -> list[str]:
+    """The words of the command that runs one experiment, or "all", with these options."""
+    # Commands of their own do more than their part of a report.
+    if name in EXPERIMENTS and EXPERIMENTS[name].own_command:
+        name, options = "all", {"only": [name], **options}
+    words = ["jshape", "experiment", name, "--out", Path(out).name]
+    for key, value in options.items():
+        if key in NOT_SAID or value is None or value is False:
+            continue
+        several = value if isinstance(value, list | tuple) else [value]
+        words += [f"--{key}", *(str(one) for one in several if value is not True)]
+    return words
 
 
 def run_all(
@@ -74,12 +96,15 @@ def run_all(
       BadFile: the folder holds something else, or cannot be written.
       JShapeError: some experiment failed; the others are there.
     """
+    asked = {"only": names, "data": data, "quick": quick, "seed": seed}
     names = list(dict.fromkeys(names or EXPERIMENTS))
     for name in names:
         if name not in EXPERIMENTS:
             raise UnknownName("experiment", name, EXPERIMENTS)
     files.check_target(out, overwrite, contents=(INDEX, PAGE, *EXPERIMENTS))
-    content: dict[str, Any] = {"quick": quick, "seed": seed, "experiments": []}
+    with pages.made_by(command_of("all", out, asked)):
+        made = pages.made()
+    content: dict[str, Any] = {"quick": quick, "seed": seed, "made": made, "experiments": []}
     found: dict[str, Mapping[str, Any]] = {}
     _write(out, content, found)
     common = {"quick": quick, "seed": seed, "overwrite": overwrite, "say": say}
@@ -111,9 +136,7 @@ def run_all(
 
 def _write(out: Path, content: dict[str, Any], found: Mapping[str, Mapping[str, Any]]) -> None:
     files.write_json(out / INDEX, content)
-    parts = [pages.paragraph("Small and quick versions: numbers to look at, not to quote.")] * bool(
-        content["quick"]
-    )
+    parts = [pages.made_line(content["made"])]
     for row in content["experiments"]:
         name = row["name"]
         parts.append(f"<h2>{html.escape(row['title'])}</h2>")

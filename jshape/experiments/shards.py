@@ -2,12 +2,12 @@
 
 The keys of the simulator's pairs follow one another (`simulate_pairs` splits one off for each), so
 a shard begins with the key of its first pair and needs nothing of the others.  Finished shards are
-data sets beside the one that is made of them in the end.
+data sets beside the one that is made of them in the end, each with the checksums of its files.
 """
 
 import json
 import shutil
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from jax import lax
 from jshape.camera import PAPER_BOX
 from jshape.data.simulate import DEPTH_UNIT, ROIS, SimulatedPair, simulate_pairs
 from jshape.engines import Engine, here
-from jshape.errors import BadFile
+from jshape.errors import BadFile, JShapeError
 from jshape.store import datasets, files
 
 RECIPE = "recipe.json"
@@ -78,31 +78,47 @@ class Simulation:
 
 
 def simulate(
-    simulation: Simulation, out: Path, engine: Engine = here, *, overwrite: bool = False
+    simulation: Simulation,
+    out: Path,
+    engine: Engine = here,
+    *,
+    overwrite: bool = False,
+    say: Callable[[str], object] = lambda line: None,
 ) -> Generator[str, None, None]:
     """Make a data set; gives the name of each shard when it is there.
 
-    Shards are kept in `OUT.shards` until all are there, so that the same call goes on.
+    Shards are kept in `OUT.shards` until all are there, so that the same call goes on.  One whose
+    files are not those that were written is made again.
 
     Args:
       simulation: what to make.
       out: folder of the data set.
       engine: what computes.
       overwrite: replace the data set that is there.
+      say: is told of each shard that is made again.
 
     Raises:
       UnknownName, JShapeError: as for `simulate_pairs`.
-      BadFile: the folder exists or cannot be written; or shards of another data set are kept.
+      BadFile: the folder exists or cannot be written; or shards that were made with other fields
+        are kept.
     """
     files.check_target(out, overwrite, contents=datasets.CONTENTS)
-    kept = out.absolute().with_name(out.absolute().name + ".shards")
+    kept = kept_beside(out)
     _begin(simulation, kept)
-    shards = simulation.shards
-    there = [(kept / shard.name).is_dir() for shard in shards]
-    yield from (shard.name for shard, is_there in zip(shards, there, strict=True) if is_there)
-    left = [shard for shard, is_there in zip(shards, there, strict=True) if not is_there]
+    shards, left = simulation.shards, []
+    for shard in shards:
+        folder = kept / shard.name
+        if _is_whole(folder):
+            yield shard.name
+            continue
+        left.append(shard)
+        if folder.is_dir():
+            say(f"{folder}: damaged or not finished; it is made again")
+            shutil.rmtree(folder)
+        _checksums_of(folder).unlink(missing_ok=True)
     for number, pairs in engine(simulated, simulation, left):
-        with datasets.dataset_writer(kept / left[number].name, PAPER_BOX, DEPTH_UNIT) as add:
+        folder = kept / left[number].name
+        with datasets.dataset_writer(folder, PAPER_BOX, DEPTH_UNIT) as add:
             for index, pair in enumerate(pairs, left[number].start):
                 add(
                     id=f"{pair.action}_{pair.agent}_{index:05d}", action=pair.action,
@@ -110,6 +126,7 @@ def simulate(
                     posterior=pair.posterior, u=pair.position[0], v=pair.position[1],
                     width=pair.roi[0], height=pair.roi[1], strength=pair.strength,
                 )  # fmt: skip
+        files.write_json(_checksums_of(folder), _digests(folder))
         yield left[number].name
     with datasets.dataset_writer(out, PAPER_BOX, DEPTH_UNIT, overwrite=overwrite) as add:
         for shard in shards:
@@ -117,6 +134,16 @@ def simulate(
             for k in range(len(part)):
                 add(**datasets.row_of(part, k))
     shutil.rmtree(kept)
+
+
+def kept_beside(out: Path) -> Path:
+    """The folder of a data set's shards, until they are merged."""
+    return out.absolute().with_name(out.absolute().name + ".shards")
+
+
+def finished(out: Path) -> int:
+    """How many shards of a data set are kept."""
+    return len(list(kept_beside(out).glob(_checksums_of(Path("[0-9]*")).name)))
 
 
 def simulated(simulation: Simulation, shard: Shard) -> list[SimulatedPair]:
@@ -141,6 +168,25 @@ def _pairs(
     )  # fmt: skip
 
 
+def _checksums_of(folder: Path) -> Path:
+    """The file beside a shard's folder that says what is in it; written last."""
+    return folder.with_name(f"{folder.name}.json")
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file below a folder, by its path there."""
+    paths = sorted(path for path in folder.rglob("*") if not path.is_dir())
+    return {path.relative_to(folder).as_posix(): files.sha256(path) for path in paths}
+
+
+def _is_whole(folder: Path) -> bool:
+    """Whether a shard is there with the files that were written, and no others."""
+    try:
+        return files.read_json(_checksums_of(folder)) == _digests(folder)
+    except JShapeError:
+        return False
+
+
 def _keys(seed: int, count: int) -> np.ndarray:
     """Data of the keys that `simulate_pairs` has before each of `count` pairs: (count, words).
 
@@ -159,7 +205,7 @@ def _begin(simulation: Simulation, kept: Path) -> None:
     """Check what is asked for, and make the folder of shards, which says what they are shards of.
 
     Raises:
-      BadFile: it holds those of another data set, or something else.
+      BadFile: it holds shards that were made with other fields, or something else.
     """
     nothing = jax.random.key(0), 0, simulation.actions, simulation.agents, simulation.beds
     next(_pairs(simulation, *nothing), None)  # names and numbers are checked all the same
@@ -167,7 +213,14 @@ def _begin(simulation: Simulation, kept: Path) -> None:
     if not kept.exists():
         with files.atomic_folder(kept) as temp:
             files.write_json(temp / RECIPE, recipe)
-    elif not (kept / RECIPE).is_file() or files.read_json(kept / RECIPE) != recipe:
-        raise BadFile(
-            f"{kept}: holds shards of another data set; remove it, or make that one to its end"
-        )
+        return
+    if not (kept / RECIPE).is_file():
+        raise BadFile(f"{kept}: is for shards, but holds no {RECIPE}; remove it")
+    before = files.read_json(kept / RECIPE)
+    for name, wanted in recipe.items():
+        if before.get(name) != wanted:
+            was, now = (files.one_line(fields.get(name), 60) for fields in (before, recipe))
+            raise BadFile(
+                f"{kept}: holds shards that were made with another {name}: {was}, now {now}; give "
+                "the same to go on, or remove that folder"
+            )

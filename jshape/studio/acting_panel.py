@@ -1,12 +1,11 @@
 """Carrying out: in simulation or with the arm, one question before each action."""
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from nicegui import ui
 
 from jshape.errors import JShapeError
-from jshape.planned import Plan
 from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.molder import Molder, State, simulated_robot
@@ -16,14 +15,13 @@ POLL = 0.3
 
 
 class ActingPanel:
-    """Starts a run, answers its questions, stops it, shows what came out."""
+    """Starts a run, answers its questions, shows what came out."""
 
-    def __init__(self, desk: Desk, bench: Bench, changed: Callable[[], None]):
-        """Build it where the caller is; `changed` is called when the desk was."""
-        self._desk, self._bench, self._changed = desk, bench, changed
-        self._bed: np.ndarray | None = None  # what a run saw last, until it is drawn
-        self._ahead: Plan | None = None  # what a run asked for last
+    def __init__(self, desk: Desk, bench: Bench):
+        """Build it where the caller is."""
+        self._desk, self._bench = desk, bench
         self._known = 0  # lines of the run that are shown
+        self._asked = 0  # number of the question that is shown
         where = {"sim": "in simulation, on this bed"}
         if bench.robot is not None:
             where["arm"] = f"with {bench.arm}"
@@ -36,18 +34,10 @@ class ActingPanel:
             self._act.props("dense no-caps color=positive")
             self._end = ui.button("end", on_click=lambda: self._answer(False))
             self._end.props("dense no-caps outline")
-            ui.button("STOP", on_click=self.stop).props("dense color=negative")
             self._state = ui.label("nothing is carried out").classes("text-sm")
             self._state.props("data-name=state")
         self._log = ui.log(max_lines=200).classes("w-full h-32 text-xs").props("data-name=log")
         ui.timer(POLL, self._poll)
-
-    def stop(self) -> None:
-        """Stop the arm at once, and end the run."""
-        molder = self._bench.molder
-        if molder is not None and molder.running:
-            molder.stop()
-            ui.notify("stopped", type="warning")
 
     async def _start(self) -> None:
         molder = self._bench.molder
@@ -57,13 +47,15 @@ class ActingPanel:
         self._log.clear()
         self._known = 0
         anew, with_arm = bool(self._anew.value), self._arm.value == "arm"
-        await self._bench.guard("starting", lambda: self._begin(anew, with_arm), lambda: None)
+        await self._bench.guard("starting", lambda: self._begin(anew, with_arm))
 
     def _begin(self, anew: bool, with_arm: bool) -> None:
         desk, bench = self._desk, self._bench
         bed, goal = desk.bed, desk.goal
         if bed is None or goal is None:
             raise JShapeError("there is no bed yet")
+        if np.array_equal(bed, goal):
+            raise JShapeError("the goal is the bed as it is: draw, write or load one first")
         if not anew and not desk.plan:
             raise JShapeError("there is no plan to carry out: plan first")
         robot = bench.robot if with_arm else None
@@ -73,15 +65,15 @@ class ActingPanel:
         bench.molder = Molder(
             robot, desk.bank, goal, bench.next_run(),
             meta={"what": "mold", "bank": desk.bank_name, "arm": arm},
-            plan=None if anew else desk.plan, on_look=self._looked,
+            plan=None if anew else desk.plan, ask_first=with_arm, on_look=partial(_seen, desk),
+            hands=bench.hands if with_arm else None,
         )  # fmt: skip
-
-    def _looked(self, image: np.ndarray) -> None:
-        self._bed = image
+        desk.locked = "a run goes on: end it first"
 
     def _answer(self, act: bool) -> None:
+        """The answer to the question that this page shows."""
         if self._bench.molder is not None:
-            self._bench.molder.answer(act)
+            self._bench.molder.answer(act, self._asked)
 
     def _poll(self) -> None:
         """Show how far the run is."""
@@ -94,19 +86,19 @@ class ActingPanel:
         for text in molder.lines[self._known :]:
             self._log.push(text)
         self._known = len(molder.lines)
-        ahead = molder.ahead if asking else None
-        if ahead is not None:
-            d = ahead.distances_mm
-            self._state.text = f"next: {ahead.actions[0]}, {d[0]:.3f} -> {d[1]:.3f} mm. Act?"
+        ahead, number = molder.ahead, molder.number
+        if asking:
+            self._state.text = molder.question
+            if number != self._asked and ahead is not None:
+                self._desk.follow(ahead)
+            self._asked = number
         else:
             ended = f": {molder.why} ({molder.folder})" if molder.why else ""
             self._state.text = f"{molder.state}{ended}"
-        image, self._bed = self._bed, None
-        if image is not None:
-            self._desk.see(image, "the run's last look", same_goal=True)
-        if ahead is not None and ahead is not self._ahead:
-            self._desk.plan, self._desk.selected = ahead, 1
-            self._ahead = ahead
-        elif image is None:
-            return
-        self._changed()
+        if not molder.running:
+            self._desk.locked = ""
+
+
+def _seen(desk: Desk, image: np.ndarray) -> None:
+    """A look of the run becomes the bed, for all pages; the goal stays."""
+    desk.see(image, "the run's last look", same_goal=True)

@@ -10,7 +10,7 @@ from nicegui import events, ui
 
 from jshape.studio import pictures
 from jshape.studio.annotation import Annotation
-from jshape.studio.page import Guard, at_once
+from jshape.studio.page import Guard
 
 WIDTH = 440
 """Of each image on the page, pixels."""
@@ -22,8 +22,8 @@ NAMES = ("before", "after", "difference")
 class AnnotatePage:
     """One browser's view of a data set."""
 
-    def __init__(self, dataset: Path | None):
-        """Build the tab's content where the caller is; with a data set, open it."""
+    def __init__(self, boxes: Annotation | None):
+        """Build the tab's content where the caller is; with a data set, show it."""
         self.work: Annotation | None = None
         self.number = 0
         self.in_front: Callable[[], bool] = lambda: True
@@ -31,7 +31,9 @@ class AnnotatePage:
         self._guard = Guard()
         self._corner: tuple[float, float] | None = None
         with ui.row().classes("w-full items-center gap-2"):
-            path = ui.input("data set on this computer", value=str(dataset or "")).props("dense")
+            path = ui.input(
+                "data set on this computer", value=str(boxes.folder) if boxes else ""
+            ).props("dense")
             path.classes("grow")
             ui.button("open", on_click=lambda: self._open(Path(path.value or "."))).props(
                 "dense no-caps"
@@ -54,12 +56,12 @@ class AnnotatePage:
         ).classes("text-xs text-gray-600")
         self._list = ui.row().classes("w-full gap-1")
         ui.keyboard(on_key=self._key, ignore=["input", "select", "textarea"])
-        if dataset is not None:
-            self._take(Annotation(dataset))
+        if boxes is not None:
+            self._take(boxes)
 
     async def _open(self, path: Path) -> None:
         opened: list[Annotation] = []
-        await self._guard("reading", lambda: opened.append(Annotation(path)), lambda: None)
+        await self._guard("reading", lambda: opened.append(Annotation(path)))
         if opened:
             self._take(opened[0])
 
@@ -122,7 +124,7 @@ class AnnotatePage:
             f"{len(work.changed)} not saved"
         )
 
-    def _mouse(self, event: events.MouseEventArguments) -> None:
+    async def _mouse(self, event: events.MouseEventArguments) -> None:
         at = (event.image_x, event.image_y)
         if event.type == "mousedown":
             self._corner = at
@@ -134,15 +136,19 @@ class AnnotatePage:
             corner, self._corner = self._corner, None
             if self.work is not None:
                 work, k = self.work, self.number
-                at_once(lambda: work.correct(k, corner, at), self._show)
+                await self._guard("drawing", lambda: work.correct(k, corner, at), self._show)
 
-    def _key(self, event: events.KeyEventArguments) -> None:
+    async def _key(self, event: events.KeyEventArguments) -> None:
         if not event.action.keydown or not self.in_front():
             return
         if event.key.arrow_left or event.key.arrow_right:
             self._go(1 if event.key.arrow_right else -1)
-        elif event.key.name in "fzs":
-            {"f": self._found, "z": self._put_back, "s": self._save}[event.key.name]()
+        elif event.key.name == "f":
+            await self._found()
+        elif event.key.name == "z":
+            self._put_back()
+        elif event.key.name == "s":
+            await self._save()
 
     def _go(self, by: int) -> None:
         self._select(self.number + by)
@@ -152,17 +158,19 @@ class AnnotatePage:
             self.number = min(max(number, 0), len(self.work) - 1)
             self._show()
 
-    def _found(self) -> None:
+    async def _found(self) -> None:
         if self.work is not None:
             work, k = self.work, self.number
-            at_once(lambda: work.take_found(k), self._show)
+            await self._guard("looking for the box", lambda: work.take_found(k), self._show)
 
     def _put_back(self) -> None:
         if self.work is not None:
             self.work.put_back(self.number)
             self._show()
 
-    def _save(self) -> None:
-        work = self.work
-        if work is not None:
-            at_once(lambda: ui.notify(f"{work.save()} boxes written"), self._show)
+    async def _save(self) -> None:
+        if self.work is not None:
+            count = len(self.work.changed)
+            await self._guard("saving", self.work.save, self._show)
+            if not self.work.changed:
+                ui.notify(f"{count} boxes written")

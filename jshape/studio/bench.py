@@ -1,11 +1,17 @@
 """What the tab works with besides the desk: the robot, the run, where files go."""
 
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from nicegui import ui
 
 from jshape.robot.robot import Robot
 from jshape.studio.molder import Molder
 from jshape.studio.page import Guard
+
+LAST = 30.0
+"""Seconds that a run is given to end."""
 
 
 @dataclass
@@ -25,6 +31,23 @@ class Bench:
     molder: Molder | None = None
     """The run that goes on, or the last one."""
     guard: Guard = field(default_factory=Guard)
+    hands: Executor = field(default_factory=lambda: ThreadPoolExecutor(1, "robot"))
+    """The one thread that looks and moves: cameras and renderers belong to the thread that opened
+    them."""
+
+    def stop(self) -> None:
+        """Stop the arm at once, if a run goes on, and say so on the page."""
+        molder = self.molder
+        if molder is not None and molder.running:
+            problem = molder.stop()
+            ui.notify(problem or "stopped", type="negative" if problem else "warning")
+
+    def end(self) -> None:
+        """End a run before the program does: the arm is stopped, and the run says so."""
+        if self.molder is not None and self.molder.running:
+            self.molder.stop()
+            self.molder.wait(LAST)
+        self.hands.shutdown(wait=False)
 
     def next_run(self) -> Path:
         """A folder that is not there yet."""

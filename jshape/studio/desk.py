@@ -54,6 +54,10 @@ class Desk:
     plan: Plan | None = None
     selected: int = 0
     """How many of the plan's actions are looked at as done."""
+    locked: str = ""
+    """Why nothing may be changed now: a run goes on.  "" allows it."""
+    version: int = 0
+    """Grows with every change: pages that show another one draw anew."""
     _base: np.ndarray | None = None  # (H, W) the goal under the drawing; None: the bed
     _goal: np.ndarray | None = None  # the goal, once it was asked for
     _told: dict[str, Any] = field(default_factory=dict)  # the report on what was drawn
@@ -72,6 +76,7 @@ class Desk:
         Raises:
           JShapeError: no such bank, or one for another camera while a bed is on the table.
         """
+        self.check_free()
         bank = banks.load_bank(name)
         if self.bed is not None and bank.camera != self.camera:
             raise JShapeError(f"bank {name} is for another camera than the bed on the table")
@@ -86,6 +91,7 @@ class Desk:
         Raises:
           JShapeError: as for `jshape plan`.
         """
+        self.check_free()
         self.see(self._read(path, camera, reproject), str(path))
 
     def see(
@@ -155,6 +161,7 @@ class Desk:
         Raises:
           JShapeError: as for `jshape plan`.
         """
+        self.check_free()
         self.want(self._read(path, camera, reproject))
 
     def want(self, image: Float[np.ndarray, "H W"]) -> None:
@@ -168,6 +175,7 @@ class Desk:
         Raises:
           JShapeError: a mark that makes no sense, no bed yet, or more than `MOST_MARKS`.
         """
+        self.check_free()
         if self.bed is None:
             raise JShapeError("there is no bed to draw on yet")
         if len(self.marks) == MOST_MARKS:
@@ -183,6 +191,7 @@ class Desk:
 
     def undo(self) -> None:
         """Take the last mark back; without any, the loaded goal."""
+        self.check_free()
         if self.marks:
             self.marks = self.marks[:-1]
         else:
@@ -191,6 +200,7 @@ class Desk:
 
     def clear(self) -> None:
         """The goal is the bed as it is."""
+        self.check_free()
         self._base, self.marks = None, ()
         self._changed()
 
@@ -219,7 +229,10 @@ class Desk:
         Raises:
           JShapeError: there is no bed, or as for `jshape.plan`.
         """
+        self.check_free()
         bed, goal = self._both()
+        if np.array_equal(bed, goal):
+            raise JShapeError("the goal is the bed as it is: draw, write or load one first")
         usual = {"stride": 8, "strengths": STRENGTHS, "min_gain": self._per_mm * MIN_GAIN_MM}
         self._keep(plan(bed, goal, bank=self.bank, **(usual | options)))
         assert self.plan is not None
@@ -227,11 +240,13 @@ class Desk:
 
     def drop(self, step: int) -> None:
         """Leave an action out (counted from 0)."""
+        self.check_free()
         order = [k for k in range(self._count(step)) if k != step]
         self._again(order, select=min(self.selected, len(order)))
 
     def move(self, step: int, by: int) -> None:
         """Do an action earlier (-1) or later (1)."""
+        self.check_free()
         count = self._count(step)
         to = min(max(step + by, 0), count - 1)
         order = [k for k in range(count) if k != step]
@@ -240,6 +255,7 @@ class Desk:
 
     def put(self, step: int, position: tuple[float, float]) -> None:
         """Move the place of an action to pixel (u, v)."""
+        self.check_free()
         count = self._count(step)
         u, v = position
         inside = (min(max(u, 0.0), self.camera.width - 1), min(max(v, 0.0), self.camera.height - 1))
@@ -251,6 +267,7 @@ class Desk:
         Raises:
           JShapeError: no strength that a plan may have.
         """
+        self.check_free()
         count = self._count(step)
         self._again(list(range(count)), {step: {"strength": strength}}, select=step + 1)
 
@@ -260,6 +277,7 @@ class Desk:
         Raises:
           JShapeError: no such action, place or strength.
         """
+        self.check_free()
         self._both()
         if self.plan is None:
             self._rolled([], [], [], [])
@@ -274,6 +292,7 @@ class Desk:
     def select(self, done: int) -> None:
         """Look at the image after so many actions of the plan."""
         self.selected = min(max(done, 0), len(self.plan) if self.plan else 0)
+        self.version += 1
 
     def save(self, folder: Path, *, overwrite: bool = False) -> None:
         """Write bed, goal, camera and plan, as `jshape plan` and `jshape mold` read them.
@@ -290,7 +309,21 @@ class Desk:
             if self.plan is not None:
                 plans.write_plan(temp / "plan.json", self.plan)
 
+    def follow(self, ahead: Plan) -> None:
+        """Show what a run is about to do: what is left of its plan, the next action selected."""
+        self.plan, self.selected = ahead, min(1, len(ahead))
+        self.version += 1
+
     # Helpers.
+
+    def check_free(self) -> None:
+        """Whether the desk may be changed.
+
+        Raises:
+          JShapeError: a run goes on.
+        """
+        if self.locked:
+            raise JShapeError(self.locked)
 
     def depth_of(self, image: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "H W"]:
         """Metres, of an image I."""
@@ -346,6 +379,7 @@ class Desk:
 
     def _keep(self, found: Plan) -> None:
         self.plan, self.selected = found, 0
+        self.version += 1
 
     def _changed(self) -> None:
         """The bed or the goal is another: what was planned for it no longer holds."""
@@ -354,3 +388,4 @@ class Desk:
 
     def _no_plan(self) -> None:
         self.plan, self.selected = None, 0
+        self.version += 1

@@ -7,9 +7,9 @@ import numpy as np
 from nicegui import events, ui
 
 from jshape.studio import pictures
+from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.drawing import Mark, Stroke, Words
-from jshape.studio.page import at_once
 
 VIEWS = ("bed", "goal", "predicted", "difference")
 TOOLS = {"look": "look", "draw": "draw", "write": "write", "place": "move the selected action"}
@@ -19,9 +19,9 @@ TOOLS = {"look": "look", "draw": "draw", "write": "write", "place": "move the se
 class ImagePanel:
     """Shows one of `VIEWS`; the pointer reads heights, draws, writes, moves an action."""
 
-    def __init__(self, desk: Desk, changed: Callable[[], None]):
+    def __init__(self, desk: Desk, bench: Bench, changed: Callable[[], None]):
         """Build it where the caller is; `changed` is called when the desk was."""
-        self._desk, self._changed = desk, changed
+        self._desk, self._bench, self._changed = desk, bench, changed
         self.view, self._tool = "bed", "look"
         self.depth: np.ndarray | None = None
         """(H, W) metres, of what is shown."""
@@ -49,7 +49,7 @@ class ImagePanel:
             for box, width in zip(boxes, (8.5, 6, 5, 6), strict=True):
                 box.props("dense").style(f"width: {width}em")
             for words, act in (("undo", desk.undo), ("clear", desk.clear)):
-                button = ui.button(words, on_click=partial(at_once, act, changed))
+                button = ui.button(words, on_click=partial(bench.guard, "drawing", act, changed))
                 button.props("dense no-caps outline")
 
     def look_at(self, view: str) -> None:
@@ -91,19 +91,20 @@ class ImagePanel:
         if self._tool in ("draw", "write"):
             self.look_at("goal")
 
-    def _mouse(self, event: events.MouseEventArguments) -> None:
+    async def _mouse(self, event: events.MouseEventArguments) -> None:
         at = (event.image_x, event.image_y)
         if event.type == "mousemove" and not self._line:
             self._read(at)
         if self._desk.bed is None:
             return
         if self._tool == "draw":
-            self._brush(event.type, at)
+            await self._brush(event.type, at)
         elif self._tool == "write" and event.type == "mouseup":
-            self._write(at)
+            await self._write(at)
         elif self._tool == "place" and event.type == "mouseup" and self._desk.selected:
             step = self._desk.selected - 1
-            at_once(lambda: self._desk.put(step, at), self._changed)
+            work = partial(self._desk.put, step, at)
+            await self._bench.guard("predicting", work, self._changed)
 
     def _read(self, at: tuple[float, float]) -> None:
         if self._read_mm is not None:
@@ -114,7 +115,7 @@ class ImagePanel:
             what = "too low" if self.view == "difference" else "from the camera"
             self._under.text = f"({u}, {v}): {self._read_mm[v, u]:.1f} mm {what}"
 
-    def _brush(self, kind: str, at: tuple[float, float]) -> None:
+    async def _brush(self, kind: str, at: tuple[float, float]) -> None:
         if kind == "mousedown":
             self._line = [at]
         elif self._line and kind == "mousemove":
@@ -123,15 +124,17 @@ class ImagePanel:
             self._image.content = pictures.line(self._line, width, "#ff8800")
         elif self._line:  # the button is up, or the mouse has left
             line, self._line = tuple(self._line), []
-            self._mark(Stroke(line, float(self._width.value or 0), float(self._down.value or 0)))
+            await self._mark(
+                Stroke(line, float(self._width.value or 0), float(self._down.value or 0))
+            )
 
-    def _write(self, at: tuple[float, float] | None) -> None:
+    async def _write(self, at: tuple[float, float] | None) -> None:
         """The text at a place, or in the middle."""
         camera = self._desk.camera
         at = at or ((camera.width - 1) / 2, (camera.height - 1) / 2)
         size, down = float(self._size.value or 0), float(self._down.value or 0)
         self.look_at("goal")
-        self._mark(Words(str(self._text.value), at, size, down))
+        await self._mark(Words(str(self._text.value), at, size, down))
 
-    def _mark(self, mark: Mark) -> None:
-        at_once(lambda: self._desk.draw(mark), self._changed)
+    async def _mark(self, mark: Mark) -> None:
+        await self._bench.guard("drawing", lambda: self._desk.draw(mark), self._changed)

@@ -61,9 +61,13 @@ class LoadingPanel:
     async def _look(self) -> None:
         robot = self._bench.robot
         assert robot is not None
-        await self._bench.guard(
-            "looking", lambda: self._desk.see(seen(robot), robot.eye.name), self._changed
-        )
+        desk, hands = self._desk, self._bench.hands
+
+        def work() -> None:
+            desk.check_free()  # a run looks by itself
+            desk.see(seen(robot), robot.eye.name)
+
+        await self._bench.guard("looking", work, self._changed, hands)
 
     async def _save(self) -> None:
         folder = self._bench.out / "desk"

@@ -1,6 +1,7 @@
 """The tab where a goal is drawn, a plan made and edited, and carried out."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,15 @@ from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.image_panel import VIEWS, ImagePanel
 from jshape.studio.loading_panel import LoadingPanel
-from jshape.studio.page import at_once
 from jshape.studio.plan_panel import PlanPanel
 
+POLL = 0.4
+"""Seconds between two looks whether the desk has changed."""
 EXAGGERATE = 2.0
 """Heights in 3-D are drawn so many times as high."""
 KEYS = (
     "Keys: left and right step through the plan, Delete drops the action, [ and ] do it earlier "
-    "or later, 1 to 4 choose the view, Ctrl-Z takes a mark back, Escape stops."
+    "or later, 1 to 4 choose the view, Ctrl-Z takes a mark back, Escape is STOP."
 )
 
 
@@ -28,16 +30,17 @@ class MoldPage:
 
     def __init__(self, desk: Desk, bench: Bench):
         """Build the tab's content where the caller is."""
-        self._desk = desk
+        self._desk, self._bench = desk, bench
+        self._shown = -1  # version of the desk
         self.in_front: Callable[[], bool] = lambda: True
         """Whether keys are for this tab."""
         self._points: Any = None
         self._ready = False
         with ui.row().classes("w-full no-wrap gap-3 items-start"):
             with ui.column().classes("gap-1").style("width: 490px; flex: none"):
-                self._image = ImagePanel(desk, self.show)
+                self._image = ImagePanel(desk, bench, self.show)
                 with self._folded("Carry out", False):
-                    self._acting = ActingPanel(desk, bench, self.show)
+                    ActingPanel(desk, bench)
             with ui.column().classes("gap-1").style("width: 370px; flex: none"):
                 self._build_scene()
             with ui.column().classes("gap-1").style("min-width: 400px; flex: 1"):
@@ -48,6 +51,7 @@ class MoldPage:
         ui.label(KEYS).classes("text-xs text-gray-600")
         ui.keyboard(on_key=self._key, ignore=["input", "select", "textarea"])
         self._ready = True
+        ui.timer(POLL, self._follow)
         self.show()
 
     @staticmethod
@@ -65,11 +69,17 @@ class MoldPage:
         """Draw all that may have changed."""
         if not self._ready:
             return
+        self._shown = self._desk.version
         self._loading.show()
         self._plan.show()
         self._show_curve()
         self._image.show()
         self._show_cloud()
+
+    def _follow(self) -> None:
+        """Draw what a run or another window has changed."""
+        if self._shown != self._desk.version:
+            self.show()
 
     def _show_curve(self) -> None:
         plan, done = self._desk.plan, self._desk.selected
@@ -97,7 +107,7 @@ class MoldPage:
             self._image.look_at("predicted")
         self.show()
 
-    def _key(self, event: events.KeyEventArguments) -> None:
+    async def _key(self, event: events.KeyEventArguments) -> None:
         if not event.action.keydown or not self.in_front():
             return
         key, desk = event.key, self._desk
@@ -105,15 +115,14 @@ class MoldPage:
         if key.arrow_right or key.arrow_left:
             self._select(desk.selected + (1 if key.arrow_right else -1))
         elif key.delete and step >= 0:
-            at_once(lambda: desk.drop(step), self.show)
+            await self._bench.guard("predicting", partial(desk.drop, step), self.show)
         elif key.name in ("[", "]") and step >= 0:
-            at_once(lambda: desk.move(step, -1 if key.name == "[" else 1), self.show)
+            by = -1 if key.name == "[" else 1
+            await self._bench.guard("predicting", partial(desk.move, step, by), self.show)
         elif key.name in ("1", "2", "3", "4"):
             self._image.look_at(VIEWS[int(key.name) - 1])
         elif key.name == "z" and event.modifiers.ctrl:
-            at_once(desk.undo, self.show)
-        elif key.escape:
-            self._acting.stop()
+            await self._bench.guard("drawing", desk.undo, self.show)
 
 
 def _curve_options() -> dict[str, Any]:

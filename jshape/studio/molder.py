@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError
 from jshape.planned import Plan
 from jshape.predict.bank import Bank
-from jshape.robot.arms.base import stop_arm
+from jshape.robot.arms.base import ArmError
+from jshape.robot.arms.interruptible import Interruptible
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.loop import HEAD
@@ -61,7 +63,7 @@ def seen(robot: Robot) -> np.ndarray:
 
 
 class Molder:
-    """One run in a thread of its own."""
+    """One run, in the thread that is the robot's own."""
 
     def __init__(
         self,
@@ -73,7 +75,9 @@ class Molder:
         meta: dict[str, Any],
         plan: Plan | None = None,
         max_steps: int = 16,
+        ask_first: bool = False,
         on_look: Callable[[np.ndarray], None] = lambda image: None,
+        hands: Executor | None = None,
     ):
         """Start it.
 
@@ -85,13 +89,20 @@ class Molder:
           meta: of the run: bank, arm.
           plan: gone through action by action; None: made anew after each look.
           max_steps: most actions where plans are made anew.
+          ask_first: ask before the arm goes home, too.
           on_look: called in the run's thread with each image I that was seen.
+          hands: one thread that all looks and motions of this robot are made in, since cameras and
+            renderers belong to the thread that opened them; None: a new one.
 
         Raises:
           BadFile: the folder cannot be written, or holds something.
         """
         self.folder = folder
         self.state = State.ACTING
+        self.question = ""
+        """What it asks while it does."""
+        self.number = 0
+        """Of the question: an answer to an earlier one is none."""
         self.ahead: Plan | None = None
         """What is left of the plan while it asks, the next action first."""
         self.lines: list[str] = []
@@ -99,48 +110,71 @@ class Molder:
         self.why = ""
         """How it ended."""
         self._robot, self._bank, self._plan = robot, bank, plan
+        self._arm = Interruptible(robot.arm)
         self._max_steps = max_steps if plan is None else max(len(plan), 1)
+        self._ask_first = ask_first
         self._answers = threading.Condition()
         self._answer: bool | None = None
-        self._stopped = False  # by a person: the next question is answered with no
+        self._stopped = False
         self._on_look = on_look
         self._session = Session.start(folder, goal, meta, say=self.lines.append)
         self._session.seen = self._look
         self.lines.append(HEAD)
-        self._thread = threading.Thread(target=self._run, name="molding", daemon=True)
-        self._thread.start()
+        hands = hands or ThreadPoolExecutor(1, "molding")
+        self._done = hands.submit(self._run)
 
     @property
     def running(self) -> bool:
         """Whether it still goes on."""
-        return self._thread.is_alive()
+        return not self._done.done()
 
-    def answer(self, act: bool) -> None:
-        """Do the next action, or end the run; nothing happens while it does not ask."""
+    def answer(self, act: bool, number: int | None = None) -> None:
+        """Do the next action, or end the run.
+
+        Nothing happens while it does not ask, or if `number` is another question's.
+        """
         with self._answers:
-            if self.state is State.ASKING:
+            if self.state is State.ASKING and number in (None, self.number):
                 self._answer = act
                 self._answers.notify_all()
 
-    def stop(self) -> None:
-        """Stop the arm at once, and end the run."""
-        stop_arm(self._robot.arm)
+    def stop(self) -> str | None:
+        """Stop the arm at once, and end the run; what went wrong with that, in one line."""
+        problem = self._arm.interrupt()
         with self._answers:
-            self._stopped, self._answer = True, False
+            self._stopped = True
             self._answers.notify_all()
+        return problem
 
     def wait(self, seconds: float | None = None) -> None:
         """Until it ends."""
-        self._thread.join(seconds)
+        wait([self._done], seconds)
 
-    def _ask(self, ahead: Plan) -> bool:
+    def _ask(self, question: str, ahead: Plan | None) -> bool:
+        """What a person answers.
+
+        Raises:
+          ArmError: the run was stopped.
+        """
         with self._answers:
-            self.ahead, self.state = ahead, State.ASKING
-            self._answer = False if self._stopped else None
-            while self._answer is None:
+            self._answer, self.question, self.ahead = None, question, ahead
+            self.number += 1
+            self.state = State.ASKING
+            while self._answer is None and not self._stopped:
                 self._answers.wait()
-            self.ahead, self.state = None, State.ACTING
-            return self._answer
+            self.question, self.ahead, self.state = "", None, State.ACTING
+            if self._stopped:
+                raise ArmError(f"{self._arm.name}: stopped by a person")
+            return bool(self._answer)
+
+    def _ask_about(self, ahead: Plan) -> bool:
+        (u, v), d = ahead.exact_positions[0], ahead.distances_mm
+        turned = f", turned {np.degrees(ahead.yaws[0]):.0f}°" if ahead.yaws[0] else ""
+        return self._ask(
+            f"{ahead.actions[0]} x{ahead.strengths[0]:.2f} at ({u:.0f}, {v:.0f}){turned}: "
+            f"{d[0]:.3f} -> {d[1]:.3f} mm. Act?",
+            ahead,
+        )
 
     def _look(self, depth: np.ndarray) -> None:
         camera = self._bank.camera
@@ -151,10 +185,15 @@ class Molder:
         if self._plan is None:
             per_mm = 1.0 / float(metric.to_mm(1.0, self._bank.camera))
             how = {"stride": STRIDE, "strengths": STRENGTHS, "min_gain": MIN_GAIN_MM * per_mm}
+        whole, self._robot.arm = self._robot.arm, self._arm
         try:
+            home = "the arm goes home, out of the camera's view, and looks. Go?"
+            if self._ask_first and not self._ask(home, None):
+                self.why, self.state = "the arm was not to move", State.FINISHED
+                return
             summary = self._session.mold(
                 self._robot, self._bank, plan=self._plan, max_steps=self._max_steps,
-                confirm=self._ask, draw=draw(self._bank.rois), **how,
+                confirm=self._ask_about, draw=draw(self._bank.rois), **how,
             )  # fmt: skip
         except Exception as problem:  # a driver may raise anything; nobody else would hear of it
             self.why, self.state = " ".join(str(problem).split()), State.FAILED
@@ -162,3 +201,5 @@ class Molder:
                 self.why = f"{type(problem).__name__}: {self.why}"
         else:
             self.why, self.state = summary["why"], State.FINISHED
+        finally:
+            self._robot.arm = whole

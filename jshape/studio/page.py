@@ -1,54 +1,67 @@
 """The local web page: tabs, errors as one line, and the server.  Needs NiceGUI (extra studio)."""
 
+import asyncio
 import tempfile
 from collections.abc import Awaitable, Callable
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-from nicegui import events, run, ui
+from nicegui import events, ui
 
 from jshape.errors import JShapeError
 
 LARGEST_UPLOAD = 64 * 2**20
 """Bytes of a file that may be sent to the page."""
+PATIENCE = 0.4
+"""Seconds after which the page says that it is at work."""
 
 
 class Guard:
-    """Does what people ask, one thing at a time; errors become one line on the page."""
+    """Does what people ask, one thing at a time, beside the page; errors become one line on it.
+
+    Nothing that computes runs where the page is served: STOP must not wait behind it.
+    """
 
     def __init__(self) -> None:
         self._busy = ""
 
-    async def __call__(self, what: str, work: Callable[[], Any], then: Callable[[], Any]) -> None:
-        """Do something that may take long in a thread of its own, then draw.
+    async def __call__(
+        self,
+        what: str,
+        work: Callable[[], Any],
+        then: Callable[[], Any] = lambda: None,
+        hands: Executor | None = None,
+    ) -> None:
+        """Do something in another thread, then draw.
 
         Args:
           what: it does, for people.
           work: touches no element of the page.
           then: draws what has changed.
+          hands: where the work has to be done; None: in any thread.
         """
         if self._busy:
             ui.notify(f"still {self._busy}", type="warning")
             return
         self._busy = what
-        waiting = ui.notification(f"{what} ...", spinner=True, timeout=None)
+        doing = asyncio.get_running_loop().run_in_executor(hands, work)
+        waiting = None
         try:
-            await run.io_bound(work)
-        except JShapeError as problem:
-            ui.notify(" ".join(str(problem).split()), type="negative", multi_line=True)
+            done, _ = await asyncio.wait([doing], timeout=PATIENCE)
+            if not done:
+                waiting = ui.notification(f"{what} ...", spinner=True, timeout=None)
+            await doing
+        except Exception as problem:  # whatever it is, the person at the page must hear of it
+            said = " ".join(str(problem).split())
+            if not isinstance(problem, JShapeError):
+                said = f"{type(problem).__name__}: {said}"
+            ui.notify(said, type="negative", multi_line=True)
         finally:
             self._busy = ""
-            waiting.dismiss()
+            if waiting is not None:
+                waiting.dismiss()
             then()
-
-
-def at_once(work: Callable[[], Any], then: Callable[[], Any]) -> None:
-    """Do something quick, then draw; an error becomes one line on the page."""
-    try:
-        work()
-    except JShapeError as problem:
-        ui.notify(" ".join(str(problem).split()), type="negative", multi_line=True)
-    then()
 
 
 def upload(label: str, take: Callable[[Path], Awaitable[None]], accept: str) -> ui.upload:

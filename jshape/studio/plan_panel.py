@@ -10,7 +10,6 @@ from jshape.planners import PLANNERS
 from jshape.store import banks
 from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
-from jshape.studio.page import at_once
 
 
 class PlanPanel:
@@ -83,14 +82,18 @@ class PlanPanel:
             ("arrow_downward", "later", partial(desk.move, k, 1)),
             ("delete", "drop", partial(desk.drop, k)),
         ):
-            button = ui.button(icon=icon, on_click=partial(at_once, act, self._changed))
+            button = ui.button(
+                icon=icon, on_click=partial(self._bench.guard, "predicting", act, self._changed)
+            )
             button.props(f'dense flat size=sm aria-label="{what} {done}"')
 
-    def _deepen(self, k: int, number: ui.number) -> None:
-        at_once(lambda: self._desk.deepen(k, float(number.value or 0)), self._changed)
+    async def _deepen(self, k: int, number: ui.number) -> None:
+        work = partial(self._desk.deepen, k, float(number.value or 0))
+        await self._bench.guard("predicting", work, self._changed)
 
-    def _banked(self, event: events.ValueChangeEventArguments) -> None:
-        at_once(lambda: self._desk.use_bank(str(event.value)), self._changed)
+    async def _banked(self, event: events.ValueChangeEventArguments) -> None:
+        work = partial(self._desk.use_bank, str(event.value))
+        await self._bench.guard("loading the bank", work, self._changed)
 
     async def _plan(self) -> None:
         options: dict[str, Any] = {"planner": str(self._planner.value)}

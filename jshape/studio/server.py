@@ -1,28 +1,27 @@
 """The studio's page and its server."""
 
-from pathlib import Path
-
 from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from jshape.studio.annotate_page import AnnotatePage
+from jshape.studio.annotation import Annotation
 from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.mold_page import MoldPage
 
-LOCAL = ("127.0.0.1", "localhost", "::1")
+LOCAL = ("127.0.0.1", "localhost")
 """Hosts that only this computer reaches."""
 
 
 def serve(
-    desk: Desk, bench: Bench, dataset: Path | None, *, host: str, port: int, show: bool
+    desk: Desk, bench: Bench, boxes: Annotation | None, *, host: str, port: int, show: bool
 ) -> None:
     """Serve until it is interrupted.
 
     Args:
       desk: what people work on; the same in every tab of every browser.
       bench: the robot and the folder.
-      dataset: opened in the tab for annotation.
+      boxes: opened in the tab for annotation.
       host: to listen at.
       port: likewise.
       show: open a browser.
@@ -37,12 +36,16 @@ def serve(
             with ui.tabs().props("dense no-caps") as tabs:
                 ui.tab("mold", label="Mold")
                 ui.tab("annotate", label="Annotate boxes")
-        first = "annotate" if dataset is not None and desk.bed is None else "mold"
+            ui.space()
+            ui.button("STOP", on_click=bench.stop).props("dense color=negative")
+        # Wherever the focus is, in whichever tab.
+        ui.keyboard(on_key=lambda e: bench.stop() if e.key.escape else None, ignore=[])
+        first = "annotate" if boxes is not None and desk.bed is None else "mold"
         with ui.tab_panels(tabs, value=first, animated=False, keep_alive=True).classes("w-full"):
             with ui.tab_panel("mold").classes("p-0"):
                 mold = MoldPage(desk, bench)
             with ui.tab_panel("annotate").classes("p-0"):
-                annotate = AnnotatePage(dataset)
+                annotate = AnnotatePage(boxes)
         mold.in_front = lambda: tabs.value == "mold"
         annotate.in_front = lambda: tabs.value == "annotate"
 

@@ -45,7 +45,7 @@ class Viewer:
           JShapeError: viser is not installed, or nothing can listen there.
         """
         viser = _viser()
-        _check_free(host, port)
+        check_free(host, port)
         self._story = story
         self._closed, self._lock = threading.Event(), threading.RLock()
         self._playing, self._drawn = False, 0
@@ -287,8 +287,8 @@ def colour_of(action: str) -> tuple[int, int, int]:
     return r, g, b
 
 
-def _check_free(host: str, port: int) -> None:
-    """Refuse a place where nothing can listen: viser would take the next port, or wait forever.
+def check_free(host: str, port: int) -> None:
+    """Refuse a place where nothing can listen: a server would take another port, or wait forever.
 
     Raises:
       JShapeError: with what the system says.

@@ -184,9 +184,11 @@ def gains_figure(
     axes = figure.subplots(lines, columns, squeeze=False).reshape(-1)
     for ax in axes[len(names) :]:
         ax.set_axis_off()
+    explained = ""
     for ax, name in zip(axes, names, strict=False):
         steps = [step for run in runs if (run["entry"], run["loop"]) == (name, loop)
                  for step in run["steps"]]  # fmt: skip
+        dotted: list[float] = []
         for action in dict.fromkeys(step["action"] for step in steps):
             mine = [step for step in steps if step["action"] == action]
             predicted, obtained = (
@@ -195,29 +197,30 @@ def gains_figure(
             colour = COLOURS.get(action, "0.5")
             ax.plot(predicted, obtained, ".", color=colour, markersize=4, alpha=0.6, label=action)
             if errors_mm.get(name, {}).get(action):
-                ax.axvline(errors_mm[name][action], color=colour, linewidth=1, linestyle=":")
-        _one_to_one(ax, steps)
+                dotted.append(errors_mm[name][action])
+                ax.axvline(dotted[-1], color=colour, linewidth=1, linestyle=":")
+        _one_to_one(ax, steps, dotted)
+        explained = explained or ("\ndotted: usual error of it" if dotted else "")
         ax.set_title(f"{name} ({len(steps)} actions)", fontsize=10)
         ax.grid(alpha=0.3)
         if steps:
-            ax.legend(fontsize=7, loc="lower right")
-    figure.supxlabel(f"gain predicted (mm), {loop} loop; dotted: usual error of it", fontsize=10)
+            ax.legend(fontsize=7, loc="lower right", framealpha=0.4)  # points may lie below it
+    figure.supxlabel(f"gain predicted (mm), {loop} loop{explained}", fontsize=10)
     figure.supylabel("gain obtained (mm)", fontsize=10)
     return figure
 
 
-def _one_to_one(ax: Axes, steps: Sequence[Mapping[str, Any]]) -> None:
-    """The line of predictions that hold, over all but the few largest gains."""
-    both = [abs(step[key]) for step in steps for key in ("predicted_gain_mm", "gain_mm")]
-    reach = float(np.percentile(both, 98)) if both else 1.0
-    reach = max(reach, 1e-3)
-    ax.plot([-reach, reach], [-reach, reach], color="k", linewidth=0.8)
+def _one_to_one(ax: Axes, steps: Sequence[Mapping[str, Any]], upright: Sequence[float]) -> None:
+    """The line of predictions that hold; axes with every gain and every upright line in them."""
     ax.axhline(0, color="k", linewidth=0.5)
-    left, bottom = (
-        max(min([0.0, *(step[key] for step in steps)]), -reach) - 0.04 * reach
-        for key in ("predicted_gain_mm", "gain_mm")
+    predicted, obtained = (
+        [0.0, *(step[key] for step in steps)] for key in ("predicted_gain_mm", "gain_mm")
     )
-    ax.set(xlim=(left, reach), ylim=(bottom, reach))
+    reach = max(1e-3, *predicted, *obtained, *upright)
+    ax.plot([min(predicted), reach], [min(predicted), reach], color="k", linewidth=0.8)
+    for values, limit in ((predicted, ax.set_xlim), (obtained, ax.set_ylim)):
+        margin = 0.04 * (reach - min(values))
+        limit(min(values) - margin, reach + margin)
 
 
 def sheet_figure(rows: Sequence[Sequence[Tile]]) -> Figure:

@@ -140,7 +140,11 @@ class Arm(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stand still at once.  Always possible, never raises, and always the last call."""
+        """Stand still at once.  Always possible, never raises, and always the last call.
+
+        It may come from another thread while a motion is under way, which then ends and raises
+        `ArmError`.
+        """
         ...
 
     def close(self) -> None:

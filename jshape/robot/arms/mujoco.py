@@ -1,5 +1,6 @@
 """The arm of the physics twin: MuJoCo moves it, mink says how, and the bed gives way below it."""
 
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -63,6 +64,8 @@ class MuJoCoArm:
         self._tool = np.eye(4)
         self._doing: Doing | None = None
         self._press: Press | None = None
+        self._mover: int | None = None  # the thread that moves it
+        self._halt = threading.Event()  # another thread wants it to stand still
 
     def limit(self, *, effort: float, speed: float) -> None:
         """Stop at this effort; bring the tool home no faster than this."""
@@ -142,6 +145,9 @@ class MuJoCoArm:
 
     def stop(self) -> None:
         """Hold still; the bed stays as it is now."""
+        if self._mover not in (None, threading.get_ident()):
+            self._halt.set()  # the thread that steps the physics stands still at its next tick
+            return
         self.twin.halt()
         self._finish()
 
@@ -176,6 +182,16 @@ class MuJoCoArm:
         `step` is given the share of the motion and its rate per second: a smooth start and end
         (the polynomial of least jerk), so that accelerations stay far below contact efforts.
         """
+        self._mover = threading.get_ident()
+        try:
+            return self._stepped(step, seconds, threshold)
+        finally:
+            self._mover = None
+            self._halt.clear()
+
+    def _stepped(
+        self, step: Callable[[float, float], float], seconds: float, threshold: float
+    ) -> Moved:
         tick = self.twin.model.opt.timestep
         count, rest = max(int(np.ceil(seconds / tick)), 1), int(SETTLE / tick)
         greatest = 0.0
@@ -185,6 +201,9 @@ class MuJoCoArm:
             effort = step(share, rate)
             greatest = max(greatest, effort)
             self.watch(self.twin)
+            if self._halt.is_set():
+                self.stop()
+                raise ArmError(f"{self.name}: stopped")
             if effort > self._hard:
                 self.stop()
                 raise EffortLimit(

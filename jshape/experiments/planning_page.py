@@ -14,7 +14,7 @@ CAPTIONS = {
     "there at the start.",
     "curves.png": "The same after each action; a run that has ended stays as it is.",
     "gains.png": "What each action was predicted to gain, and gained. On the line, predictions "
-    "hold; dotted lines are the usual error of a prediction of that action.",
+    "hold; a dotted line, where there is one, is the usual error of a prediction of that action.",
     "sheet.png": "Beds as the camera sees them, higher is brighter: the start with its distance to "
     "the goal, the goal, and what each entry left of the distance.",
 }

@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+import threading
+import time
 
 import jax
 import numpy as np
@@ -396,3 +398,38 @@ def test_the_real_menagerie_is_drawn(engine):
     from jshape.robot.twin.model import build
 
     assert build(sim.flat_bed()).model.nmesh >= 7
+
+
+def test_another_thread_stops_a_motion_from_its_first_moment(fresh):
+    """Also while its way is still being worked out; it raises, and the tool stands still."""
+    arm = fresh.arm
+    pose = arm.pose()
+    pose[2, 3] -= 0.1
+    entered = threading.Event()
+    line = arm.twin.reach.line
+
+    def slowly(*given):
+        entered.set()
+        time.sleep(0.3)
+        return line(*given)
+
+    arm.twin.reach.line = slowly
+    ended = []
+
+    def move():
+        try:
+            ended.append(arm.move(pose, speed=0.1, threshold=1e9))
+        except ArmError as problem:
+            ended.append(problem)
+
+    before = arm.pose()
+    mover = threading.Thread(target=move)
+    mover.start()
+    assert entered.wait(60)
+    arm.stop()
+    mover.join(120)
+    assert isinstance(ended[0], ArmError) and "stopped" in str(ended[0])
+    assert np.abs(arm.pose() - before).max() < 0.002
+    arm.twin.reach.line = line
+    moved = arm.move(pose, speed=0.1, threshold=1e9)  # and it obeys again
+    assert abs(moved.pose[2, 3] - pose[2, 3]) < 0.002

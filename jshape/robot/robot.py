@@ -1,12 +1,12 @@
 """A depth camera and an arm as one world to act in."""
 
 from collections.abc import Callable
-from types import TracebackType
 
 import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
+from jshape.closing import Closing
 from jshape.data.missing import fill_missing
 from jshape.data.view import View, view_of
 from jshape.errors import JShapeError
@@ -17,7 +17,7 @@ from jshape.robot.procedure import Done, Hand, perform, prepare
 from jshape.robot.surface import surface_point
 
 
-class Robot:
+class Robot(Closing):
     """Looks with a camera, acts with an arm; a `World` of the loop."""
 
     def __init__(
@@ -141,14 +141,3 @@ class Robot:
             self.arm.close()
         finally:
             self.eye.close()
-
-    def __enter__(self) -> "Robot":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -5,12 +5,12 @@ import io
 import socket
 import threading
 from functools import lru_cache
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgb
 
+from jshape.closing import Closing
 from jshape.errors import JShapeError
 from jshape.view.curves import add_curves, with_mark
 from jshape.view.pictures import picture
@@ -30,7 +30,7 @@ GOAL_ABOVE = 0.001
 NO_PICTURE = np.full((2, 2, 3), 255, np.uint8)
 
 
-class Viewer:
+class Viewer(Closing):
     """Serves a story until it is closed.  All browsers see the same step."""
 
     def __init__(self, story: Story, *, host: str = LOCAL[0], port: int = 0):
@@ -89,17 +89,6 @@ class Viewer:
             self._closed.set()
             with contextlib.redirect_stdout(io.StringIO()):
                 self._server.stop()
-
-    def __enter__(self) -> "Viewer":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _look_from_above(self) -> None:
         """The camera's frame as it is, Z down; seen obliquely from the lower edge of the image."""

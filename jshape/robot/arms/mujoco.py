@@ -3,6 +3,8 @@
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import wraps
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -37,6 +39,23 @@ LIFTING = 0.1
 """Speed on that way, metres per second."""
 REFRESH = 5
 """The bed moves every so many steps of the physics."""
+
+
+def _commanded(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command that another thread may stop from its first moment on, planning included."""
+
+    @wraps(command)
+    def run(self: "MuJoCoArm", *given: Any, **named: Any) -> Any:
+        if self._mover is not None:  # part of another command
+            return command(self, *given, **named)
+        self._mover = threading.get_ident()
+        try:
+            return command(self, *given, **named)
+        finally:
+            self._mover = None
+            self._halt.clear()
+
+    return run
 
 
 class MuJoCoArm:
@@ -85,11 +104,13 @@ class MuJoCoArm:
         for pose in poses:
             joints = self.twin.reach.line(joints, np.asarray(pose, float) @ flange).joints[-1]
 
+    @_commanded
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
         """Remember the tool; when the act begins, work out what it will do to the bed."""
         self._finish()
         self._doing, self._tool = doing, np.asarray(tool, float)
 
+    @_commanded
     def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
         """Bring the tool there along a straight line, or as far as the effort allows."""
         flange = np.asarray(pose, float) @ np.linalg.inv(self._tool)
@@ -101,6 +122,7 @@ class MuJoCoArm:
         spline = CubicSpline(np.linspace(0.0, 1.0, len(joints)), joints)
         return self._follow(spline, seconds, threshold)
 
+    @_commanded
     def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
         """Give the hand a posture; a turn of the wrist may take longer than `seconds`."""
         try:
@@ -119,6 +141,7 @@ class MuJoCoArm:
 
         return self._run(step, seconds, threshold)
 
+    @_commanded
     def home(self) -> Moved:
         """Up, and lead the joints to where the camera looks straight down at the bed."""
         self._finish()
@@ -182,16 +205,6 @@ class MuJoCoArm:
         `step` is given the share of the motion and its rate per second: a smooth start and end
         (the polynomial of least jerk), so that accelerations stay far below contact efforts.
         """
-        self._mover = threading.get_ident()
-        try:
-            return self._stepped(step, seconds, threshold)
-        finally:
-            self._mover = None
-            self._halt.clear()
-
-    def _stepped(
-        self, step: Callable[[float, float], float], seconds: float, threshold: float
-    ) -> Moved:
         tick = self.twin.model.opt.timestep
         count, rest = max(int(np.ceil(seconds / tick)), 1), int(SETTLE / tick)
         greatest = 0.0

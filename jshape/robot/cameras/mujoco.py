@@ -1,7 +1,6 @@
 """The depth camera on the twin's wrist, drawn by MuJoCo."""
 
 import weakref
-from types import TracebackType
 from typing import Any
 
 import jax
@@ -9,6 +8,7 @@ import numpy as np
 
 from jshape import sim
 from jshape._typing import Array, Float, Key, Num
+from jshape.closing import Closing
 from jshape.robot.cameras.base import CameraLost
 from jshape.robot.twin.engine import mujoco, renderer
 from jshape.robot.twin.world import Twin
@@ -17,7 +17,7 @@ DEPTH_UNIT = 1e-4
 """Metres per count: tenths of a millimetre, which a D435 can be set to."""
 
 
-class MuJoCoCamera:
+class MuJoCoCamera(Closing):
     """Sees what stands before the twin's wrist camera now; implements `DepthCamera`."""
 
     name = "D435 on the wrist (MuJoCo)"
@@ -92,17 +92,6 @@ class MuJoCoCamera:
         if self._renderer is not None:
             self._end()
             self._renderer = None
-
-    def __enter__(self) -> "MuJoCoCamera":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def upload_bed(renderer: Any, twin: Twin) -> None:

@@ -1,16 +1,16 @@
 """Frames that come out of an iterator, as a camera: what recordings and pictures have in common."""
 
 from collections.abc import Callable, Iterator
-from types import TracebackType
 
 import numpy as np
 
 from jshape._typing import Num
 from jshape.camera import Camera
+from jshape.closing import Closing
 from jshape.robot.cameras.base import CameraLost, EndOfFrames
 
 
-class Played:
+class Played(Closing):
     """A camera over frames that are made or read one after another."""
 
     def __init__(
@@ -68,14 +68,3 @@ class Played:
             self._frames = None
             if self._close is not None:
                 self._close()
-
-    def __enter__(self) -> "Played":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

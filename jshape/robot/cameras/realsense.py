@@ -7,12 +7,12 @@ the SDK's own.
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jshape._typing import Num
+from jshape.closing import Closing
 from jshape.data.intrinsics import Z_RANGE, pinhole
 from jshape.errors import BadFile, JShapeError
 from jshape.robot.cameras.base import TIMEOUT, CameraLost, EndOfFrames
@@ -49,7 +49,7 @@ class Source(NamedTuple):
     live: bool
 
 
-class RealSense:
+class RealSense(Closing):
     """A RealSense depth camera."""
 
     def __init__(
@@ -146,17 +146,6 @@ class RealSense:
         source, self._source = self._source, None
         if source is not None:
             source.stop()
-
-    def __enter__(self) -> "RealSense":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class Device(NamedTuple):

@@ -2,13 +2,13 @@
 
 import weakref
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Any
 
 import cv2
 import numpy as np
 
 from jshape._typing import Num
+from jshape.closing import Closing
 from jshape.robot.cameras.mujoco import upload_bed
 from jshape.robot.twin.engine import mujoco, renderer
 from jshape.robot.twin.world import Twin
@@ -17,7 +17,7 @@ SIZE = (480, 400)
 """Of a picture (width, height), pixels."""
 
 
-class Bystander:
+class Bystander(Closing):
     """A colour camera that stands beside the box; a context manager."""
 
     def __init__(
@@ -72,17 +72,6 @@ class Bystander:
     def close(self) -> None:
         """Let go of the renderer."""
         self._end()
-
-    def __enter__(self) -> "Bystander":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def strip(

@@ -44,10 +44,10 @@ def _show(story: Any, options: argparse.Namespace) -> str:
     before = signal.signal(signal.SIGTERM, _interrupt)
     try:
         with Viewer(story, host=options.host, port=options.port) as viewer:
-            if options.host not in LOCAL:
-                print(f"anybody who reaches {options.host} can look", file=sys.stderr)
-            print(f"it is at {viewer.url}; Ctrl-C ends it", file=sys.stderr, flush=True)
             try:
+                if options.host not in LOCAL:
+                    print(f"anybody who reaches {options.host} can look", file=sys.stderr)
+                print(f"it is at {viewer.url}; Ctrl-C ends it", file=sys.stderr, flush=True)
                 if not options.no_open:
                     webbrowser.open(viewer.url)
                 viewer.wait()

@@ -26,6 +26,9 @@ from tests.stage import PLACES, UNIT, mold, robot_of
 MM = 0.16
 """Half a count (0.1 mm) of the look before, half of that after, and a count (0.05) of the stage."""
 
+RERUN = (sys.executable, "-m", "rerun_cli")
+"""Rerun's program by the Python that has it: nobody's PATH need lead there."""
+
 
 def depth_of(image):
     return np.asarray(PAPER_BOX.depth(metric.unweigh(image, PAPER_BOX)))
@@ -242,7 +245,7 @@ def rerun_home(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home/.config"))
     (tmp_path / "home").mkdir()
-    subprocess.run(["rerun", "analytics", "disable"], check=True, capture_output=True)
+    subprocess.run([*RERUN, "analytics", "disable"], check=True, capture_output=True)
     return tmp_path
 
 
@@ -251,7 +254,7 @@ def test_a_recording_holds_it_all_on_one_timeline(session, bank, molded, rerun_h
         mold(session, robot, bank)
     story = read_story(session.run.folder)
     path = write_recording(rerun_home / "run.rrd", story)
-    checked = subprocess.run(["rerun", "rrd", "verify", str(path)], capture_output=True, text=True)
+    checked = subprocess.run([*RERUN, "rrd", "verify", str(path)], capture_output=True, text=True)
     assert checked.returncode == 0, checked.stderr
     rows, depths, timelines = {}, [], set()
     for chunk in _chunks(path):

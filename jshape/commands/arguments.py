@@ -9,6 +9,8 @@ from jshape.commands import COMMANDS
 from jshape.commands.colours import coloured
 from jshape.errors import UnknownName, did_you_mean
 
+STRIDE = 8
+"""Pixels between the places where dense plans try actions."""
 STRENGTHS = (0.25, 0.5, 1.0, 1.6)
 """How deep actions are tried where places are dense, unless one says otherwise."""
 

@@ -30,9 +30,6 @@ from jshape.robot.robot import Robot
 from jshape.robot.session import Session
 from jshape.store import banks, formats, points
 
-STRIDE = 8
-"""Pixels between places, unless one says otherwise."""
-
 
 def mold(options: argparse.Namespace) -> dict[str, Any]:
     """Mold what the camera sees into what is wanted."""
@@ -97,8 +94,8 @@ def add(commands: Any) -> None:
     parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
     parser.add_argument("--depth-unit", type=arguments.positive, help="metres per count of DESIRED")
     parser.add_argument(
-        "--stride", type=arguments.positive_count, default=STRIDE, metavar="PIXELS",
-        help=f"between places where actions are tried ({STRIDE})",
+        "--stride", type=arguments.positive_count, default=arguments.STRIDE, metavar="PIXELS",
+        help=f"between places where actions are tried ({arguments.STRIDE})",
     )  # fmt: skip
     parser.add_argument(
         "--strengths", type=arguments.positives, default=list(arguments.STRENGTHS),

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from scipy import ndimage
 
 from jshape import sim
@@ -143,9 +144,7 @@ def simulate_pairs(
     for agent in agents:
         for action in actions:
             for index in range(count):
-                key, for_bed, for_place, for_act, for_prior, for_posterior = jax.random.split(
-                    key, 6
-                )
+                key, for_bed, for_place, for_act, for_prior, for_posterior = _split(key)
                 bed = random_bed(for_bed, beds[index % len(beds)])
                 w, h = rois[action]
                 low = jnp.array([w // 2, h // 2])
@@ -166,6 +165,20 @@ def simulate_pairs(
                 yield SimulatedPair(
                     action, agent, material, (u, v), (w, h), prior, posterior, strength
                 )
+
+
+def _split(key: Key[Array, ""]) -> Key[Array, "6"]:
+    """The key of the next pair, then the five of this one."""
+    return jax.random.split(key, 6)
+
+
+def keys_along(key: Key[Array, ""], count: int) -> Key[Array, "count"]:
+    """The keys that `simulate_pairs` has before each of so many pairs: it can begin at any."""
+
+    def step(key: Key[Array, ""], _: None) -> tuple[Key[Array, ""], Key[Array, ""]]:
+        return _split(key)[0], key
+
+    return lax.scan(step, key, length=count)[1]
 
 
 def together(pairs: Iterable[SimulatedPair], camera: Camera = PAPER_BOX) -> Pairs:

@@ -7,8 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jshape.experiments.carried import Story
-from jshape.experiments.shaping_figures import draw_distances
-from jshape.viz import pictures
+from jshape.experiments.shaping_figures import Row, rows_figure
 
 COLOURS = ("tab:gray", "tab:blue", "tab:olive", "tab:orange", "tab:red")
 """Of predictors, in their order."""
@@ -63,27 +62,13 @@ def examples_figure(examples: Mapping[str, Sequence[Story]], names: Sequence[str
       examples: per situation what each predictor made of it.
       names: of the two predictors.
     """
-    figure = Figure(figsize=(11, 1.75 * len(examples) + 0.9), layout="constrained")
-    axes = figure.subplots(len(examples), 5, squeeze=False, width_ratios=(1, 1, 1, 1, 1.25))
-    for line, (situation, told) in zip(axes, examples.items(), strict=True):
+    rows = []
+    for situation, told in examples.items():
         shown = [next(one for one in told if one.entry.where == name) for name in names]
         first = shown[0].plan
         images = {"initial": first.images[0], "wanted": first.goal} | {
             f"{name} predicts {one.plan.distances_mm[-1]:.2f} mm": one.plan.images[-1]
             for name, one in zip(names, shown, strict=True)
         }
-        heights = [pictures.height_mm(np.asarray(i), first.camera) for i in images.values()]
-        low, high = np.percentile(heights[:2], (0.5, 99.5))
-        high = max(high, low + 5)
-        for ax, title, height in zip(line, images, heights, strict=False):
-            ax.imshow(height, cmap="gray", vmin=low, vmax=high)
-            ax.set(xticks=[], yticks=[])
-            ax.set_title(title, fontsize=9)
-        line[0].set_ylabel(situation, fontsize=9)
-        line[0].set_xlabel(f"black {low:.0f}, white {high:.0f} mm", fontsize=8)
-        draw_distances(line[4], names, shown)
-    axes[0, 4].set_title("d to the goal (mm)", fontsize=9)
-    axes[-1, 4].set_xlabel("actions applied", fontsize=9)
-    handles, labels = axes[0, 4].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)
-    return figure
+        rows.append(Row(situation, images, names, shown))
+    return rows_figure(rows)

@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from jshape.errors import JShapeError, UnknownName
-from jshape.experiments import EXPERIMENTS, LeftOut, pages, samples
+from jshape.experiments import EXPERIMENTS, LeftOut, pages, samples, studies
 from jshape.experiments.samples import Progress, Say, silent, unheard
 from jshape.store import files
 
 INDEX, PAGE = "index.json", "index.html"
-LEAST_PAIRS = 4
-"""Of an action and agent: `studies.enough` leaves out what has fewer."""
 NOT_SAID = ("overwrite", "say", "progress")
 """Options of `run` that change nothing in a result."""
 
@@ -39,8 +37,10 @@ def run_one(name: str, out: Path, *, data: Path | None = None, **options: Any) -
         raise UnknownName("experiment", name, EXPERIMENTS)
     entry = EXPERIMENTS[name]
     pairs = options.get("pairs")
-    if pairs is not None and pairs < LEAST_PAIRS:
-        raise JShapeError(f"--pairs {pairs}: must be at least {LEAST_PAIRS}, to fit to and to test")
+    if pairs is not None and pairs < studies.LEAST_PAIRS:
+        raise JShapeError(
+            f"--pairs {pairs}: must be at least {studies.LEAST_PAIRS}, to fit to and to test"
+        )
     if entry.data:
         options["data"] = data
     with pages.made_by(command_of(name, out, options)):

@@ -1,12 +1,13 @@
 """Figures of molded goals: their images and distances, and the tree that was searched."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike
 
 from jshape.experiments.carried import Story
 from jshape.viz import pictures
@@ -27,6 +28,18 @@ class Candidate(NamedTuple):
     """Greedy search takes it."""
 
 
+class Row(NamedTuple):
+    """One molded goal as a line of a figure."""
+
+    name: str
+    images: Mapping[str, ArrayLike]
+    """Four by their titles; the first two, I0 and I*, set the grey scale."""
+    who: Sequence[str]
+    """What is said of each story."""
+    stories: Sequence[Story]
+    """Whose distances."""
+
+
 Tree = Sequence[Sequence[Candidate]]
 """The best candidates of each step, best first; the last step is the one where nothing helps."""
 
@@ -41,10 +54,8 @@ def stories_figure(
       shown: whose images.
       all_of: per problem, whose distances; "f_D, 15 places" is what is said of each.
     """
-    count = len(names)
-    figure = Figure(figsize=(11, 1.75 * count + 0.9), layout="constrained")
-    axes = figure.subplots(count, 5, squeeze=False, width_ratios=(1, 1, 1, 1, 1.25))
-    for line, name, story, every in zip(axes, names, shown, all_of, strict=True):
+    rows = []
+    for name, story, every in zip(names, shown, all_of, strict=True):
         plan = story.plan
         images = {
             "initial": plan.images[0],
@@ -52,17 +63,27 @@ def stories_figure(
             f"predicted, {plan.distances_mm[-1]:.2f} mm": plan.images[-1],
             f"obtained, {story.distances_mm[-1]:.2f} mm": story.images[-1],
         }
-        heights = [pictures.height_mm(np.asarray(i), plan.camera) for i in images.values()]
+        who = [f"{one.entry.predictor}, {one.entry.where}" for one in every]
+        rows.append(Row(name, images, who, every))
+    return rows_figure(rows)
+
+
+def rows_figure(rows: Sequence[Row]) -> Figure:
+    """A row of images and distances for each problem, one legend for all."""
+    figure = Figure(figsize=(11, 1.75 * len(rows) + 0.9), layout="constrained")
+    axes = figure.subplots(len(rows), 5, squeeze=False, width_ratios=(1, 1, 1, 1, 1.25))
+    for line, row in zip(axes, rows, strict=True):
+        camera = row.stories[0].plan.camera
+        heights = [pictures.height_mm(np.asarray(i), camera) for i in row.images.values()]
         low, high = np.percentile(heights[:2], (0.5, 99.5))
         high = max(high, low + 5)
-        for ax, title, height in zip(line, images, heights, strict=False):
+        for ax, title, height in zip(line, row.images, heights, strict=False):
             ax.imshow(height, cmap="gray", vmin=low, vmax=high)
             ax.set(xticks=[], yticks=[])
             ax.set_title(title, fontsize=9)
-        line[0].set_ylabel(name, fontsize=9)
+        line[0].set_ylabel(row.name, fontsize=9)
         line[0].set_xlabel(f"black {low:.0f}, white {high:.0f} mm", fontsize=8)
-        who = [f"{one.entry.predictor}, {one.entry.where}" for one in every]
-        draw_distances(line[4], who, every)
+        _draw_distances(line[4], row.who, row.stories)
     axes[0, 4].set_title("d to the goal (mm)", fontsize=9)
     axes[-1, 4].set_xlabel("actions applied", fontsize=9)
     handles, labels = axes[0, 4].get_legend_handles_labels()
@@ -70,7 +91,7 @@ def stories_figure(
     return figure
 
 
-def draw_distances(ax: Axes, names: Sequence[str], stories: Sequence[Story]) -> None:
+def _draw_distances(ax: Axes, names: Sequence[str], stories: Sequence[Story]) -> None:
     """Predicted (dashed) and obtained distances of each story."""
     for (colour, mark), who, story in zip(LINES, names, stories, strict=False):
         style = {"color": colour, "marker": mark, "markersize": 3.5, "linewidth": 1.2}

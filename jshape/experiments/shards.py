@@ -15,10 +15,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from jshape.camera import PAPER_BOX
-from jshape.data.simulate import DEPTH_UNIT, ROIS, SimulatedPair, simulate_pairs
+from jshape.data.simulate import DEPTH_UNIT, ROIS, SimulatedPair, keys_along, simulate_pairs
 from jshape.engines import Engine, here
 from jshape.errors import BadFile, JShapeError
 from jshape.store import datasets, files
@@ -67,7 +66,8 @@ class Simulation:
     @property
     def shards(self) -> list[Shard]:
         """All shards, in the order of the data set."""
-        keys, found, first = _keys(self.seed, len(self)), [], 0
+        keys = np.asarray(jax.random.key_data(keys_along(jax.random.key(self.seed), len(self))))
+        found, first = [], 0
         for agent in self.agents:
             for action in self.actions:
                 for index in range(0, self.pairs, self.size):
@@ -185,20 +185,6 @@ def _is_whole(folder: Path) -> bool:
         return files.read_json(_checksums_of(folder)) == _digests(folder)
     except JShapeError:
         return False
-
-
-def _keys(seed: int, count: int) -> np.ndarray:
-    """Data of the keys that `simulate_pairs` has before each of `count` pairs: (count, words).
-
-    It splits a key in six and goes on with the first.
-    """
-
-    def step(data: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
-        following = jax.random.split(jax.random.wrap_key_data(data), 6)[0]
-        return jax.random.key_data(following), data
-
-    first = jax.random.key_data(jax.random.key(seed))
-    return np.asarray(lax.scan(step, first, length=count)[1])
 
 
 def _begin(simulation: Simulation, kept: Path) -> None:

@@ -15,6 +15,8 @@ from jshape.learn.partitions import Study, fewest
 
 PARTITIONS = 4
 """The paper's, of 75 % to fit to and 25 % to test on."""
+LEAST_PAIRS = 4
+"""Of an action and agent, to fit to and to test."""
 NETWORK: Mapping[str, Any] = {"width": 8, "epochs": 40, "learning_rate": 5e-4, "patience": 0}
 """How the networks are trained unless one says otherwise: small, for minutes on a CPU."""
 QUICK: Mapping[str, Any] = {**NETWORK, "width": 4, "epochs": 12}
@@ -69,7 +71,7 @@ def shown(scores: Sequence[Score]) -> list[Score]:
     return [score._replace(predictor=f"f_{score.predictor}") for score in scores]
 
 
-def enough(pairs: Pairs, least: int = 4) -> tuple[Pairs, list[str]]:
+def enough(pairs: Pairs, least: int = LEAST_PAIRS) -> tuple[Pairs, list[str]]:
     """The pairs without actions that an agent has fewer than `least` of, and notes about them.
 
     Raises:

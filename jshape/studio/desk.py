@@ -14,7 +14,7 @@ import numpy as np
 from jshape import metric
 from jshape._typing import Float
 from jshape.camera import Camera, check_camera
-from jshape.commands.arguments import STRENGTHS
+from jshape.commands.arguments import STRENGTHS, STRIDE
 from jshape.commands.plan import source_of
 from jshape.data.view import image_of_depth, view_of
 from jshape.errors import JShapeError
@@ -233,7 +233,7 @@ class Desk:
         bed, goal = self._both()
         if np.array_equal(bed, goal):
             raise JShapeError("the goal is the bed as it is: draw, write or load one first")
-        usual = {"stride": 8, "strengths": STRENGTHS, "min_gain": self._per_mm * MIN_GAIN_MM}
+        usual = {"stride": STRIDE, "strengths": STRENGTHS, "min_gain": self._per_mm * MIN_GAIN_MM}
         self._keep(plan(bed, goal, bank=self.bank, **(usual | options)))
         assert self.plan is not None
         return self.plan

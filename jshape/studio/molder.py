@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from jshape import metric
-from jshape.commands.arguments import STRENGTHS
+from jshape.commands.arguments import STRENGTHS, STRIDE
 from jshape.commands.robot import draw
 from jshape.data.simulate import bed_of_depth
 from jshape.data.view import image_of_depth
@@ -28,8 +28,6 @@ from jshape.robot.session import Session
 from jshape.robot.simulated import SimulatedWorld
 from jshape.store.procedures import load_hand
 
-STRIDE = 8
-"""Pixels between places where plans are made anew."""
 MIN_GAIN_MM = 0.01
 """What an action must gain where plans are made anew: below it noise decides."""
 

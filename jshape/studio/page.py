@@ -1,4 +1,4 @@
-"""The local web page: tabs, errors as one line, and the server.  Needs NiceGUI (extra studio)."""
+"""What the panels of the local web page share: work beside it, errors as one line, uploads."""
 
 import asyncio
 import tempfile

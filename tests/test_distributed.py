@@ -79,8 +79,8 @@ made = plan(now, goal, bank=bank, positions="9x7", max_steps=4, how=how)
 answer["plan"] = [made.actions, made.positions.tolist(), made.distances.tolist()]
 
 if mesh and not coordinator:  # what devices tell each other in a step: sums, no images
-    step, _ = training._compiled(training.roi_loss, 1e-3)
     shared = training.Devices(mesh)
+    step, _ = training._compiled(training.roi_loss, 1e-3, shared)
     moved = shared.everywhere((start, training._adam(1e-3).init(start)))
     batch = next(training._batches(examples, np.arange(4), 4, shared))
     text = step.lower(*moved, *batch).compile().as_text()

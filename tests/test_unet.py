@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jshape.nn import unet
+from jshape.nn.convolution import conv3x3
 from tests.reference import unet as plain
 
 
@@ -56,6 +57,23 @@ def test_its_gradient_is_the_plain_networks(rng):
     found, expected = slope(unet.apply), slope(plain.apply)
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(a, b, atol=2e-5 * max(1.0, float(jnp.abs(b).max())))
+
+
+# Blocks of one image, of several with and without a remainder, and a side of one pixel.
+@pytest.mark.parametrize("shape", [(3, 50, 44), (6, 20, 24), (7, 20, 24), (2, 1, 200)])
+def test_the_gradient_of_a_convolution_is_the_plain_ones(rng, shape):
+    x, kernel = images(rng, (*shape, 3)), jnp.asarray(rng.normal(size=(3, 3, 3, 5)), jnp.float32)
+    weight = jnp.asarray(rng.normal(size=(*shape, 5)), jnp.float32)
+
+    def slopes(convolve):
+        return jax.jit(jax.grad(lambda x, k: (convolve(x, k) * weight).sum(), (0, 1)))(x, kernel)
+
+    def convolve(x, kernel):
+        return plain.convolution({"kernel": kernel, "bias": 0.0}, x)
+
+    for found, expected in zip(slopes(conv3x3), slopes(convolve), strict=True):
+        assert float(jnp.abs(expected).max()) > 1
+        np.testing.assert_allclose(found, expected, atol=3e-6 * float(jnp.abs(expected).max()))
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (2, 3)])

@@ -5,7 +5,7 @@ sum over a batch is then made in another order, so losses and parameters differ 
 float32's rounding, about 1e-7 of their size a step, and by what training makes of that.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -38,6 +38,22 @@ class Devices:
     def divided(self, tree: Any) -> Any:
         """Arrays whose first axis is split over the devices; `count` divides its length."""
         return self._placed(tree, PartitionSpec(self.mesh and self.mesh.axis_names[0]))
+
+    def added_up(self, function: Callable) -> Callable:
+        """The same function of (parameters, slice, slice), its results added up over the devices.
+
+        Left to itself, XLA would add up each step of a loop inside, or bring the batch together.
+        """
+        if self.mesh is None:
+            return function
+        (axis,) = self.mesh.axis_names
+        return jax.shard_map(
+            lambda *args: jax.lax.psum(function(*args), axis),
+            mesh=self.mesh,
+            in_specs=(PartitionSpec(), PartitionSpec(axis), PartitionSpec(axis)),
+            out_specs=PartitionSpec(),
+            check_vma=False,  # otherwise slopes inside are added up, and then once more here
+        )
 
     def back(self, tree: Any) -> Any:
         """Arrays that are the same on all devices, on the one that JAX takes by itself."""

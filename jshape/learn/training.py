@@ -150,7 +150,7 @@ def train(
     """
     hooks, devices = hooks or Hooks(), current()
     training, validation = split(examples, settings)
-    step, measure = _compiled(loss, settings.learning_rate)
+    step, measure = _compiled(loss, settings.learning_rate, devices)
     params = _copy(params)
     mark = _fingerprint(loss, params, examples, settings)
     state = _State(params, _adam(settings.learning_rate).init(params), _copy(params))
@@ -249,25 +249,27 @@ def _adam(learning_rate: float) -> Any:
 
 
 @cache
-def _compiled(loss: Loss, learning_rate: float) -> tuple[Callable, Callable]:
+def _compiled(
+    loss: Loss, learning_rate: float, devices: Devices | None = None
+) -> tuple[Callable, Callable]:
     """(step, sum of losses), compiled once per loss and batch shape, not once per training."""
     import optax
 
-    def mean(params: Any, batch: Examples, counted: Array) -> tuple[Array, Array]:
-        total = jnp.where(counted, loss(params, batch), 0.0).sum()
-        return total / counted.sum(), total
+    devices = devices or Devices()
+
+    def total(params: Any, batch: Examples, counted: Array) -> Array:
+        return jnp.where(counted, loss(params, batch), 0.0).sum()
+
+    slopes = devices.added_up(jax.value_and_grad(total))
 
     @jax.jit(donate_argnums=(0, 1))
     def step(params: Any, state: Any, batch: Examples, counted: Array) -> tuple[Any, Any, Array]:
-        slope, total = jax.grad(mean, has_aux=True)(params, batch, counted)
+        summed, slope = slopes(params, batch, counted)
+        slope = jax.tree.map(lambda x: x / counted.sum(), slope)
         updates, state = _adam(learning_rate).update(slope, state, params)
-        return optax.apply_updates(params, updates), state, total
+        return optax.apply_updates(params, updates), state, summed
 
-    @jax.jit
-    def measure(params: Any, batch: Examples, counted: Array) -> Array:
-        return mean(params, batch, counted)[1]
-
-    return step, measure
+    return step, jax.jit(devices.added_up(total))
 
 
 def _mean_loss(

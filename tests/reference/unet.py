@@ -5,7 +5,8 @@ import jax.numpy as jnp
 from jax import lax, nn
 
 
-def _conv(layer, x):
+def convolution(layer, x):
+    """3x3 with zeros around, or 1x1."""
     out = lax.conv_general_dilated(
         x, layer["kernel"], (1, 1), "SAME", dimension_numbers=("NHWC", "HWIO", "NHWC"),
         precision=lax.Precision.HIGHEST,
@@ -14,7 +15,7 @@ def _conv(layer, x):
 
 
 def _block(layers, x):
-    return nn.relu(_conv(layers["second"], nn.relu(_conv(layers["first"], x))))
+    return nn.relu(convolution(layers["second"], nn.relu(convolution(layers["first"], x))))
 
 
 @jax.jit
@@ -31,4 +32,4 @@ def apply(params, image):
     for level in range(4):
         x = jnp.repeat(jnp.repeat(x, 2, 1), 2, 2)
         x = _block(params["up"][level], jnp.concatenate([skips.pop(), x], -1))
-    return jnp.tanh(_conv(params["output"], x))[:, :h, :w, 0]
+    return jnp.tanh(convolution(params["output"], x))[:, :h, :w, 0]

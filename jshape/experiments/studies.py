@@ -62,7 +62,9 @@ def sizes_within(pairs: Pairs, wanted: Sequence[int]) -> tuple[list[int], list[s
     left_out = ", ".join(str(size) for size in sorted(set(wanted) - set(kept)))
     why = f"{action} of {agent} has {least} pairs to fit to beside those for testing"
     if not kept:
-        raise BadDataset(f"training sets of {left_out} pairs per action: {why}")
+        raise BadDataset(
+            f"training sets of {left_out} pairs per action: {why}; ask for sizes of at most {least}"
+        )
     return kept, [f"Training sets of {left_out} pairs are left out: {why}."] if left_out else []
 
 

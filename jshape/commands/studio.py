@@ -10,6 +10,7 @@ from jshape.commands import arguments
 from jshape.commands.robot import add_robot, robot_of
 from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError
+from jshape.listening import LOCAL, check_free
 from jshape.planning import DEFAULT_BANK
 from jshape.robot.cameras.simulated import levelled_world
 
@@ -19,7 +20,7 @@ PORT = 8077
 def studio(options: argparse.Namespace) -> dict[str, Any]:
     """Open the page; it runs until Ctrl-C."""
     try:
-        from jshape.studio.server import LOCAL, serve
+        from jshape.studio.server import serve
     except ModuleNotFoundError as problem:
         raise JShapeError(
             f"the studio needs {problem.name}: pip install 'jshape[studio]'"
@@ -27,7 +28,6 @@ def studio(options: argparse.Namespace) -> dict[str, Any]:
     from jshape.studio.annotation import Annotation
     from jshape.studio.bench import Bench
     from jshape.studio.desk import Desk
-    from jshape.view.browser import check_free
 
     desk = Desk(options.bank or DEFAULT_BANK, options.material)
     options.resume, options.yes, options.overwrite = False, True, False  # the page asks

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jshape.commands import arguments
+from jshape.listening import LOCAL
 from jshape.store.cameras import read_camera
 
 PORT = 8080
@@ -39,7 +40,7 @@ def view(options: argparse.Namespace) -> dict[str, Any]:
 
 def _show(story: Any, options: argparse.Namespace) -> str:
     """Serve the story until Ctrl-C; returns where it was."""
-    from jshape.view.browser import LOCAL, Viewer
+    from jshape.view.browser import Viewer
 
     before = signal.signal(signal.SIGTERM, _interrupt)
     try:

@@ -3,14 +3,15 @@
 from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
+from jshape.listening import LOCAL
 from jshape.studio.annotate_page import AnnotatePage
 from jshape.studio.annotation import Annotation
 from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.mold_page import MoldPage
 
-LOCAL = ("127.0.0.1", "localhost")
-"""Hosts that only this computer reaches."""
+NAMES = [host for host in LOCAL if ":" not in host]
+"""The middleware takes what follows a colon for a port, so it knows no IPv6 address."""
 
 
 def serve(
@@ -26,8 +27,8 @@ def serve(
       port: likewise.
       show: open a browser.
     """
-    if host in LOCAL:  # a page elsewhere must not reach this one by a name of its own
-        app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOCAL))
+    if host in NAMES:  # a page elsewhere must not reach this one by a name of its own
+        app.add_middleware(TrustedHostMiddleware, allowed_hosts=NAMES)
 
     def build() -> None:
         ui.add_css(".nicegui-content { padding: 8px }")

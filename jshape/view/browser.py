@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import socket
 import threading
 from functools import lru_cache
 from typing import Any
@@ -12,14 +11,13 @@ from matplotlib.colors import to_rgb
 
 from jshape.closing import Closing
 from jshape.errors import JShapeError
+from jshape.listening import LOCAL, check_free
 from jshape.view.curves import add_curves, with_mark
 from jshape.view.pictures import picture
 from jshape.view.story import Story
 from jshape.view.surfaces import difference_colours, height_colours, surface
 from jshape.viz.pictures import COLOURS
 
-LOCAL = ("127.0.0.1", "localhost", "::1")
-"""Where nobody else can look."""
 PERIOD = 1.0
 """Seconds that a step is shown while it plays."""
 BED, PREDICTED, GOAL, GAP, ERROR = "bed", "predicted", "goal", "bed - goal", "bed - predicted"
@@ -274,24 +272,6 @@ def colour_of(action: str) -> tuple[int, int, int]:
     """RGB of an action, as on the project's pictures."""
     r, g, b = (round(255 * x) for x in to_rgb(COLOURS.get(action, "0.5")))
     return r, g, b
-
-
-def check_free(host: str, port: int) -> None:
-    """Refuse a place where nothing can listen: a server would take another port, or wait forever.
-
-    Raises:
-      JShapeError: with what the system says.
-    """
-    try:
-        kind, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(kind, socket.SOCK_STREAM) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except (OSError, OverflowError) as problem:
-        why = getattr(problem, "strerror", None) or problem
-        raise JShapeError(
-            f"nothing can listen at {host}, port {port}: {why}; --port 0 takes a free one"
-        ) from None
 
 
 def _viser() -> Any:

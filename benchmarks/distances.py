@@ -38,8 +38,8 @@ BLURS = (30.0, 10.0, 3.0, 1.0)
 """Of entropic transport, mm."""
 ROUNDS = 200
 """Of entropic transport; how much mass its plan then has wrong stands in the table."""
-COARSE = smaller(jshape.PAPER_BOX, 8)
-"""60x50: entropic transport of all points is measured here and at 120x99; beyond, a round alone
+COARSE_SIZE, COARSE = "60x50", smaller(jshape.PAPER_BOX, 8)
+"""Entropic transport of all points is measured here and at 120x99; beyond, a round alone
 takes half a minute."""
 PROJECTIONS = 10
 """Of the sliced distance."""
@@ -55,6 +55,10 @@ def run(report: Report, out: Path) -> None:
     moved = transported(box, POINTS, SEED)
     times += all_with_all(report, pair)
     sizes_table(report, times)
+    for row in times:
+        if row["method"].startswith("sliced") and pair[row["size"]] is box:
+            report.add(f"{row['method']} / d of all", row["value_mm"] / box.d_mm, "times",
+                       tolerance=1.1)  # fmt: skip
     transport(report, box, times, moved)
     entropic(report, box)
     memory(report, box)
@@ -105,8 +109,8 @@ def batches(report: Report, box: Pair) -> None:
             report.add("distance, 256 pairs in one call, reading", speed["d"], "GB/s")
             share = speed["d"] / speed["copy"]
             report.add("the same against the copy bandwidth", share, "times", goal=0.5, more=True)
-    head = ("pairs", "float32: µs per pair", "8-bit: µs per pair", "float32: GB/s",
-            "copying: GB/s", "share")  # fmt: skip
+    head = ("pairs", "float32: µs per pair", "8-bit levels, without R: µs per pair",
+            "float32: GB/s", "copying: GB/s", "share")  # fmt: skip
     report.table("Many pairs of 480x395 in one call", head, lines)
 
 
@@ -137,6 +141,7 @@ def at_size(pair: Pair, size: str) -> list[dict[str, Any]]:
     rows = timed(pair, size)
     p, q = pair.clouds()
     a, b = pair.images
+    values: dict[str, float] = {}
     calls: dict[str, Callable[[], Any]] = {
         "cv2.norm(NORM_L1)": lambda: cv2.norm(a, b, cv2.NORM_L1),
         "np.abs(a - b).mean()": lambda: np.abs(a - b).mean(),
@@ -146,11 +151,12 @@ def at_size(pair: Pair, size: str) -> list[dict[str, Any]]:
         calls[name] = lambda: ot.sliced_wasserstein_distance(
             p, q, n_projections=PROJECTIONS, p=1, seed=SEED
         )
+        values[name] = float(calls[name]())
     own = rows[0]["seconds"]
     for name, call in calls.items():
         took = seconds_or_once(call)
         rows.append({"size": size, "method": name, "points": len(p), "seconds": took,
-                     "times_d": took / own, "value_mm": None})  # fmt: skip
+                     "times_d": took / own, "value_mm": values.get(name)})  # fmt: skip
     return rows
 
 
@@ -161,7 +167,7 @@ def all_with_all(report: Report, pair: Mapping[str, Pair]) -> list[dict[str, Any
     for method, size, small in (
         ("Chamfer (JAX, all with all)", "120x99", pair["120x99"]),
         ("Chamfer (JAX, all with all)", "240x198", pair["240x198"]),
-        ("entropic transport, one round", "60x50", coarse),
+        ("entropic transport, one round", COARSE_SIZE, coarse),
         ("entropic transport, one round", "120x99", pair["120x99"]),
     ):
         p, q = small.clouds()
@@ -181,18 +187,21 @@ def all_with_all(report: Report, pair: Mapping[str, Pair]) -> list[dict[str, Any
 
 
 def sizes_table(report: Report, times: list[dict[str, Any]]) -> None:
-    """Time of every method at every size, and as a multiple of d's."""
+    """Time of every method at every size, and as a multiple of d's in the same table if it is."""
     of = {(row["method"], row["size"]): row for row in times}
     methods = list(dict.fromkeys(row["method"] for row in times))
 
     def cell(method: str, size: str) -> str:
         if (row := of.get((method, size))) is None:
             return "-"
-        return f"{duration(row['seconds'])} ({ratio(row['times_d'])})"
+        d = of.get(("d", size))
+        times = row["times_d"] if d is None else row["seconds"] / d["seconds"]
+        return f"{duration(row['seconds'])} ({ratio(times)})"
 
-    lines = [(m, *(cell(m, size) for size in SIZES)) for m in methods]
+    sizes = (COARSE_SIZE, *SIZES)
+    lines = [(m, *(cell(m, size) for size in sizes)) for m in methods]
     name = "Time of one comparison of all points, and (as a multiple of d's)"
-    report.table(name, ("method", *SIZES), lines)
+    report.table(name, ("method", *sizes), lines)
 
 
 def transport(

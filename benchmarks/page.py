@@ -30,8 +30,8 @@ def renew(path: Path, report: Report, out: Path) -> None:
 
     def fill(match: re.Match) -> str:
         first, name, last = match.groups()
-        if name == "machine":
-            return first + _machine(report) + last
+        if name == "machine":  # of a run of all parts: one part's minutes would mislead
+            return first + _machine(report) + last if places - {name} <= set(measured) else match[0]
         return first + _part(report, name) + last if name in measured else match.group(0)
 
     path.write_text(PLACE.sub(fill, text))

@@ -226,7 +226,8 @@ def planned(problems: list[Problem], bank: Bank, places: np.ndarray) -> dict[str
     def plan(task: Problem) -> jshape.Plan:
         return jshape.plan(task.start, task.goal, bank=bank, positions=places, max_steps=APPLIED)
 
-    plan(problems[0])  # compiles
+    for task in problems:  # compiles; an action when it is first in a plan
+        plan(task)
     numbers = {tuple(at): k for k, at in enumerate(places.tolist())}
     chosen, took = [], []
     for task in problems:

@@ -69,6 +69,11 @@ def test_the_page_is_renewed_where_its_places_are(tmp_path):
     assert (tmp_path / "images" / "bench_curve.png").read_bytes() == b"figure"
     page.renew(path, report, out)
     assert path.read_text() == renewed
+    more = text + "<!-- bench: start -->\n<!-- end -->\n"  # a part that was not run
+    path.write_text(more)
+    page.renew(path, report, out)
+    assert "old" in path.read_text() and "| 240x198 | 1.0 |" in path.read_text()
+    path.write_text(renewed)
     report.part = "simulator"
     report.add("beds", 80, "1/s")
     with pytest.raises(ValueError, match="no place for simulator"):

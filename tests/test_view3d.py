@@ -325,24 +325,32 @@ def test_a_port_that_is_taken_is_refused(planned, tmp_path):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
-        with pytest.raises(JShapeError, match="nothing can listen at 127.0.0.1"):
+        with pytest.raises(JShapeError, match="nothing can listen at 127.0.0.1.*--port 0"):
             Viewer(story, port=other.getsockname()[1])
-    with pytest.raises(JShapeError, match="nothing can listen at 203.0.113.7"):
-        Viewer(story, host="203.0.113.7")
+    for host in ("203.0.113.7", "a..b"):
+        with pytest.raises(JShapeError, match=f"nothing can listen at {host}") as said:
+            Viewer(story, host=host)
+        assert "--port 0" not in str(said.value)
 
 
-def test_ctrl_c_ends_the_command_cleanly(planned, tmp_path):
+def test_ctrl_c_ends_the_command_cleanly(planned, tmp_path, request):
     pytest.importorskip("viser", reason="viser is not installed")
     planned.to_json(tmp_path / "plan.json")
     words = ["view", str(tmp_path), "--port", "0", "--no-open"]
     command = [sys.executable, "-m", "jshape", *words]
+    # Where Ctrl-C is ignored, as in a shell's background, a child would ignore it too.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     with subprocess.Popen(
         command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
         line = process.stderr.readline()
         assert "it is at http://127.0.0.1:" in line
         process.send_signal(signal.SIGINT)
-        told, complained = process.communicate(timeout=60)
+        try:
+            told, complained = process.communicate(timeout=60)
+        finally:
+            process.kill()  # leaving the block waits for its end
     assert process.returncode == 0 and "Traceback" not in complained
     assert told.startswith("plan, 3 actions")
 

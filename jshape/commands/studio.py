@@ -10,7 +10,7 @@ from jshape.commands import arguments
 from jshape.commands.robot import add_robot, robot_of
 from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError
-from jshape.listening import LOCAL, check_free
+from jshape.listening import LOCAL, free_port, url
 from jshape.planning import DEFAULT_BANK
 from jshape.robot.cameras.simulated import levelled_world
 
@@ -40,7 +40,7 @@ def studio(options: argparse.Namespace) -> dict[str, Any]:
         desk.load_goal(options.desired, options.camera_file, reproject=options.reproject)
     if options.host not in LOCAL:
         print(f"anybody who reaches {options.host} can use this page", file=sys.stderr)
-    check_free(options.host, options.port)
+    port = free_port(options.host, options.port)
     boxes = None if options.dataset is None else Annotation(options.dataset)
     bench = Bench(None, "", options.out, options.camera_file, options.reproject)
     opened: Any = nullcontext()
@@ -49,9 +49,9 @@ def studio(options: argparse.Namespace) -> dict[str, Any]:
         opened = robot_of(options, desk.bank, lambda line: print(line, flush=True))
     with opened as robot:
         bench.robot, bench.arm = robot, options.arm or ""
-        print(f"the studio is at http://{options.host}:{options.port}; Ctrl-C ends it", flush=True)
+        print(f"the studio is at {url(options.host, port)}; Ctrl-C ends it", flush=True)
         with suppress(KeyboardInterrupt):  # how people end it
-            serve(desk, bench, boxes, host=options.host, port=options.port,
+            serve(desk, bench, boxes, host=options.host, port=port,
                   show=not options.no_open)  # fmt: skip
         bench.end()
     return {"out": str(bench.out)}
@@ -72,5 +72,7 @@ def add(commands: Any) -> None:
         help="for runs and what is saved (studio)",
     )
     parser.add_argument("--host", default="127.0.0.1", help="to listen at (127.0.0.1: only here)")
-    parser.add_argument("--port", type=arguments.port, default=PORT, help=f"to listen at ({PORT})")
+    parser.add_argument(
+        "--port", type=arguments.port, default=PORT, help=f"to listen at ({PORT}; 0: any free one)"
+    )
     parser.add_argument("--no-open", action="store_true", help="open no browser")

@@ -250,10 +250,18 @@ def words(rows: Sequence[dict[str, Any]]) -> list[str]:
         for agent in dict.fromkeys(row["goal_by"] for row in rows)
     }
     listed = ", ".join(f"{100 * share:.0f} % for goals of the {a}" for a, share in left.items())
-    text.append(
-        f"Of the distance is left, over all of these: {listed}. A goal of a human's hand is not "
-        "quite what the robot's hand can do."
-    )
+    text.append(f"Of the distance is left, over all of these: {listed}.")
+    others = [row for row in rows if row not in own]
+    for where in dict.fromkeys(row["places"] for row in others):
+        mine, theirs = (
+            100 * _mean([r for r in found if (r["places"], r["goal_by"]) == (where, "human")],
+                        "obtained_left")
+            for found in (others, own)
+        )  # fmt: skip
+        text.append(
+            f"The same goals of the human, tried {where}, with predictors that learned from the "
+            f"robot, which carries the plan out: {mine:.0f} % is left, instead of {theirs:.0f} %."
+        )
     return text
 
 

@@ -10,9 +10,6 @@ from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.mold_page import MoldPage
 
-NAMES = [host for host in LOCAL if ":" not in host]
-"""The middleware takes what follows a colon for a port, so it knows no IPv6 address."""
-
 
 def serve(
     desk: Desk, bench: Bench, boxes: Annotation | None, *, host: str, port: int, show: bool
@@ -27,8 +24,8 @@ def serve(
       port: likewise.
       show: open a browser.
     """
-    if host in NAMES:  # a page elsewhere must not reach this one by a name of its own
-        app.add_middleware(TrustedHostMiddleware, allowed_hosts=NAMES)
+    if host in LOCAL:  # a page elsewhere must not reach this one by a name of its own
+        app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOCAL))
 
     def build() -> None:
         ui.add_css(".nicegui-content { padding: 8px }")

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 
 from jshape.closing import Closing
 from jshape.errors import JShapeError
-from jshape.listening import LOCAL, check_free
+from jshape.listening import LOCAL, free_port, url
 from jshape.view.curves import add_curves, with_mark
 from jshape.view.pictures import picture
 from jshape.view.story import Story
@@ -43,14 +43,14 @@ class Viewer(Closing):
           JShapeError: viser is not installed, or nothing can listen there.
         """
         viser = _viser()
-        check_free(host, port)
+        free_port(host, port)
         self._story = story
         self._closed, self._lock = threading.Event(), threading.RLock()
         self._playing, self._drawn = False, 0
         self._nodes: list[Any] = []
         with contextlib.redirect_stdout(io.StringIO()):  # it prints a banner
             self._server = viser.ViserServer(host, port, label="jshape", verbose=False)
-        self.url = f"http://{'[' + host + ']' if ':' in host else host}:{self._server.get_port()}"
+        self.url = url(host, self._server.get_port())
         """What to open."""
         self._picture = lru_cache(maxsize=64)(self._draw_picture)
         self._look_from_above()

@@ -99,6 +99,15 @@ def test_texts_are_raised_balanced_and_placed(folder, capsys):
     assert written["raised_cm3"] == said["raised_cm3"] and written["next"] == said["next"]
 
 
+def test_what_is_made_small_near_the_edge_is_said(folder, capsys):
+    small = made(capsys, "now.png", "--text", "J", "--at", "30,30")
+    middle = made(capsys, "now.png", "--text", "J")
+    asked = made(capsys, "now.png", "--text", "J", "--at", "30,30", "--size-mm", "20")
+    assert f"{max(small['size_mm']):.0f} mm large" in small["assumed"][0]
+    assert f"not {max(middle['size_mm']):.0f} as in its middle" in small["assumed"][0]
+    assert not middle["assumed"] and not asked["assumed"]
+
+
 def test_masks_lie_on_the_frame_or_where_they_are_placed(folder, capsys):
     mask = np.zeros(PAPER_BOX.shape, np.uint8)
     cv2.circle(mask, (200, 150), 40, 255, -1)

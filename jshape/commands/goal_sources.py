@@ -38,6 +38,8 @@ DEPTH_MM = 8.0
 of the planning benchmark."""
 SHARE = 0.6
 """Of the largest size that fits, unless one says how large."""
+SMALL = 0.5
+"""Of the usual size: what is made smaller, since it is near the edge, is said."""
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 """Metres per unit of a mesh."""
 LONGEST_M = 2.0
@@ -269,13 +271,18 @@ def _laid(
     sized: bool = False,
 ) -> Wanted:
     """A relief where and as large as the options say."""
-    turn = math.radians(options.turn)
+    turn, assumed = math.radians(options.turn), list(assumed or [])
     if not sized:
-        longest = SHARE * largest_size(relief, bed, options.at, turn)
+        longest, usual = (SHARE * largest_size(relief, bed, at, turn) for at in (options.at, None))
+        if options.size_mm is None and longest < SMALL * usual:
+            assumed.append(
+                f"so near the view's edge it is made {1e3 * longest:.0f} mm large, not "
+                f"{1e3 * usual:.0f} as in its middle; --size-mm or --at say otherwise"
+            )
         relief = relief.sized(longest if options.size_mm is None else options.size_mm / 1e3)
     change = placed(relief, bed, options.at, turn)
     size = 1e3 * relief.size[0], 1e3 * relief.size[1]
-    return Wanted(relief.name, change, assumed or [], size, options.at or bed.middle())
+    return Wanted(relief.name, change, assumed, size, options.at or bed.middle())
 
 
 def _on_image(heights: np.ndarray, bed: BedMap, name: str) -> Wanted:

@@ -10,6 +10,7 @@ import pytest
 
 from jshape import PAPER_BOX, clouds, metric, sim
 from jshape.cli import main
+from jshape.commands.tables import progress
 from jshape.errors import BadDataset
 from jshape.experiments import metric as race
 from jshape.experiments import metric_figures, ranking, samples, studies, viewpoint
@@ -161,6 +162,12 @@ def test_pairs_are_made_once_and_do_not_depend_on_what_else_is_asked_for(monkeyp
         None, seed=5, count=1, actions=("poke",), agents=("human",), strengths=(2.0, 2.0)
     )
     assert deep.strength.tolist() == [2.0] and len(made) == 5
+    samples.forget()
+
+
+def test_a_progress_bar_uses_no_pairs_up():
+    found = samples.pairs_of(None, seed=5, count=1, actions=("poke",), progress=progress)
+    assert len(found) == len(samples.AGENTS)
     samples.forget()
 
 

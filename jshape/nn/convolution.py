@@ -60,8 +60,8 @@ def _kernel_slope(
 
     A tap's slope is the sum over pixels of x, shifted by the tap, times the output's slope.  With
     `x` shifted sideways and `slope` up and down, three of each, one product of matrices holds all
-    nine.  XLA, which makes a convolution of it whose kernel is as large as the image, takes 1.1 to
-    2.6 times as long on batches of 8 images of the U-Net's sizes and widths.
+    nine.  XLA, which makes a convolution of it whose kernel is as large as the image, takes 1.3 to
+    2.4 times as long on batches of 8 images of the U-Net's sizes and widths.
     """
     b, h, w, features = x.shape
     together = next(n for n in range(max(1, min(b, _BLOCK // (h * w))), 0, -1) if b % n == 0)

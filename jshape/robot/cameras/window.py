@@ -1,14 +1,13 @@
 """A window of another camera's frames: the box without the table around it."""
 
-from types import TracebackType
-
 import numpy as np
 
 from jshape._typing import Num
+from jshape.closing import Closing
 from jshape.robot.cameras.base import DepthCamera
 
 
-class Window:
+class Window(Closing):
     """A camera that shows a window of another one's frames; its principal point moves with it."""
 
     def __init__(self, inside: DepthCamera, left: int, top: int, width: int, height: int):
@@ -37,11 +36,3 @@ class Window:
     def __enter__(self) -> "Window":
         self._inside.__enter__()
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -9,7 +9,7 @@ from importlib import import_module
 
 from jshape.commands import COMMANDS, arguments, examples, settings
 from jshape.commands.colours import coloured
-from jshape.errors import JShapeError
+from jshape.errors import JShapeError, one_line
 
 
 def build_parser(words: Sequence[str] | None = None) -> arguments.Parser:
@@ -46,7 +46,7 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         return _run(words)
     except JShapeError as problem:
-        said = " ".join(str(problem).split())
+        said = one_line(problem, 2000)
         print(f"jshape: {coloured('error:', 'error', sys.stderr)} {said}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -1,6 +1,7 @@
 """Every error that jshape raises on purpose.  It says what came, what is allowed, and where."""
 
 import difflib
+import reprlib
 from collections.abc import Iterable
 
 
@@ -30,7 +31,7 @@ class UnknownName(JShapeError):
     def __init__(self, what: str, name: object, allowed: Iterable[str]):
         names = tuple(allowed)
         super().__init__(
-            f"unknown {what} {name!r}; allowed: {', '.join(names) or '(none)'}"
+            f"unknown {what} {quoted(name)}; allowed: {', '.join(names) or '(none)'}"
             f"{did_you_mean(name, names)}"
         )
 
@@ -40,6 +41,30 @@ def did_you_mean(name: object, allowed: Iterable[str]) -> str:
     by_lower = {one.lower(): one for one in allowed}
     near = difflib.get_close_matches(str(name).lower(), by_lower, n=1, cutoff=0.6)
     return f"; did you mean {by_lower[near[0]]}?" if near else ""
+
+
+def one_line(text: object, limit: int = 200) -> str:
+    """A text from outside as one line of at most `limit` characters, safe to print.
+
+    Control characters (a file's name may clear a terminal) are shown as Python escapes them.
+    """
+    words = " ".join(str(text).split())
+    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in words)
+    return line if len(line) <= limit else line[: limit - 3] + "..."
+
+
+def quoted(value: object, limit: int = 80) -> str:
+    """A value from outside as an error quotes it: its repr, in at most `limit` characters.
+
+    Only so much of it is looked at: a YAML list of nested aliases would fill the memory.
+    """
+    short = reprlib.Repr()
+    short.maxlevel, short.maxstring, short.maxother = 2, limit, limit
+    short.maxlist = short.maxtuple = short.maxdict = short.maxset = short.maxarray = 4
+    try:
+        return one_line(short.repr(value), limit)
+    except ValueError:  # Python does not print whole numbers of over 4,300 digits
+        return "a number too long to show"
 
 
 class BadBank(JShapeError):

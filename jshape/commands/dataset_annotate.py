@@ -11,7 +11,7 @@ from jshape.commands.tables import print_table, progress
 from jshape.data import annotate as finding
 from jshape.data.annotate import Effect
 from jshape.data.pairs import Pairs
-from jshape.errors import BadDataset
+from jshape.errors import BadDataset, one_line
 from jshape.store import annotations, datasets, files
 from jshape.viz import pictures, sheets
 
@@ -43,7 +43,7 @@ def annotate(options: argparse.Namespace) -> dict[str, Any]:
         noise = np.median([e.noise_mm for e in effects])
         raise BadDataset(
             f"{options.dataset}: nothing changed beyond the noise of {noise:.2f} mm in "
-            f"{files.one_line(', '.join(unseen), 120)}; --skip leaves such pairs out"
+            f"{one_line(', '.join(unseen), 120)}; --skip leaves such pairs out"
         )
     if not there.any():
         raise BadDataset(f"{options.dataset}: no pair shows a change, so none is left")

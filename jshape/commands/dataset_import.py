@@ -8,7 +8,7 @@ import numpy as np
 
 from jshape.commands import arguments
 from jshape.commands.tables import progress
-from jshape.errors import BadDataset
+from jshape.errors import BadDataset, one_line
 from jshape.store import annotations, authors, cameras, datasets, files, imports, recordings
 from jshape.store.recordings import LEAVE_OUT, Label
 
@@ -71,7 +71,7 @@ def _before_after(options: argparse.Namespace) -> dict[str, Any]:
             )  # fmt: skip
     said = [f"{len(kept)} pairs"]
     if still:
-        said.append(f"no single place that changed in {files.one_line(', '.join(still), 80)}")
+        said.append(f"no single place that changed in {one_line(', '.join(still), 80)}")
     said.append("next: jshape dataset annotate")
     return {"pairs": len(kept), "without_effect": still, "say": said}
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jshape.commands import COMMANDS, arguments
-from jshape.errors import BadSetting, JShapeError, UnknownName, did_you_mean
+from jshape.errors import BadSetting, JShapeError, UnknownName, did_you_mean, one_line
 
 NAME, VARIABLE, OFF = "jshape.toml", "JSHAPE_CONFIG", "off"
 LIMIT = 64 * 1024
@@ -170,7 +170,7 @@ def read(file: Path) -> dict[str, Any]:
     Raises:
       BadSetting: it cannot be read, or is not TOML.
     """
-    from jshape.store.files import one_line, read_bytes  # which needs NumPy
+    from jshape.store.files import read_bytes  # which needs NumPy
 
     if file.is_file() and not file.stat().st_size:
         return {}

@@ -18,7 +18,7 @@ import numpy as np
 
 from jshape.data.pairs import PER_PAIR, Pairs
 from jshape.engines import Engine, here
-from jshape.errors import BadDataset, BadFile, JShapeError, UnknownName
+from jshape.errors import BadDataset, BadFile, JShapeError, UnknownName, one_line
 from jshape.experiments.studies import scores_of
 from jshape.learn.fit import FITTERS, fit
 from jshape.learn.measure import Score, Trial, roi_errors_mm
@@ -205,7 +205,7 @@ def fitted(grid: Grid, task: tuple[Cell, ...]) -> list[Done]:
         return found
     except Exception as problem:  # whatever it is, the other cells do not depend on it
         own = isinstance(problem, JShapeError)
-        why = str(problem) if own else f"{type(problem).__name__}: {files.one_line(problem)}"
+        why = str(problem) if own else f"{type(problem).__name__}: {one_line(problem)}"
         return [Done(cell, None, None, why) for cell in task]
 
 
@@ -219,7 +219,7 @@ def finished(grid: Grid, out: Path, overwrite: bool = False) -> dict[Cell, Trial
     files.check_writable(out)
     foreign = sorted({path.name for path in out.iterdir()} - {*CONTENTS}) if out.is_dir() else []
     if foreign:
-        raise BadFile(f"{out}: is for a grid, but holds {files.one_line(foreign[0], 80)}")
+        raise BadFile(f"{out}: is for a grid, but holds {one_line(foreign[0], 80)}")
     found = {}
     for cell in grid.cells:
         folder = out / CELLS / cell.name
@@ -311,8 +311,8 @@ def _difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
         if name == "pairs" and flat[0].get(name) != value:
             return "other pairs"
         if name != "training" and flat[0].get(name) != value:
-            was = files.one_line(flat[0].get(name), 60)
-            return f"another {name}: {was}, now {files.one_line(value, 60)}"
+            was = one_line(flat[0].get(name), 60)
+            return f"another {name}: {was}, now {one_line(value, 60)}"
     return "other settings"
 
 

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from jshape.errors import JShapeError, UnknownName
+from jshape.errors import JShapeError, UnknownName, one_line
 from jshape.experiments import EXPERIMENTS, LeftOut, pages, samples, studies
 from jshape.experiments.samples import Progress, Say, silent, unheard
 from jshape.store import files
@@ -114,10 +114,10 @@ def run_all(
         try:
             result = run_one(name, out / name, data=data, progress=progress, **common)
         except LeftOut as problem:
-            left_out = files.one_line(problem, 200)
+            left_out = one_line(problem, 200)
             say(f"{name}: left out: {left_out}")
         except JShapeError as problem:
-            failed = files.one_line(problem, 200)
+            failed = one_line(problem, 200)
             say(f"{name}: {failed}")
         seconds = time.perf_counter() - start
         title = EXPERIMENTS[name].what if result is None else result["title"]

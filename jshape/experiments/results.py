@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jshape import metric, sim
-from jshape.errors import BadFile
+from jshape.errors import BadFile, one_line
 from jshape.experiments import measures, pages, planning_page
 from jshape.experiments.problems import Problem
 from jshape.predict.bank import Bank
@@ -51,10 +51,10 @@ def opened(out: Path, settings: Mapping[str, Any], overwrite: bool) -> runs.Run:
     differ = [name for name in now if now[name] != before.get(name)]
     if differ:
         name = differ[0]
-        were = files.one_line(before.get(name), 60)
+        were = one_line(before.get(name), 60)
         raise BadFile(
             f"{out}: holds runs with other settings: {', '.join(differ)} ({name} was {were}, now "
-            f"{files.one_line(now[name], 60)}); choose another folder, or overwrite it"
+            f"{one_line(now[name], 60)}); choose another folder, or overwrite it"
         )
     return record
 

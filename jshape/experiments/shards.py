@@ -19,7 +19,7 @@ import numpy as np
 from jshape.camera import PAPER_BOX
 from jshape.data.simulate import DEPTH_UNIT, ROIS, SimulatedPair, keys_along, simulate_pairs
 from jshape.engines import Engine, here
-from jshape.errors import BadFile, JShapeError
+from jshape.errors import BadFile, JShapeError, one_line
 from jshape.store import datasets, files
 
 RECIPE = "recipe.json"
@@ -205,7 +205,7 @@ def _begin(simulation: Simulation, kept: Path) -> None:
     before = files.read_json(kept / RECIPE)
     for name, wanted in recipe.items():
         if before.get(name) != wanted:
-            was, now = (files.one_line(fields.get(name), 60) for fields in (before, recipe))
+            was, now = (one_line(fields.get(name), 60) for fields in (before, recipe))
             raise BadFile(
                 f"{kept}: holds shards that were made with another {name}: {was}, now {now}; give "
                 "the same to go on, or remove that folder"

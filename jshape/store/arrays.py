@@ -5,8 +5,7 @@ import zipfile
 
 import numpy as np
 
-from jshape.errors import BadFile
-from jshape.store.files import one_line
+from jshape.errors import BadFile, one_line
 from jshape.store.formats import parse_npy
 
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)

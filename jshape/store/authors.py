@@ -19,8 +19,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jshape.camera import D435_NOMINAL, Camera
-from jshape.errors import BadDataset, BadFile, BadImage
-from jshape.store.files import one_line, read_bytes
+from jshape.errors import BadDataset, BadFile, BadImage, one_line
+from jshape.store.files import read_bytes
 from jshape.store.formats import FILE_LIMIT, parse_npy, read_array
 from jshape.store.images import to_counts
 

@@ -16,10 +16,9 @@ import numpy as np
 from jshape.camera import Camera
 from jshape.data.depth import wrong_shape
 from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, pinhole, same_frames
-from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
+from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.store.bag_images import COMPRESSED, IMAGE, decode, encoding_of
 from jshape.store.cameras import DEPTH_UNIT
-from jshape.store.files import one_line
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 """Bags that are one file; a folder with `METADATA` is one too."""

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import Camera, check_camera
-from jshape.errors import BadCamera
-from jshape.store.files import one_line, read_json, write_json
+from jshape.errors import BadCamera, quoted
+from jshape.store.files import read_json, write_json
 
 DEPTH_UNIT = 0.001
 """Metres per count where a file does not say: millimetres."""
@@ -80,11 +80,11 @@ def camera_from(fields: dict[str, Any], where: str) -> Camera:
         if name in _WHOLE:
             if type(value) is not int or not 0 < value <= _MOST:
                 raise BadCamera(
-                    f"{where}: {name} is {_short(value)}; "
+                    f"{where}: {name} is {quoted(value)}; "
                     f"it must be a positive whole number, at most {_MOST:,}"
                 )
         elif not _is_number(value):
-            raise BadCamera(f"{where}: {name} is {_short(value)}; it must be a finite number")
+            raise BadCamera(f"{where}: {name} is {quoted(value)}; it must be a finite number")
     numbers: dict[str, Any] = {n: v if n in _WHOLE else float(v) for n, v in fields.items()}
     return check_camera(Camera(**numbers), where)
 
@@ -98,7 +98,7 @@ def check_depth_unit(value: Any, where: str) -> float:
     number = value.item() if isinstance(value, np.number) else value
     if not _is_number(number) or number <= 0:
         raise BadCamera(
-            f"{where}: depth_unit is {_short(value)}; "
+            f"{where}: depth_unit is {quoted(value)}; "
             "it must be a positive number (metres per count)"
         )
     return float(number)
@@ -109,10 +109,6 @@ def _is_number(value: Any) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return math.isfinite(value) if isinstance(value, float) else abs(value) < 1e300
-
-
-def _short(value: Any) -> str:
-    return one_line(repr(value), 60)
 
 
 def _shortest(value: Any) -> float:

@@ -15,12 +15,11 @@ from urllib.parse import quote
 
 import numpy as np
 
-from jshape.errors import BadFile
+from jshape.errors import BadFile, one_line
 from jshape.store.files import (
     atomic_folder,
     check_writable,
     inside,
-    one_line,
     read_json,
     refuse,
     sha256,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jshape.errors import BadImage
-from jshape.store.files import one_line, read_bytes
+from jshape.errors import BadImage, one_line
+from jshape.store.files import read_bytes
 from jshape.store.formats import FILE_LIMIT, PIXEL_LIMIT, read_array
 
 _PAINTED = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM")

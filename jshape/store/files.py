@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from jshape.errors import BadFile
+from jshape.errors import BadFile, one_line
 
 JSON_LIMIT = 64 * 2**20
 """Default largest JSON file that is read, bytes."""
@@ -282,12 +282,6 @@ def refuse(path: Path, what: str, problem: Exception) -> NoReturn:
     """Raise BadFile for an error of the operating system."""
     reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else problem
     raise BadFile(f"{path}: {what}: {one_line(reason)}") from None
-
-
-def one_line(text: object, limit: int = 200) -> str:
-    """A message of somebody else's as one line of at most `limit` characters."""
-    line = " ".join(str(text).split())
-    return line if len(line) <= limit else line[: limit - 3] + "..."
 
 
 def _put_in_place(temp: Path, target: Path, old: Path | None) -> None:

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from jshape.errors import BadImage
-from jshape.store.files import one_line, read_bytes
+from jshape.errors import BadImage, one_line
+from jshape.store.files import read_bytes
 
 FILE_LIMIT = 512 * 2**20
 """Largest image file that is read, bytes."""

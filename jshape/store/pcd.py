@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from jshape._typing import Float
-from jshape.errors import BadFile
-from jshape.store.files import one_line
+from jshape.errors import BadFile, one_line
 
 _TYPES = {
     ("F", "4"): "<f4", ("F", "8"): "<f8",

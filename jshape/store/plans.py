@@ -13,11 +13,11 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.view import View
-from jshape.errors import BadCamera, BadFile
+from jshape.errors import BadCamera, BadFile, one_line, quoted
 from jshape.planners.base import Status
 from jshape.store.arrays import read_arrays
 from jshape.store.cameras import camera_fields, camera_from
-from jshape.store.files import one_line, read_json, write_json
+from jshape.store.files import read_json, write_json
 
 if TYPE_CHECKING:
     from jshape.planned import Plan
@@ -95,10 +95,10 @@ def read_plan(path: str | os.PathLike) -> "Plan":
     where = str(path)
     fields = read_json(path)
     if fields.get("format") != FORMAT:
-        raise BadFile(f"{where}: format is {_short(fields.get('format'))}; expected {FORMAT!r}")
+        raise BadFile(f"{where}: format is {quoted(fields.get('format'))}; expected {FORMAT!r}")
     version = fields.get("version")
     if type(version) is not int or not 1 <= version <= VERSION:
-        raise BadFile(f"{where}: version is {_short(version)}; this program reads up to {VERSION}")
+        raise BadFile(f"{where}: version is {quoted(version)}; this program reads up to {VERSION}")
     camera = _camera(fields, "camera", where)
     steps = [
         _step(step, camera, f"{where}: step {k + 1}")
@@ -112,10 +112,10 @@ def read_plan(path: str | os.PathLike) -> "Plan":
     status = _take(fields, "status", str, where)
     if status not in Status.__members__:
         allowed = ", ".join(Status.__members__)
-        raise BadFile(f"{where}: status is {_short(status)}; allowed: {allowed}")
+        raise BadFile(f"{where}: status is {quoted(status)}; allowed: {allowed}")
     evaluations = _take(fields, "evaluations", int, where)
     if evaluations < 0:
-        raise BadFile(f"{where}: evaluations is {_short(evaluations)}; expected a count from 0")
+        raise BadFile(f"{where}: evaluations is {quoted(evaluations)}; expected a count from 0")
     rois = [step["roi"] for step in steps]
     return Plan(
         camera=camera,
@@ -148,7 +148,7 @@ def read_plan(path: str | os.PathLike) -> "Plan":
 def _step(step: Any, camera: Camera, where: str) -> dict[str, Any]:
     """A step's fields, in types that fit their arrays; its ROI lies inside the image."""
     if type(step) is not dict:
-        raise BadFile(f"{where}: is {_short(step)}; expected an object")
+        raise BadFile(f"{where}: is {quoted(step)}; expected an object")
     action = _take(step, "action", str, where)
     if not action:
         raise BadFile(f"{where}: action is empty")
@@ -161,7 +161,7 @@ def _step(step: Any, camera: Camera, where: str) -> dict[str, Any]:
         _pair(step["camera_position"], f"{where}: camera_position", least=None)
     offset = step.get("offset", [0.0, 0.0])
     if type(offset) is not list or len(offset) != 2:
-        raise BadFile(f"{where}: offset is {_short(offset)}; expected two numbers")
+        raise BadFile(f"{where}: offset is {quoted(offset)}; expected two numbers")
     numbers = {
         "strength": (step.get("strength", 1.0), (_SMALLEST, _LARGEST)),
         "yaw": (step.get("yaw", 0.0), (-_HALF_TURN, _HALF_TURN)),
@@ -201,7 +201,7 @@ def _view(fields: dict[str, Any], target: Camera, where: str) -> View | None:
     # The bed, in the middle of the target's range, must be before the source as well.
     most = (float(target.z_min) + float(target.z_max)) / 2
     if type(rise) not in (int, float) or not -_LARGEST <= rise < most:
-        raise BadFile(f"{where}: rise is {_short(rise)}; expected metres, less than {most:g}")
+        raise BadFile(f"{where}: rise is {quoted(rise)}; expected metres, less than {most:g}")
     return View(source, target, window, float(rise))
 
 
@@ -253,7 +253,7 @@ def _take(fields: dict[str, Any], name: str, kind: type, where: str) -> Any:
     if name not in fields:
         raise BadFile(f"{where}: missing {name}")
     if type(fields[name]) is not kind:
-        raise BadFile(f"{where}: {name} is {_short(fields[name])}; expected {_WORDS[kind]}")
+        raise BadFile(f"{where}: {name} is {quoted(fields[name])}; expected {_WORDS[kind]}")
     return fields[name]
 
 
@@ -262,7 +262,7 @@ def _pair(value: Any, where: str, least: int | None = 0) -> tuple[int, int]:
     whole = type(value) is list and [type(x) for x in value] == [int, int]
     if not whole or (least is not None and min(value) < least):
         limit = "" if least is None else f" from {least}"
-        raise BadFile(f"{where} is {_short(value)}; expected two whole numbers{limit}")
+        raise BadFile(f"{where} is {quoted(value)}; expected two whole numbers{limit}")
     return value[0], value[1]
 
 
@@ -270,9 +270,5 @@ def _number(value: Any, span: tuple[float, float], where: str) -> float:
     least, most = span
     if type(value) not in (int, float) or not least <= value <= most:
         low = "above 0" if least == _SMALLEST else f"from {least:g}"
-        raise BadFile(f"{where} is {_short(value)}; expected a number {low} to {most:g}")
+        raise BadFile(f"{where} is {quoted(value)}; expected a number {low} to {most:g}")
     return float(value)
-
-
-def _short(value: Any) -> str:
-    return one_line(repr(value), 60)

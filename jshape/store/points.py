@@ -14,9 +14,9 @@ import numpy as np
 
 from jshape._typing import Float, Int
 from jshape.camera import Camera
-from jshape.errors import BadFile, BadImage
+from jshape.errors import BadFile, BadImage, one_line
 from jshape.store.cameras import DEPTH_UNIT
-from jshape.store.files import one_line, read_bytes
+from jshape.store.files import read_bytes
 from jshape.store.images import read_depth
 from jshape.store.mesh import depth_of_faces
 from jshape.store.pcd import parse_pcd

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape._typing import Float
-from jshape.errors import BadFile
+from jshape.errors import BadFile, one_line, quoted
 from jshape.robot.calibration import MOST, PAIR_TOLERANCE, TARGET, Calibration, Residuals
 from jshape.robot.rigid import BadPose, check_rigid, nearest_rigid, pose_at, quaternion_of
-from jshape.store.files import JSON_LIMIT, one_line, parse_json, read_bytes, read_json, write_json
+from jshape.store.files import JSON_LIMIT, parse_json, read_bytes, read_json, write_json
 
 FORMAT = "jshape-pose"
 VERSION = 1
@@ -120,10 +120,10 @@ def read_pose(path: str | os.PathLike) -> CameraPose:
     """
     where, fields = str(path), read_json(path)
     if fields.get("format") != FORMAT:
-        raise BadFile(f"{where}: format is {_short(fields.get('format'))}; expected {FORMAT!r}")
+        raise BadFile(f"{where}: format is {quoted(fields.get('format'))}; expected {FORMAT!r}")
     version = fields.get("version")
     if type(version) is not int or not 1 <= version <= VERSION:
-        raise BadFile(f"{where}: version is {_short(version)}; this program reads up to {VERSION}")
+        raise BadFile(f"{where}: version is {quoted(version)}; this program reads up to {VERSION}")
     there = [parent for parent in PARENTS if _name(parent, where) in fields]
     if len(there) != 1:
         raise BadFile(f"{where}: has {len(there)} of T_base_camera, T_gripper_camera; expected one")
@@ -132,7 +132,7 @@ def read_pose(path: str | os.PathLike) -> CameraPose:
         ("camera", str, "text"), ("found", dict, "an object"), ("residuals", dict, "an object"),
     ):  # fmt: skip
         if not isinstance(fields.get(name, kind()), kind):
-            raise BadFile(f"{where}: {name} is {_short(fields[name])}; expected {word}")
+            raise BadFile(f"{where}: {name} is {quoted(fields[name])}; expected {word}")
     return CameraPose(
         _matrix(fields[_name(parent, where)], f"{where}: {_name(parent, where)}"),
         parent,
@@ -228,7 +228,7 @@ def _pose_in(fields: Any, name: str, where: str) -> np.ndarray:
 
 def _matrix(value: Any, where: str, tolerance: float | None = None) -> np.ndarray:
     if not isinstance(value, list) or len(value) != 4:
-        raise BadFile(f"{where}: is {_short(value)}; expected 4 rows of 4 numbers")
+        raise BadFile(f"{where}: is {quoted(value)}; expected 4 rows of 4 numbers")
     rows = np.array([_numbers(row, 4, f"{where}: row {k + 1}") for k, row in enumerate(value)])
     return check_rigid(rows, where) if tolerance is None else check_rigid(rows, where, tolerance)
 
@@ -240,15 +240,11 @@ def _numbers(value: Any, count: int, where: str) -> np.ndarray:
         or len(value) != count
         or any(type(x) not in (int, float) or abs(x) > 1e300 for x in value)
     ):
-        raise BadFile(f"{where} is {_short(value)}; expected {count} numbers")
+        raise BadFile(f"{where} is {quoted(value)}; expected {count} numbers")
     return np.array(value, np.float64)
 
 
 def _name(parent: str, where: str) -> str:
     if parent not in PARENTS:
-        raise BadFile(f"{where}: parent is {_short(parent)}; allowed: {', '.join(PARENTS)}")
+        raise BadFile(f"{where}: parent is {quoted(parent)}; allowed: {', '.join(PARENTS)}")
     return f"T_{parent}_camera"
-
-
-def _short(value: Any) -> str:
-    return one_line(repr(value), 60)

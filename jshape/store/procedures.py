@@ -8,9 +8,9 @@ from typing import Any
 
 import yaml
 
-from jshape.errors import BadFile
+from jshape.errors import BadFile, one_line
 from jshape.robot.procedure import IN_THE_AIR, NAMES, Hand, Limits, Operation, Procedure
-from jshape.store.files import one_line, read_bytes
+from jshape.store.files import read_bytes
 
 LIMITS = "limits.yaml"
 FILE_LIMIT = 2**20

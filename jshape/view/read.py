@@ -8,7 +8,7 @@ import numpy as np
 from jshape import metric
 from jshape.camera import Camera
 from jshape.data.view import image_of_depth
-from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
+from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.planned import Plan
 from jshape.planning import check_image, rollout
 from jshape.predict.bank import Bank
@@ -167,7 +167,7 @@ class _Reader:
                 raise BadFile("the run names no bank")
             return banks.load_bank(name)
         except JShapeError as problem:
-            why = files.one_line(problem)
+            why = one_line(problem)
             self._notes.append(f"not all that was predicted can be shown: {why}")
             return None
 
@@ -249,4 +249,4 @@ def _ending(folder: Path) -> str:
     summary = files.read_json(folder / SUMMARY)
     why, stop = summary.get("why"), str(summary.get("stop"))
     why = why or (str(Stop[stop]) if stop in Stop.__members__ else stop)
-    return files.one_line(f"{summary.get('state', 'finished')}: {why}")
+    return one_line(f"{summary.get('state', 'finished')}: {why}")

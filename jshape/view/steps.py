@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from jshape.errors import BadFile
+from jshape.errors import BadFile, quoted
 from jshape.robot.session import AT_THE_BED
-from jshape.store import files, journal
+from jshape.store import journal
 
 SAME = 1e-4
 """Distances that differ relatively by less are of the same look."""
@@ -74,9 +74,9 @@ def done_of(record: dict[str, Any], where: str) -> Done:
     """
     name, position = record.get("action"), record.get("position")
     if not isinstance(name, str) or not name:
-        raise BadFile(f"{where}: action is {_short(name)}; expected text")
+        raise BadFile(f"{where}: action is {quoted(name)}; expected text")
     if not isinstance(position, list) or len(position) != 2:
-        raise BadFile(f"{where}: position is {_short(position)}; expected two numbers")
+        raise BadFile(f"{where}: position is {quoted(position)}; expected two numbers")
     u, v = (_number(x, where, "position") for x in position)
     keys = ("strength", "yaw", "before_mm", "predicted_mm", "obtained_mm")
     known = {key: _number(record[key], where, key) for key in keys if record.get(key) is not None}
@@ -126,9 +126,5 @@ def _time(text: Any) -> float | None:
 
 def _number(value: Any, where: str, name: str) -> float:
     if type(value) not in (int, float):
-        raise BadFile(f"{where}: {name} is {_short(value)}; expected a number")
+        raise BadFile(f"{where}: {name} is {quoted(value)}; expected a number")
     return float(value)
-
-
-def _short(value: Any) -> str:
-    return files.one_line(repr(value), 60)

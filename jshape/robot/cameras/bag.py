@@ -6,7 +6,6 @@ from jshape.camera import Camera
 from jshape.data.intrinsics import Z_RANGE
 from jshape.robot.cameras.played import Played
 from jshape.store.bags import open_bag
-from jshape.store.files import one_line
 
 
 def bag_camera(

@@ -14,9 +14,8 @@ import numpy as np
 from jshape._typing import Num
 from jshape.closing import Closing
 from jshape.data.intrinsics import Z_RANGE, pinhole
-from jshape.errors import BadFile, JShapeError
+from jshape.errors import BadFile, JShapeError, one_line
 from jshape.robot.cameras.base import TIMEOUT, CameraLost, EndOfFrames
-from jshape.store.files import one_line
 
 SUFFIXES = (".db3", ".bag")
 """Recordings of the SDK: .db3 since 2.58, .bag before."""

@@ -49,8 +49,8 @@ def main(words: Sequence[str] | None = None) -> int:
         said = one_line(problem, 2000)
         print(f"jshape: {coloured('error:', 'error', sys.stderr)} {said}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("jshape: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as where:
+        print(one_line(f"jshape: interrupted {where}", 2000), file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader of our output has left: nobody to tell
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

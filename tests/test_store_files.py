@@ -1,7 +1,11 @@
 """Files and folders appear whole or not at all, and nothing leads out of its folder."""
 
+import errno
 import json
 import os
+import shutil
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jshape.errors import BadFile
-from jshape.store import files
+from jshape.store import files, folders
 
 
 def one_line(info) -> str:
@@ -18,14 +22,14 @@ def one_line(info) -> str:
     return message
 
 
+def _full(handle):
+    raise OSError(28, "No space left on device")
+
+
 @pytest.fixture
 def broken_disk(monkeypatch):
     """Every sync fails, as on a full disk."""
-
-    def fail(handle):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(files.os, "fsync", fail)
+    monkeypatch.setattr(files.os, "fsync", _full)
 
 
 def test_write_atomic_replaces_and_makes_folders(tmp_path):
@@ -78,7 +82,7 @@ def test_a_symbolic_link_is_replaced_and_not_followed(tmp_path):
 
 def test_atomic_folder_appears_whole(tmp_path):
     target = tmp_path / "deep" / "folder"
-    with files.atomic_folder(target) as temp:
+    with folders.atomic_folder(target) as temp:
         (temp / "sub").mkdir()
         (temp / "sub" / "a").write_text("1")
         assert not target.exists()
@@ -93,7 +97,7 @@ def test_a_failure_inside_leaves_the_old_folder(tmp_path, overwrite):
         target.mkdir()
         (target / "old").write_text("old")
     with pytest.raises(RuntimeError):
-        with files.atomic_folder(target, overwrite) as temp:
+        with folders.atomic_folder(target, overwrite) as temp:
             (temp / "half").write_text("half")
             raise RuntimeError("in the middle")
     assert os.listdir(tmp_path) == (["folder"] if overwrite else [])
@@ -112,36 +116,183 @@ def test_a_failed_last_rename_puts_the_old_folder_back(tmp_path, monkeypatch):
             raise OSError(5, "Input/output error")
         rename(source, to)
 
-    monkeypatch.setattr(files.os, "rename", second_fails)
-    with pytest.raises(BadFile, match="Input/output"):
-        with files.atomic_folder(target, overwrite=True) as temp:
+    monkeypatch.setattr(folders.os, "rename", second_fails)
+    with pytest.raises(BadFile, match="Input/output.*kept in ") as info:
+        with folders.atomic_folder(target, overwrite=True) as temp:
             (temp / "new").write_text("new")
-    assert len(calls) == 3
-    assert os.listdir(tmp_path) == ["folder"] and os.listdir(target) == ["old"]
+    assert len(calls) == 3 and os.listdir(target) == ["old"]
+    assert kept_of(info) == {"new": "new"} and len(os.listdir(tmp_path)) == 2
 
 
-def test_a_full_disk_leaves_no_folder_and_no_parents(tmp_path, broken_disk):
+def kept_of(info) -> dict[str, str]:
+    """The files of the folder that an error says was kept."""
+    kept = Path(one_line(info).split("what was made is kept in ")[1])
+    return {path.name: path.read_text() for path in kept.iterdir()}
+
+
+def test_a_full_disk_in_the_block_leaves_no_folder_and_no_parents(tmp_path, monkeypatch):
     with pytest.raises(BadFile, match="No space left"):
-        with files.atomic_folder(tmp_path / "a" / "b") as temp:
-            (temp / "x").write_text("x")
+        with folders.atomic_folder(tmp_path / "a" / "b") as temp:
+            monkeypatch.setattr(files.os, "fsync", _full)
+            files.write_atomic(temp / "x", "x")
     assert os.listdir(tmp_path) == []
+
+
+def test_a_full_disk_at_the_end_keeps_what_was_made(tmp_path, monkeypatch):
+    with pytest.raises(BadFile, match="No space left") as info:
+        with folders.atomic_folder(tmp_path / "a" / "b") as temp:
+            (temp / "x").write_text("x")
+            monkeypatch.setattr(files.os, "fsync", _full)
+    assert kept_of(info) == {"x": "x"} and not (tmp_path / "a" / "b").exists()
+
+
+NO_RENAME = [errno.EBUSY, errno.EXDEV, errno.EACCES, errno.EPERM, errno.EROFS]
+
+
+@pytest.mark.parametrize("code", NO_RENAME)
+@pytest.mark.parametrize("there", [None, "nothing", "an earlier result"])
+def test_where_no_folder_can_be_renamed_the_content_is_moved(tmp_path, monkeypatch, code, there):
+    target = tmp_path / "volume"
+    if there is not None:
+        (target / "sub").mkdir(parents=True)
+        (target / "sub" / "a").write_text("old")
+        (target / "result").write_text("old")
+    if there == "nothing":
+        shutil.rmtree(target)
+        target.mkdir()
+    rename = os.rename
+
+    def of_folders_fails(source, to):
+        if target in (Path(source), Path(to)):
+            raise OSError(code, os.strerror(code))
+        rename(source, to)
+
+    monkeypatch.setattr(folders.os, "rename", of_folders_fails)
+    names = ("result", "sub")
+    with folders.atomic_folder(target, bool(there), contents=names) as temp:
+        (temp / "sub").mkdir()
+        (temp / "sub" / "b").write_text("new")
+        (temp / "result").write_text("new")
+    assert sorted(os.listdir(target)) == ["result", "sub"] and os.listdir(tmp_path) == ["volume"]
+    assert (target / "result").read_text() == "new" and os.listdir(target / "sub") == ["b"]
+
+
+@pytest.fixture
+def volume(tmp_path):
+    """A mounted folder, as a container's volume is."""
+    place = tmp_path / "volume"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(place)]
+    if not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("nothing can be mounted here")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+def test_a_mounted_folder_is_written_into(volume):
+    (volume / "lost+found").mkdir()  # every new ext4 volume has it
+    for content, overwrite in (("1", False), ("2", True)):
+        with folders.atomic_folder(volume, overwrite, contents=("result",)) as temp:
+            assert temp.parent == volume
+            (temp / "result").write_text(content)
+        assert sorted(os.listdir(volume)) == ["lost+found", "result"]
+        assert (volume / "result").read_text() == content
+    with pytest.raises(BadFile, match="not empty"):
+        folders.check_target(volume)
+    with pytest.raises(BadFile, match="No space left") as info:
+        with folders.atomic_folder(volume / "full") as temp:
+            files.write_atomic(temp / "large", bytes(2**21))
+    assert str(volume) in one_line(info) and not (volume / "full").exists()
+
+
+def test_a_failed_move_puts_everything_back(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "result").write_text("old")
+    move = shutil.move
+
+    def breaks(source, to):
+        if Path(source).name == "two" and Path(to).parent == tmp_path:
+            raise OSError(5, "Input/output error")
+        return move(source, to)
+
+    monkeypatch.setattr(folders.shutil, "move", breaks)
+    with pytest.raises(BadFile, match="Input/output") as info:
+        with folders.atomic_folder(".", True, contents=("result", "one", "two")) as temp:
+            for name in ("result", "one", "two"):
+                (temp / name).write_text("new")
+    assert (tmp_path / "result").read_text() == "old"
+    assert kept_of(info) == {"result": "new", "one": "new", "two": "new"}
+    assert len(os.listdir(tmp_path)) == 2  # "result" and what is kept
+
+
+@pytest.mark.parametrize("spelling", [".", "{}", "../{name}", "link"])
+def test_the_folder_that_the_shell_is_in_stays(tmp_path, monkeypatch, spelling):
+    here = tmp_path / "here"
+    here.mkdir()
+    (tmp_path / "link").symlink_to(here)
+    monkeypatch.chdir(here)
+    node = here.stat().st_ino
+    target = "../link" if spelling == "link" else spelling.format(here, name="here")
+    for content, overwrite in (("1", False), ("2", True)):
+        with folders.atomic_folder(target, overwrite, contents=("result",)) as temp:
+            (temp / "result").write_text(content)
+        assert Path("result").read_text() == content and os.listdir(here) == ["result"]
+    assert here.stat().st_ino == node == os.stat(".").st_ino
+
+
+def test_a_folder_around_the_shell_is_not_replaced(tmp_path, monkeypatch):
+    (tmp_path / "rec" / "frames").mkdir(parents=True)
+    (tmp_path / "rec" / "result").write_text("1")
+    monkeypatch.chdir(tmp_path / "rec" / "frames")
+    with pytest.raises(BadFile, match="command is run in"):
+        folders.check_target("..", True, contents=("result", "frames"))
+
+
+def test_a_folder_whose_parent_is_read_only_is_written_into(tmp_path, monkeypatch):
+    target = tmp_path / "mine"
+    target.mkdir()
+    mkdir = Path.mkdir
+
+    def refused(path, *more, **options):  # root may write everywhere
+        if path.parent == tmp_path:
+            raise PermissionError(13, "Permission denied")
+        mkdir(path, *more, **options)
+
+    monkeypatch.setattr(Path, "mkdir", refused)
+    with folders.atomic_folder(target) as temp:
+        (temp / "result").write_text("1")
+    assert os.listdir(target) == ["result"] and os.listdir(tmp_path) == ["mine"]
+    with pytest.raises(BadFile, match="cannot be made: Permission denied"):
+        with folders.atomic_folder(tmp_path / "other"):
+            raise AssertionError("not reached")
+
+
+def test_an_interrupt_at_the_end_keeps_what_was_made(tmp_path, monkeypatch):
+    def interrupt(folder):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(folders, "_sync_tree", interrupt)
+    with pytest.raises(KeyboardInterrupt, match="kept in") as info:
+        with folders.atomic_folder(tmp_path / "recording") as temp:
+            (temp / "frame").write_text("1")
+    assert kept_of(info) == {"frame": "1"}
 
 
 def test_an_existing_folder_is_replaced_only_on_demand(tmp_path):
     target = tmp_path / "folder"
     target.mkdir()
-    with files.atomic_folder(target) as temp:  # an empty one is as good as none
+    with folders.atomic_folder(target) as temp:  # an empty one is as good as none
         (temp / "result").write_text("1")
     with pytest.raises(BadFile, match="exists") as info:
-        with files.atomic_folder(target):
+        with folders.atomic_folder(target):
             raise AssertionError("not reached")
     one_line(info)
     names = ("result", "picture")
-    with files.atomic_folder(target, overwrite=True, contents=names) as temp:
+    with folders.atomic_folder(target, overwrite=True, contents=names) as temp:
         (temp / "picture").write_text("2")
     assert os.listdir(target) == ["picture"]
     with pytest.raises(BadFile, match="holds no result"):
-        with files.atomic_folder(target, overwrite=True, contents=names):
+        with folders.atomic_folder(target, overwrite=True, contents=names):
             raise AssertionError("not reached")
     assert os.listdir(target) == ["picture"] and os.listdir(tmp_path) == ["folder"]
 
@@ -156,7 +307,7 @@ def test_a_folder_with_foreign_files_is_not_replaced(tmp_path, foreign):
         (target / foreign).mkdir()
     else:
         (target / foreign).write_text("mine")
-    for replacing in (files.atomic_folder, files.check_target):
+    for replacing in (folders.atomic_folder, folders.check_target):
         with pytest.raises(BadFile, match="also holds .*not written by this command") as info:
             with replacing(target, overwrite=True, contents=names):
                 raise AssertionError("not reached")
@@ -172,21 +323,21 @@ def test_what_appears_while_the_new_folder_is_made_is_kept(tmp_path, before):
     if before:
         target.mkdir()
         (target / "result").write_text("1")
-    with pytest.raises(BadFile, match="folder"):
-        with files.atomic_folder(target, overwrite=True, contents=("result",)) as temp:
+    with pytest.raises(BadFile, match="folder") as info:
+        with folders.atomic_folder(target, overwrite=True, contents=("result",)) as temp:
             (temp / "result").write_text("2")
             target.mkdir(exist_ok=True)
             (target / "my_notes.txt").write_text("mine")
     assert (target / "my_notes.txt").read_text() == "mine"
     assert not before or (target / "result").read_text() == "1"
-    assert os.listdir(tmp_path) == ["folder"]
+    assert kept_of(info) == {"result": "2"} and len(os.listdir(tmp_path)) == 2
 
 
 def test_a_folder_does_not_replace_a_file(tmp_path):
     (tmp_path / "file").write_text("x")
     for target in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(BadFile) as info:
-            with files.atomic_folder(target, overwrite=True):
+            with folders.atomic_folder(target, overwrite=True):
                 raise AssertionError("not reached")
         one_line(info)
     assert (tmp_path / "file").read_text() == "x"
@@ -323,3 +474,12 @@ def test_no_name_leaves_the_folder(tmp_path_factory, text):
 def test_the_head_of_a_file_can_be_read_alone(tmp_path):
     path = files.write_atomic(tmp_path / "x", b"abcdef")
     assert files.read_bytes(path, limit=10, start=3) == b"abc"
+
+
+@pytest.mark.parametrize("spelling", ["a", "./a/", "a/../a", "a/b/.."])
+def test_unfinished_work_is_kept_beside_its_target(tmp_path, monkeypatch, spelling):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    assert folders.beside(Path(spelling), ".shards") == tmp_path / "a.shards"
+    with pytest.raises(BadFile, match="not a folder that"):
+        folders.beside(Path("/"), ".shards")

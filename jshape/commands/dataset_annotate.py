@@ -12,7 +12,7 @@ from jshape.data import annotate as finding
 from jshape.data.annotate import Effect
 from jshape.data.pairs import Pairs
 from jshape.errors import BadDataset, one_line
-from jshape.store import annotations, datasets, files
+from jshape.store import annotations, datasets, folders
 from jshape.viz import pictures, sheets
 
 _DOUBT = 0.35
@@ -21,7 +21,7 @@ _DOUBT = 0.35
 
 def annotate(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape dataset annotate DATASET OUT`."""
-    files.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     pairs = datasets.load_pairs(options.dataset)
     by_hand = annotations.boxes_by_hand(options.dataset)
     if options.all:

@@ -9,13 +9,13 @@ import numpy as np
 from jshape.commands import arguments
 from jshape.commands.tables import progress
 from jshape.errors import BadDataset, one_line
-from jshape.store import annotations, authors, cameras, datasets, files, imports, recordings
+from jshape.store import annotations, authors, cameras, datasets, folders, imports, recordings
 from jshape.store.recordings import LEAVE_OUT, Label
 
 
 def import_dataset(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape dataset import SOURCE OUT --layout LAYOUT`."""
-    files.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     run = _authors if options.layout == "authors" else _before_after
     result = run(options)
     if not options.json:
@@ -97,7 +97,7 @@ def _labels(options: argparse.Namespace, names: list[str]) -> dict[str, Label]:
 
 def merge(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape dataset merge OUT DATASET...`."""
-    files.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     parts = [datasets.load_pairs(folder) for folder in options.datasets]
     first = parts[0]
     for folder, pairs in zip(options.datasets, parts, strict=True):

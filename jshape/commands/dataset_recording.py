@@ -10,7 +10,7 @@ from jshape.commands import arguments
 from jshape.commands.tables import print_table, progress
 from jshape.data import segment as cutting
 from jshape.errors import BadDataset
-from jshape.store import annotations, files, recordings
+from jshape.store import annotations, folders, recordings
 from jshape.store.recordings import LABELS, LEAVE_OUT, Label, Recording
 from jshape.viz import pictures, sheets
 
@@ -25,7 +25,7 @@ def simulate_recording(options: argparse.Namespace) -> dict[str, Any]:
     from jshape.data import recording
     from jshape.data.simulate import DEPTH_UNIT
 
-    files.check_target(options.out, options.overwrite, contents=recordings.CONTENTS)
+    folders.check_target(options.out, options.overwrite, contents=recordings.CONTENTS)
     actions = [options.actions[k % len(options.actions)] for k in range(options.count)]
     truth, frames = recording.simulate_recording(
         jax.random.key(options.seed),
@@ -51,7 +51,7 @@ def simulate_recording(options: argparse.Namespace) -> dict[str, Any]:
 
 def segment(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape dataset segment RECORDING OUT`."""
-    files.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     recording = recordings.open_recording(options.recording, allow_gaps=options.allow_gaps)
     labels = _labels(options)
     thumbs = np.stack([

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from jshape.commands import arguments
 from jshape.commands.tables import print_table
 from jshape.errors import JShapeError
-from jshape.store import banks, datasets, files
+from jshape.store import banks, datasets, files, folders
 
 SCORES = ("scores.csv", "scores.png", "scores.md", "sizes.csv", "sizes.png", "transfer.csv",
           "transfer.png")  # fmt: skip
@@ -28,7 +28,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, Any]:
 
     _check(options)
     if options.out is not None:
-        files.check_target(options.out, options.overwrite, contents=SCORES)
+        folders.check_target(options.out, options.overwrite, contents=SCORES)
     pairs = datasets.load_pairs(options.dataset)
     comparisons: list[Any] = []
     studies: dict[str, list[Any]] = {}
@@ -158,7 +158,7 @@ def _write(options: argparse.Namespace, how: str, scores: Any, studies: Any, pai
     from jshape.viz import scores as drawn
     from jshape.viz.pictures import png
 
-    with files.atomic_folder(options.out, options.overwrite, contents=SCORES) as folder:
+    with folders.atomic_folder(options.out, options.overwrite, contents=SCORES) as folder:
         files.write_atomic(folder / "scores.csv", drawn.scores_csv(scores))
         files.write_atomic(folder / "scores.png", png(drawn.scores_figure(scores)))
         text = f"{how}\n\n{drawn.markdown(*drawn.scores_table(scores))}"

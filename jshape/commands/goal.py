@@ -19,7 +19,7 @@ from jshape.goals.goal import BALANCES
 from jshape.planning import DEFAULT_BANK
 from jshape.predict.bank import Bank
 from jshape.sim.material import MATERIALS
-from jshape.store import banks, cameras, files, formats, images
+from jshape.store import banks, cameras, files, folders, formats, images
 
 FLAT = "flat"
 """The word for a simulated level bed, instead of a file."""
@@ -46,7 +46,7 @@ class Bed(NamedTuple):
 def goal(options: argparse.Namespace) -> dict[str, Any]:
     """Make a goal, print and write."""
     if options.out is not None:
-        files.check_target(options.out, options.overwrite, contents=CONTENTS)
+        folders.check_target(options.out, options.overwrite, contents=CONTENTS)
     if options.material not in MATERIALS:
         raise UnknownName("material", options.material, MATERIALS)
     bank = banks.load_bank(options.bank or DEFAULT_BANK)
@@ -149,7 +149,7 @@ def _write(
     reproject = " --reproject" if said["window"] is None else ""
     tried = "--stride 12 --strengths 0.2,0.5,1,1.6,2.3 --yaws 4 --caution 0.5"
     added = {"out": str(out), "next": f"jshape plan {names}{reproject} {tried} --out my-plan"}
-    with files.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
+    with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
         for name, depth in (("now", now.depth), ("goal", made.depth)):
             if counts:
                 images.write_depth_png(folder / f"{name}.png", depth, unit)

@@ -17,7 +17,7 @@ from jshape.errors import BadImage, BadPosition
 from jshape.planners.base import Status
 from jshape.planning import DEFAULT_BANK, Plan, plan_depth
 from jshape.predict.bank import Bank
-from jshape.store import banks, cameras, files, formats, images, plans, points
+from jshape.store import banks, cameras, files, folders, formats, images, plans, points
 
 POSITIONS = "21x15"
 """Where actions are tried unless one says otherwise."""
@@ -32,7 +32,7 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
     bank_name = options.bank or DEFAULT_BANK
     bank = banks.load_bank(bank_name)
     if options.out is not None:
-        files.check_target(options.out, options.overwrite, contents=CONTENTS)
+        folders.check_target(options.out, options.overwrite, contents=CONTENTS)
     raw = formats.read_array(options.initial)
     source = source_of(options.initial, raw.shape, options.camera, bank)
     reading = {
@@ -69,7 +69,7 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
     said = {"bank": str(bank_name), "source": source.said, "planner": options.planner}
     result = said | plans.plan_fields(found)
     if options.out is not None:
-        with files.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
+        with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
             plans.write_plan(folder / "plan.json", found)
             _draw(folder, found, bank.rois)
         result["out"] = str(options.out)

@@ -13,12 +13,12 @@ from jshape.commands.tables import progress
 from jshape.data.camera_check import VALID_LEAST
 from jshape.errors import JShapeError
 from jshape.robot.cameras.base import FRAMES, CameraLost, DepthCamera, EndOfFrames, still
-from jshape.store import files, recordings
+from jshape.store import folders, recordings
 
 
 def record(options: argparse.Namespace) -> dict[str, Any]:
     """Record until as many frames or seconds as asked, the end of what is played, or Ctrl-C."""
-    files.check_target(options.out, options.overwrite, contents=recordings.CONTENTS)
+    folders.check_target(options.out, options.overwrite, contents=recordings.CONTENTS)
     problem: JShapeError | None = None
     valid = 0.0
     why = "as many as asked"

@@ -21,7 +21,7 @@ from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.loop import Molding
 from jshape.robot.robot import Robot
 from jshape.robot.session import CONTENTS, Session
-from jshape.store import files, runs
+from jshape.store import folders, runs
 from jshape.store.poses import read_base_camera
 from jshape.store.procedures import load_hand
 from jshape.viz import pictures
@@ -43,7 +43,7 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
         says where the camera is.
     """
     if not options.resume:
-        files.check_target(options.out, options.overwrite, contents=(*runs.CONTENTS, *CONTENTS))
+        folders.check_target(options.out, options.overwrite, contents=(*runs.CONTENTS, *CONTENTS))
     hand = load_hand(options.hand)
     base_camera = options.base and read_base_camera(options.base, options.gripper)
     with ExitStack() as stack:

@@ -12,7 +12,7 @@ from jshape import devices
 from jshape.commands import arguments
 from jshape.commands.tables import print_table
 from jshape.errors import JShapeError
-from jshape.store import banks, checkpoints, datasets, files
+from jshape.store import banks, checkpoints, datasets, folders
 from jshape.store.shared_checkpoints import SharedCheckpoints
 
 WITHOUT_CHECKPOINTS = ("D", "P")
@@ -34,8 +34,8 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     keeps = options.kind not in WITHOUT_CHECKPOINTS
     if not keeps:
         _refuse_unused(options)
-    files.check_target(options.out, options.overwrite, contents=banks.CONTENTS)
-    kept = options.out.absolute().with_name(options.out.absolute().name + ".training")
+    folders.check_target(options.out, options.overwrite, contents=banks.CONTENTS)
+    kept = folders.beside(options.out, ".training")
     if options.restart and process == 0:
         checkpoints.discard(kept)
     # Only the first process tries what can be written: the others would see its attempts.

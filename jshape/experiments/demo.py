@@ -17,7 +17,7 @@ from jshape.predict.bank import Bank
 from jshape.predict.sweep import ONE_BY_ONE, How
 from jshape.robot.loop import HEAD, Molding, Step, mold
 from jshape.robot.simulated import SimulatedWorld
-from jshape.store import banks, files, plans, runs
+from jshape.store import banks, files, folders, plans, runs
 from jshape.viz import pictures
 
 FILES = ("plan.json", "result.png", "actions.png", "steps.png", "report.md", "summary.json")
@@ -73,7 +73,7 @@ def run_demo(
     """
     bank_name = bank_name or DEFAULT_BANK
     bank = banks.load_bank(bank_name)
-    files.check_target(out, overwrite, contents=(*runs.CONTENTS, *FILES))
+    folders.check_target(out, overwrite, contents=(*runs.CONTENTS, *FILES))
     for_bed, for_goal, for_world, for_other = jax.random.split(jax.random.key(seed), 4)
     bed = random_bed(for_bed, "irregular", std=0.003)
     who = {"material": material, "agent": agent, "camera": bank.camera}

@@ -22,7 +22,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jshape
-from jshape.store import files
+from jshape.store import files, folders
 from jshape.viz.pictures import png
 
 JSON, CSV, PAGE = "results.json", "results.csv", "page.html"
@@ -125,7 +125,7 @@ def made_line(found: Mapping[str, Any]) -> str:
 
 
 def contents(pictures: Iterable[str]) -> tuple[str, ...]:
-    """The files of a result with these figures, as `files.check_target` wants them."""
+    """The files of a result with these figures, as `folders.check_target` wants them."""
     return (JSON, CSV, PAGE, *pictures)
 
 
@@ -135,7 +135,7 @@ def check(out: Path, overwrite: bool, pictures: Iterable[str]) -> None:
     Raises:
       BadFile: it holds something else, or a result that is not to be replaced.
     """
-    files.check_target(out, overwrite, contents=contents(pictures))
+    folders.check_target(out, overwrite, contents=contents(pictures))
 
 
 def write(result: Result, out: Path, *, overwrite: bool = False) -> dict[str, Any]:
@@ -153,7 +153,7 @@ def write(result: Result, out: Path, *, overwrite: bool = False) -> dict[str, An
       BadFile: the folder exists, or cannot be written.
     """
     names = [picture.name for picture in result.pictures]
-    with files.atomic_folder(out, overwrite, contents=contents(names)) as folder:
+    with folders.atomic_folder(out, overwrite, contents=contents(names)) as folder:
         return add(result, folder)
 
 

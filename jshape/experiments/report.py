@@ -10,7 +10,7 @@ from typing import Any
 from jshape.errors import JShapeError, UnknownName, one_line
 from jshape.experiments import EXPERIMENTS, LeftOut, pages, samples, studies
 from jshape.experiments.samples import Progress, Say, silent, unheard
-from jshape.store import files
+from jshape.store import files, folders
 
 INDEX, PAGE = "index.json", "index.html"
 NOT_SAID = ("overwrite", "say", "progress")
@@ -101,7 +101,7 @@ def run_all(
     for name in names:
         if name not in EXPERIMENTS:
             raise UnknownName("experiment", name, EXPERIMENTS)
-    files.check_target(out, overwrite, contents=(INDEX, PAGE, *EXPERIMENTS))
+    folders.check_target(out, overwrite, contents=(INDEX, PAGE, *EXPERIMENTS))
     with pages.made_by(command_of("all", out, asked)):
         made = pages.made()
     content: dict[str, Any] = {"quick": quick, "seed": seed, "made": made, "experiments": []}

@@ -12,7 +12,7 @@ from jshape.errors import BadFile, one_line
 from jshape.experiments import measures, pages, planning_page
 from jshape.experiments.problems import Problem
 from jshape.predict.bank import Bank
-from jshape.store import files, runs
+from jshape.store import files, folders, runs
 from jshape.viz import planning as drawn
 from jshape.viz.scores import markdown
 
@@ -31,7 +31,7 @@ def check(out: Path, overwrite: bool) -> bool:
     if (out / runs.DESCRIPTION).is_file() and not overwrite:
         files.check_writable(out)
         return True
-    files.check_target(out, overwrite, contents=(*runs.CONTENTS, *FILES))
+    folders.check_target(out, overwrite, contents=(*runs.CONTENTS, *FILES))
     return False
 
 

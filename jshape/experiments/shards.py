@@ -20,7 +20,7 @@ from jshape.camera import PAPER_BOX
 from jshape.data.simulate import DEPTH_UNIT, ROIS, SimulatedPair, keys_along, simulate_pairs
 from jshape.engines import Engine, here
 from jshape.errors import BadFile, JShapeError, one_line
-from jshape.store import datasets, files
+from jshape.store import datasets, files, folders
 
 RECIPE = "recipe.json"
 
@@ -102,7 +102,7 @@ def simulate(
       BadFile: the folder exists or cannot be written; or shards that were made with other fields
         are kept.
     """
-    files.check_target(out, overwrite, contents=datasets.CONTENTS)
+    folders.check_target(out, overwrite, contents=datasets.CONTENTS)
     kept = kept_beside(out)
     _begin(simulation, kept)
     shards, left = simulation.shards, []
@@ -138,7 +138,7 @@ def simulate(
 
 def kept_beside(out: Path) -> Path:
     """The folder of a data set's shards, until they are merged."""
-    return out.absolute().with_name(out.absolute().name + ".shards")
+    return folders.beside(out, ".shards")
 
 
 def finished(out: Path) -> int:
@@ -197,7 +197,7 @@ def _begin(simulation: Simulation, kept: Path) -> None:
     next(_pairs(simulation, *nothing), None)  # names and numbers are checked all the same
     recipe = json.loads(files.json_text(asdict(simulation), str(kept)))
     if not kept.exists():
-        with files.atomic_folder(kept) as temp:
+        with folders.atomic_folder(kept) as temp:
             files.write_json(temp / RECIPE, recipe)
         return
     if not (kept / RECIPE).is_file():

@@ -25,7 +25,7 @@ from jshape.robot.twin import engine, iiwa
 from jshape.robot.twin.model import Obstacle
 from jshape.robot.twin.start import Ready, make_twin
 from jshape.robot.twin.world import Twin
-from jshape.store import files
+from jshape.store import files, folders
 from jshape.store.procedures import load_hand
 
 HILLS = 0.005
@@ -114,7 +114,7 @@ def check_twin(
       JShapeError: MuJoCo or mink is not installed.
     """
     if out is not None:
-        files.check_target(Path(out), overwrite, contents=FILES)
+        folders.check_target(Path(out), overwrite, contents=FILES)
     hand = load_hand() if hand is None else hand
     key = jax.random.key(key) if isinstance(key, int) else key
     for_bed, for_twin = jax.random.split(key)

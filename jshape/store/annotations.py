@@ -20,7 +20,8 @@ from jshape.camera import Camera
 from jshape.errors import BadDataset
 from jshape.store.cameras import write_camera
 from jshape.store.datasets import CAMERA, COLUMNS, CONTENTS, TABLE, TABLE_LIMIT, Adder
-from jshape.store.files import atomic_folder, read_bytes, write_atomic
+from jshape.store.files import read_bytes, write_atomic
+from jshape.store.folders import atomic_folder
 
 FOUND = "found"
 """Name of the column."""

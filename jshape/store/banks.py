@@ -20,15 +20,8 @@ from jshape.errors import BadBank, BadCamera, BadFile, UnknownName
 from jshape.predict.bank import Bank
 from jshape.store.arrays import read_arrays
 from jshape.store.cameras import camera_fields, camera_from
-from jshape.store.files import (
-    atomic_folder,
-    inside,
-    read_bytes,
-    read_json,
-    sha256,
-    write_atomic,
-    write_json,
-)
+from jshape.store.files import inside, read_bytes, read_json, sha256, write_atomic, write_json
+from jshape.store.folders import atomic_folder
 from jshape.store.kinds import KINDS, Kind
 
 FORMAT = "jshape-bank"

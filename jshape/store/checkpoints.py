@@ -16,15 +16,8 @@ from urllib.parse import quote
 import numpy as np
 
 from jshape.errors import BadFile, one_line
-from jshape.store.files import (
-    atomic_folder,
-    check_writable,
-    inside,
-    read_json,
-    refuse,
-    sha256,
-    write_json,
-)
+from jshape.store.files import check_writable, inside, read_json, refuse, sha256, write_json
+from jshape.store.folders import atomic_folder
 
 FORMAT = "jshape-checkpoint"
 FACTS = "checkpoint.json"

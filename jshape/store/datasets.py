@@ -21,7 +21,8 @@ from jshape.camera import Camera
 from jshape.data.pairs import Pairs
 from jshape.errors import BadDataset, BadFile, BadImage, one_line
 from jshape.store.cameras import read_camera, write_camera
-from jshape.store.files import atomic_folder, inside, read_bytes, write_atomic
+from jshape.store.files import inside, read_bytes, write_atomic
+from jshape.store.folders import atomic_folder
 from jshape.store.images import read_counts, write_counts_png
 
 COLUMNS = (

@@ -5,8 +5,7 @@ import json
 import math
 import os
 import secrets
-import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, NoReturn
@@ -34,101 +33,20 @@ def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
     """
     path = Path(path)
     data = content.encode() if isinstance(content, str) else content
-    temp = _temp_beside(path)
+    temp = temp_beside(path)
     try:
         if path.is_dir():
             raise BadFile(f"{path}: is a folder; a file is to be written there")
-        with _parents(path):
+        with parents(path):
             try:
                 _write_synced(temp, data)
                 os.replace(temp, path)
             finally:
                 _remove_file(temp)
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
     except (OSError, ValueError) as problem:
         refuse(path, "cannot be written", problem)
     return path
-
-
-@contextmanager
-def atomic_folder(
-    target: str | os.PathLike, overwrite: bool = False, *, contents: Sequence[str] | None = None
-) -> Iterator[Path]:
-    """A temporary folder that becomes `target` when the block ends without an error.
-
-    Args:
-      target: the folder to make.  An empty folder may be there already.
-      overwrite: replace what is there; it is removed only after the new folder is complete.
-      contents: the top-level names that the caller writes.  A folder is replaced only if it holds
-        the first of them and nothing else than them, so that neither a mistyped path nor notes
-        kept beside a result cost somebody's other work.  None: whatever is there is replaced.
-
-    Yields:
-      The temporary folder, beside the target.
-
-    Raises:
-      BadFile: the target exists (and must not be replaced), or cannot be written.
-    """
-    target = _resolved(Path(target))
-    check_target(target, overwrite, contents=contents)
-    temp, old = _temp_beside(target), _temp_beside(target)
-    try:
-        with _parents(target):
-            try:
-                temp.mkdir()
-            except OSError as problem:
-                refuse(target, "cannot be made", problem)
-            try:
-                yield temp
-                # Again: the block may have taken hours, in which somebody put something there.
-                occupied = check_target(target, overwrite, contents=contents)
-                _put_in_place(temp, target, old if occupied else None)
-            finally:
-                shutil.rmtree(temp, ignore_errors=True)
-    finally:
-        if target.exists():
-            shutil.rmtree(old, ignore_errors=True)
-
-
-def check_target(
-    target: str | os.PathLike, overwrite: bool = False, *, contents: Sequence[str] | None = None
-) -> bool:
-    """Whether `atomic_folder` may write there: call it before long work.
-
-    Returns:
-      True if something that may be replaced stands at the target.
-
-    Raises:
-      BadFile: the target exists (and must not be replaced), or cannot be written.
-    """
-    target = check_writable(target)
-    try:
-        if not os.path.lexists(target):
-            return False
-        if not target.is_dir():
-            raise BadFile(f"{target}: is a file; a folder is to be made there")
-        names = sorted(os.listdir(target))
-        if not names:
-            return True
-        if not overwrite:
-            raise BadFile(
-                f"{target}: the folder exists and is not empty; choose another name, or replace it "
-                "with --overwrite (overwrite=True)"
-            )
-        if contents is not None and not (target / contents[0]).is_file():
-            raise BadFile(
-                f"{target}: the folder holds no {contents[0]}, so it is not replaced; "
-                "choose another name"
-            )
-        foreign = [name for name in names if contents is not None and name not in contents]
-        if foreign:
-            raise BadFile(
-                f"{target}: also holds {one_line(foreign[0], 80)}, which was not written by this "
-                "command; choose another name"
-            )
-    except OSError as problem:
-        refuse(target, "cannot be read", problem)
-    return True
 
 
 def check_writable(folder: str | os.PathLike) -> Path:
@@ -144,7 +62,7 @@ def check_writable(folder: str | os.PathLike) -> Path:
         nearest = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))
         if not nearest.is_dir():
             raise BadFile(f"{folder}: cannot be written: {nearest} is not a folder")
-        probe = _temp_beside(nearest / "probe")
+        probe = temp_beside(nearest / "probe")
         try:
             _write_synced(probe, b"")
         finally:
@@ -284,26 +202,9 @@ def refuse(path: Path, what: str, problem: Exception) -> NoReturn:
     raise BadFile(f"{path}: {what}: {one_line(reason)}") from None
 
 
-def _put_in_place(temp: Path, target: Path, old: Path | None) -> None:
-    """Rename `temp` to `target`; what stands there goes to `old`, and back if that fails."""
-    try:
-        _sync_tree(temp)
-        if old is not None:
-            os.rename(target, old)
-        try:
-            os.rename(temp, target)
-        except OSError:
-            if old is not None:
-                os.rename(old, target)
-            raise
-        _sync_folder(target.parent)
-    except OSError as problem:
-        refuse(target, "cannot be written", problem)
-
-
 @contextmanager
-def _parents(path: Path) -> Iterator[None]:
-    """Makes the folders above a path; those that were made go again if the block fails."""
+def parents(path: Path) -> Iterator[None]:
+    """Make the folders above a path; those that were made go again if the block fails."""
     made = [parent for parent in path.parents if not parent.exists()]
     try:
         try:
@@ -318,14 +219,7 @@ def _parents(path: Path) -> Iterator[None]:
         raise
 
 
-def _resolved(path: Path) -> Path:
-    try:
-        return path.resolve()
-    except (OSError, ValueError, RuntimeError) as problem:
-        refuse(path, "cannot be resolved", problem)
-
-
-def _temp_beside(path: Path) -> Path:
+def temp_beside(path: Path) -> Path:
     """A name for a temporary file or folder on the same file system, so that a rename is enough."""
     return path.parent / f".{path.name[:80]}.{secrets.token_hex(6)}.tmp"
 
@@ -343,15 +237,7 @@ def _remove_file(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _sync_tree(folder: Path) -> None:
-    for root, _, names in os.walk(folder):
-        for name in names:
-            with open(os.path.join(root, name), "rb") as file:
-                os.fsync(file.fileno())
-        _sync_folder(Path(root))
-
-
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Put a rename on disk where folders can be synced (not on Windows or some network disks)."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)

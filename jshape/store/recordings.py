@@ -20,7 +20,8 @@ from jshape.camera import Camera
 from jshape.data.depth import wrong_shape
 from jshape.errors import BadDataset, BadFile, BadImage, one_line
 from jshape.store.cameras import read_camera, write_camera
-from jshape.store.files import atomic_folder, read_bytes, write_atomic, write_json
+from jshape.store.files import read_bytes, write_atomic, write_json
+from jshape.store.folders import atomic_folder
 from jshape.store.images import read_counts, write_counts_png
 
 CAMERA = "camera.json"

@@ -16,7 +16,6 @@ from jshape._typing import Float
 from jshape.errors import BadFile
 from jshape.store.cameras import check_depth_unit
 from jshape.store.files import (
-    atomic_folder,
     inside,
     json_text,
     parse_json,
@@ -26,6 +25,7 @@ from jshape.store.files import (
     write_atomic,
     write_json,
 )
+from jshape.store.folders import atomic_folder
 from jshape.store.images import read_counts, to_metres, write_depth_png
 
 FORMAT = "jshape-run"

@@ -23,7 +23,7 @@ from jshape.planned import Plan
 from jshape.planning import DEFAULT_BANK, plan, rollout
 from jshape.predict.bank import Bank
 from jshape.sim import MATERIALS, Material
-from jshape.store import banks, files, formats, images, plans, points
+from jshape.store import banks, folders, formats, images, plans, points
 from jshape.store.cameras import write_camera
 from jshape.studio.drawing import Mark, check_mark, wanted
 
@@ -302,7 +302,7 @@ class Desk:
           JShapeError: there is no bed.
         """
         bed, goal = self._both()
-        with files.atomic_folder(folder, overwrite, contents=CONTENTS) as temp:
+        with folders.atomic_folder(folder, overwrite, contents=CONTENTS) as temp:
             for name, image in (("now.png", bed), ("goal.png", goal)):
                 images.write_depth_png(temp / name, self.depth_of(image), DEPTH_UNIT)
             write_camera(temp / "camera.json", self.camera, DEPTH_UNIT)

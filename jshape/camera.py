@@ -13,7 +13,7 @@ import numpy as np
 from jax.scipy.ndimage import map_coordinates
 
 from jshape._typing import Array, ArrayLike, Float
-from jshape.errors import BadCamera, BadImage
+from jshape.errors import BadCamera, BadImage, quoted
 
 STATIC = {"static": True}
 
@@ -180,7 +180,9 @@ def check_camera(camera: Camera, where: str = "camera") -> Camera:
     for name in ("width", "height", "bits"):
         value = getattr(camera, name)
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value <= 0:
-            raise BadCamera(f"{where}: {name} is {value!r}; it must be a positive whole number")
+            raise BadCamera(
+                f"{where}: {name} is {quoted(value)}; it must be a positive whole number"
+            )
     if camera.bits > 24:
         raise BadCamera(f"{where}: bits is {camera.bits}; float32 holds at most 24")
     for name in ("fx", "fy", "u0", "v0", "z_min", "z_max"):
@@ -190,11 +192,13 @@ def check_camera(camera: Camera, where: str = "camera") -> Camera:
         except (TypeError, ValueError):
             finite = False
         if not finite or isinstance(value, bool | str):
-            raise BadCamera(f"{where}: {name} is {value!r}; it must be a finite number")
+            raise BadCamera(f"{where}: {name} is {quoted(value)}; it must be a finite number")
         if name in ("fx", "fy", "z_min", "z_max") and not 1e-3 <= float(value) <= 1e6:
-            raise BadCamera(f"{where}: {name} is {value!r}; it must be positive, 0.001 to 1000000")
+            raise BadCamera(
+                f"{where}: {name} is {quoted(value)}; it must be positive, 0.001 to 1000000"
+            )
         if name in ("u0", "v0") and abs(float(value)) > 1e6:
-            raise BadCamera(f"{where}: {name} is {value!r}; it must be within ±1000000")
+            raise BadCamera(f"{where}: {name} is {quoted(value)}; it must be within ±1000000")
     if float(camera.z_min) >= float(camera.z_max):
         raise BadCamera(
             f"{where}: z_min {camera.z_min} must be less than z_max {camera.z_max} (metres)"

@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 from jshape import actions
 from jshape._typing import ArrayLike, Bool
 from jshape.camera import Camera
-from jshape.errors import BadImage, BadPosition, JShapeError, UnknownName
+from jshape.errors import BadImage, BadPosition, JShapeError, UnknownName, quoted
 from jshape.predict.bank import Bank
 
 
@@ -27,7 +27,7 @@ def placed_positions(
     elif isinstance(positions, str):
         size = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", positions)
         if not size:
-            raise BadPosition(f"positions {positions!r}: a grid is written COLUMNSxROWS")
+            raise BadPosition(f"positions {quoted(positions)}: a grid is written COLUMNSxROWS")
         columns, rows = int(size[1]), int(size[2])
         per_action = {
             name: actions.grid(bank.camera, columns, rows, margin=roi) for name, roi in rois.items()
@@ -68,7 +68,7 @@ def dense_positions(bank: Bank, stride: int) -> dict[str, np.ndarray]:
     whole = isinstance(stride, int | np.integer) and not isinstance(stride, bool)
     if not whole or not 1 <= stride <= most:
         raise JShapeError(
-            f"stride is {stride!r}; it must be a whole number of pixels from 1 to {most}"
+            f"stride is {quoted(stride)}; it must be a whole number of pixels from 1 to {most}"
         )
 
     def line(size: int, roi: int) -> np.ndarray:
@@ -98,7 +98,7 @@ def reachable(
       JShapeError: a clearance that is no number from 0.
     """
     if not isinstance(clearance_mm, int | float | np.number) or not 0 <= clearance_mm < np.inf:
-        raise JShapeError(f"clearance_mm is {clearance_mm!r}; it must be a number from 0")
+        raise JShapeError(f"clearance_mm is {quoted(clearance_mm)}; it must be a number from 0")
     if mask is None and clearance_mm == 0:
         return None
     try:

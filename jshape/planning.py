@@ -19,7 +19,7 @@ from jshape._typing import Array, ArrayLike
 from jshape.camera import Camera
 from jshape.data.depth import to_metres
 from jshape.data.view import image_of_depth, view_of
-from jshape.errors import BadBank, BadImage, JShapeError, UnknownName
+from jshape.errors import BadBank, BadImage, JShapeError, UnknownName, quoted
 from jshape.planned import Plan
 from jshape.planners import PLANNERS
 from jshape.planners.base import Found, Status, Task
@@ -101,13 +101,17 @@ def plan(
     if planner not in tuple(PLANNERS):
         raise UnknownName("planner", planner, PLANNERS)
     if not isinstance(max_steps, int | np.integer) or not 0 <= max_steps <= MAX_STEPS:
-        raise JShapeError(f"max_steps is {max_steps!r}; it must be a whole number to {MAX_STEPS}")
+        raise JShapeError(
+            f"max_steps is {quoted(max_steps)}; it must be a whole number to {MAX_STEPS}"
+        )
     numbers = {"min_gain": min_gain, "tolerance": tolerance, "caution": caution}
     for name, value in numbers.items():
         if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
-            raise JShapeError(f"{name} is {value!r}; it must be a number from 0")
+            raise JShapeError(f"{name} is {quoted(value)}; it must be a number from 0")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
-        raise JShapeError(f"seed is {seed!r}; it must be a whole number from 0 to {2**32 - 1}")
+        raise JShapeError(
+            f"seed is {quoted(seed)}; it must be a whole number from 0 to {2**32 - 1}"
+        )
     if start is not None and not isinstance(start, Plan):
         raise JShapeError(f"start is a {type(start).__name__}; it must be a Plan")
     if positions is not None and stride is not None:

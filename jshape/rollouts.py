@@ -9,7 +9,7 @@ import numpy as np
 from jshape import actions as rectangles
 from jshape import metric
 from jshape._typing import ArrayLike
-from jshape.errors import BadBank, BadPosition, JShapeError, UnknownName
+from jshape.errors import BadBank, BadPosition, JShapeError, UnknownName, quoted
 from jshape.planned import Plan, successive
 from jshape.planners.base import Status
 from jshape.predict.bank import Bank
@@ -134,7 +134,7 @@ def check_acts(
     if turns.size != count or not np.isfinite(turns).all():
         raise JShapeError(f"yaws are {turns.tolist()}; {count} numbers in radians are needed")
     if turns.any() and not bank.turns:
-        raise BadBank(f"a bank of kind {bank.kind!r} cannot turn the hand; yaws must be 0")
+        raise BadBank(f"a bank of kind {quoted(bank.kind)} cannot turn the hand; yaws must be 0")
     for name, turn in zip(actions, turns, strict=True):
         w, h = bank.turned_roi(name) if turn else bank.roi(name)
         if w > width or h > height:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jshape import actions as rectangles
-from jshape.errors import BadBank, JShapeError, UnknownName
+from jshape.errors import BadBank, JShapeError, UnknownName, quoted
 from jshape.planned import Plan
 from jshape.planners.base import EVER, Budget, Found, Limits, room_for
 from jshape.predict.bank import Bank
@@ -26,9 +26,11 @@ def directions(bank: Bank, yaws: int | Mapping[str, int]) -> list[tuple[int, flo
             raise UnknownName("action", name, bank.actions)
         whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
         if not whole or not 1 <= count <= 64:
-            raise JShapeError(f"yaws is {count!r}; it must be a whole number from 1 to 64")
+            raise JShapeError(f"yaws is {quoted(count)}; it must be a whole number from 1 to 64")
         if count > 1 and not bank.turns:
-            raise BadBank(f"a bank of kind {bank.kind!r} cannot turn the hand; yaws must be 1")
+            raise BadBank(
+                f"a bank of kind {quoted(bank.kind)} cannot turn the hand; yaws must be 1"
+            )
     moves = []
     for number, name in enumerate(bank.actions):
         count = yaws.get(name, 1)
@@ -65,9 +67,13 @@ def strengths(strengths: Sequence[float]) -> list[float]:
     except ValueError:
         values = np.zeros((0, 0))
     if values.ndim != 1 or not values.size or values.dtype.kind not in "iuf":
-        raise JShapeError(f"strengths is {strengths!r}; it must be numbers above 0, at least one")
+        raise JShapeError(
+            f"strengths is {quoted(strengths)}; it must be numbers above 0, at least one"
+        )
     if not (np.isfinite(values).all() and (values > 0).all() and (values <= DEEPEST).all()):
-        raise JShapeError(f"strengths is {strengths!r}; each must be above 0, at most {DEEPEST}")
+        raise JShapeError(
+            f"strengths is {quoted(strengths)}; each must be above 0, at most {DEEPEST}"
+        )
     if values.size > 64:
         raise JShapeError(f"{values.size} strengths; at most 64 are tried")
     return sorted({float(value) for value in values})
@@ -79,17 +85,19 @@ def limits(
     """What a search must gain and may use, `caution` times the bank's own errors among it."""
     if caution and bank.errors_mm is None:
         raise BadBank(
-            f"caution is {caution!r}, but the bank does not know how wrong it is; 0 is allowed "
-            "(jshape train measures it)"
+            f"caution is {quoted(caution)}, but the bank does not know how wrong it is; 0 is "
+            "allowed (jshape train measures it)"
         )
     if most is not None and not isinstance(most, Mapping):
-        raise JShapeError(f"most is {most!r}; it must be a mapping of action to count")
+        raise JShapeError(f"most is {quoted(most)}; it must be a mapping of action to count")
     allowed = np.full(len(bank.actions), EVER, np.int32)
     for name, count in (most or {}).items():
         if name not in bank.actions:
             raise UnknownName("action", name, bank.actions)
         if not isinstance(count, int | np.integer) or isinstance(count, bool) or count < 0:
-            raise JShapeError(f"most of {name} is {count!r}; it must be a whole number from 0")
+            raise JShapeError(
+                f"most of {name} is {quoted(count)}; it must be a whole number from 0"
+            )
         allowed[bank.actions.index(name)] = min(count, EVER)
     return Limits(
         min_gain=float(min_gain),
@@ -105,7 +113,7 @@ def budget(seconds: float | None, evaluations: int | None) -> Budget:
     for name, value in (("seconds", seconds), ("evaluations", evaluations)):
         number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
         if value is not None and not (number and 0 < value < np.inf):
-            raise JShapeError(f"{name} is {value!r}; it must be a number above 0")
+            raise JShapeError(f"{name} is {quoted(value)}; it must be a number above 0")
     whole = None if evaluations is None else math.ceil(evaluations)
     return Budget(seconds, whole, time.monotonic)
 

@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 from jshape.commands import COMMANDS
 from jshape.commands.colours import coloured
-from jshape.errors import UnknownName, did_you_mean
+from jshape.errors import UnknownName, did_you_mean, one_line, quoted
 
 STRIDE = 8
 """Pixels between the places where dense plans try actions."""
@@ -25,7 +25,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print one line and exit with 2."""
-        said = f"{' '.join(message.split())} (see {self.prog} --help)"
+        said = f"{one_line(message, 2000)} (see {self.prog} --help)"
         self.exit(2, f"{self.prog}: {coloured('error:', 'error', sys.stderr)} {said}\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -96,7 +96,7 @@ def _number(text: str, kind: Callable[[str], Any], ok: Any, allowed: str) -> Any
             return value
     except ValueError:
         pass
-    raise argparse.ArgumentTypeError(f"{text!r} is not {allowed}")
+    raise argparse.ArgumentTypeError(f"{quoted(text)} is not {allowed}")
 
 
 def count(text: str) -> int:
@@ -151,14 +151,16 @@ def duration(text: str) -> float:
     try:
         return size * positive(number)
     except argparse.ArgumentTypeError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not {allowed}") from None
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not {allowed}") from None
 
 
 def use(text: str) -> tuple[str, int]:
     """An action and how often: "knock=2"."""
     name, _, number = text.rpartition("=")
     if not name or not number.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not an action and a number, like knock=2")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not an action and a number, like knock=2"
+        )
     return name, int(number)
 
 

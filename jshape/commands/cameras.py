@@ -6,7 +6,7 @@ from typing import Any
 
 from jshape.camera import PRESETS, Camera
 from jshape.commands import arguments
-from jshape.errors import BadCamera, JShapeError, did_you_mean
+from jshape.errors import BadCamera, JShapeError, did_you_mean, quoted
 from jshape.robot.cameras.base import DepthCamera
 from jshape.store import cameras
 
@@ -21,7 +21,7 @@ def window(text: str) -> tuple[int, int, int, int]:
         return int(left), int(top), int(width), int(height)
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not LEFT,TOP,WIDTHxHEIGHT in pixels, such as 181,46,480x395"
+            f"{quoted(text)} is not LEFT,TOP,WIDTHxHEIGHT in pixels, such as 181,46,480x395"
         ) from None
 
 
@@ -31,7 +31,7 @@ def depth_range(text: str) -> tuple[float, float]:
         low, high = (arguments.positive(part) for part in text.split(","))
     except (ValueError, argparse.ArgumentTypeError):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not two depths in metres, such as 0.42,0.47"
+            f"{quoted(text)} is not two depths in metres, such as 0.42,0.47"
         ) from None
     return low, high
 

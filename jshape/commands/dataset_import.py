@@ -8,7 +8,7 @@ import numpy as np
 
 from jshape.commands import arguments
 from jshape.commands.tables import progress
-from jshape.errors import BadDataset, one_line
+from jshape.errors import BadDataset, one_line, quoted
 from jshape.store import annotations, authors, cameras, datasets, folders, imports, recordings
 from jshape.store.recordings import LEAVE_OUT, Label
 
@@ -85,7 +85,11 @@ def _labels(options: argparse.Namespace, names: list[str]) -> dict[str, Label]:
         lacking = [name for name in names if name not in labels]
         unknown = [name for name in labels if name not in names]
         if lacking or unknown:
-            what = f"no row for {lacking[0]!r}" if lacking else f"no frames for {unknown[0]!r}"
+            what = (
+                f"no row for {quoted(lacking[0])}"
+                if lacking
+                else f"no frames for {quoted(unknown[0])}"
+            )
             raise BadDataset(f"{options.labels}: {what} ({len(names)} names in {options.source})")
         return labels
     for name in ("action", "agent", "material"):
@@ -120,7 +124,7 @@ def merge(options: argparse.Namespace) -> dict[str, Any]:
                 name = str(pairs.id[k])
                 name = name if name not in seen else f"{folder.resolve().name}/{name}"
                 if name in seen:
-                    raise BadDataset(f"{folder}: pair {name!r} is there twice")
+                    raise BadDataset(f"{folder}: pair {quoted(name)} is there twice")
                 seen.add(name)
                 add(by_hand=bool(by_hand[k]), **datasets.row_of(pairs, k) | {"id": name})
     if not options.json:

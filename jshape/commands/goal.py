@@ -13,7 +13,7 @@ from jshape.commands import arguments
 from jshape.commands.goal_sources import NAMES, wanted_of
 from jshape.commands.plan import source_of
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.errors import BadCamera, BadImage, UnknownName
+from jshape.errors import BadCamera, BadImage, UnknownName, quoted
 from jshape.goals import Goal, Limits, bed_map, make_goal, report
 from jshape.goals.goal import BALANCES
 from jshape.planning import DEFAULT_BANK
@@ -180,7 +180,7 @@ def _place(text: str) -> tuple[float, float]:
     except ValueError:
         u = v = math.nan
     if not (math.isfinite(u) and math.isfinite(v)):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a place like 240,197")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a place like 240,197")
     return u, v
 
 
@@ -191,7 +191,7 @@ def _degrees(text: str) -> float:
     except ValueError:
         turn = math.nan
     if not abs(turn) <= 360:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a turn from -360 to 360 degrees")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a turn from -360 to 360 degrees")
     return turn
 
 
@@ -199,7 +199,7 @@ def _slope(text: str) -> float:
     """A slope that a surface can have."""
     slope = arguments.positive(text)
     if slope > 85:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a slope from 0 to 85 degrees")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a slope from 0 to 85 degrees")
     return slope
 
 

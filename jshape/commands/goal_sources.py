@@ -15,7 +15,7 @@ from jshape import metric
 from jshape.camera import Camera, check_same_camera, window_of
 from jshape.data.missing import fill_missing
 from jshape.data.view import View, image_of_depth, view_of
-from jshape.errors import BadFile, BadPosition, JShapeError
+from jshape.errors import BadFile, BadPosition, JShapeError, quoted
 from jshape.goals import (
     BedMap,
     Relief,
@@ -239,8 +239,8 @@ def _spoken(text: str) -> tuple[str, tuple[float, float], float, float]:
         )
     except ValueError:
         raise BadPosition(
-            f"{text.strip()!r} is not an action like 'knock 240,197' or 'grasp 312,91x1.5@30' "
-            "(u,v x strength @ degrees)"
+            f"{quoted(text.strip())} is not an action like 'knock 240,197' or "
+            "'grasp 312,91x1.5@30' (u,v x strength @ degrees)"
         ) from None
     return name, (u, v), strength, turn
 

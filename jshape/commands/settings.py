@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jshape.commands import COMMANDS, arguments
-from jshape.errors import BadSetting, JShapeError, UnknownName, did_you_mean, one_line
+from jshape.errors import BadSetting, JShapeError, UnknownName, did_you_mean, one_line, quoted
 
 NAME, VARIABLE, OFF = "jshape.toml", "JSHAPE_CONFIG", "off"
 LIMIT = 64 * 1024
@@ -237,7 +237,7 @@ def _text(value: Any) -> str:
     """A value as TOML writes it, more or less."""
     if isinstance(value, bool):
         return str(value).lower()
-    return "a table" if isinstance(value, dict) else repr(value)
+    return "a table" if isinstance(value, dict) else quoted(value)
 
 
 def _is_shared(leaf: argparse.ArgumentParser) -> bool:
@@ -279,7 +279,7 @@ def _check_shared(shared: Mapping[str, Any], file: Path) -> None:
 
 def _unknown(key: str, known: Sequence[str] | Mapping[str, Any]) -> str:
     near = did_you_mean(key, known)
-    return f"unknown key {key!r}{near or '; allowed: ' + ', '.join(known)}"
+    return f"unknown key {quoted(key)}{near or '; allowed: ' + ', '.join(known)}"
 
 
 def _children(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:

@@ -5,7 +5,7 @@ import numpy as np
 from jshape._typing import Float
 from jshape.camera import Camera
 from jshape.data.missing import missing
-from jshape.errors import BadCamera, BadImage
+from jshape.errors import BadCamera, BadImage, quoted
 
 _HEIGHT_HINT = "; a bed at another distance is seen from the right one with reproject (--reproject)"
 
@@ -19,7 +19,9 @@ def to_metres(raw: np.ndarray, depth_unit: float, where: str) -> Float[np.ndarra
     """
     number = isinstance(depth_unit, int | float | np.number) and not isinstance(depth_unit, bool)
     if not number or not 0 < float(depth_unit) < np.inf:
-        raise BadCamera(f"{where}: depth_unit is {depth_unit!r}; it must be a positive number")
+        raise BadCamera(
+            f"{where}: depth_unit is {quoted(depth_unit)}; it must be a positive number"
+        )
     if raw.dtype == np.uint16:
         depth = raw.astype(np.float32) * np.float32(depth_unit)
     elif raw.dtype in (np.float16, np.float32, np.float64):

@@ -11,7 +11,7 @@ from jshape._typing import ArrayLike, Float
 from jshape.camera import GEOMETRY, Camera, check_camera, window_of
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
 from jshape.data.missing import fill_missing, missing
-from jshape.errors import BadCamera, BadImage, JShapeError
+from jshape.errors import BadCamera, BadImage, JShapeError, quoted
 
 MAX_CLAMPED = 0.1
 """Largest share of a frame's readings that may lie beyond the camera's depth range."""
@@ -135,7 +135,7 @@ def image_of_depth(
       JShapeError: a share that is none.
     """
     if not (np.ndim(max_missing) == 0 and 0 <= max_missing <= 1):
-        raise JShapeError(f"max_missing is {max_missing!r}; it must be a share from 0 to 1")
+        raise JShapeError(f"max_missing is {quoted(max_missing)}; it must be a share from 0 to 1")
     metres, hint = to_metres(np.asarray(depth), depth_unit, where), None
     if view is not None:
         metres = view.depth(metres, where)

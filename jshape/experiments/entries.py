@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from jshape import metric
-from jshape.errors import UnknownName
+from jshape.errors import UnknownName, quoted
 from jshape.experiments.baselines import FLOORS
 from jshape.planners import PLANNERS
 from jshape.planning import DEFAULT_BANK
@@ -63,7 +63,7 @@ def entries_of(names: Sequence[str]) -> tuple[dict[str, Entry], list[str]]:
         planner = entry["planner"]
         package = EXTRAS.get(planner)
         if planner not in (*PLANNERS, *FLOORS):
-            notes.append(f"{name} is left out: there is no planner {planner!r}")
+            notes.append(f"{name} is left out: there is no planner {quoted(planner)}")
         elif package and importlib.util.find_spec(package) is None:
             notes.append(f"{name} is left out: {package} is not installed")
         else:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from jshape._typing import Bool, Float
-from jshape.errors import BadImage, JShapeError, UnknownName
+from jshape.errors import BadImage, JShapeError, UnknownName, quoted
 from jshape.goals.bedmap import BedMap
 from jshape.goals.slopes import held
 from jshape.sim.bed import DEPTH
@@ -41,7 +41,7 @@ class Limits:
         for name in ("steepest", "floor"):
             value = getattr(self, name)
             if not 0 < value < np.inf:
-                raise JShapeError(f"{name} is {value!r}; it must be a number above 0")
+                raise JShapeError(f"{name} is {quoted(value)}; it must be a number above 0")
 
 
 class Balance(NamedTuple):

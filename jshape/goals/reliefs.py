@@ -12,7 +12,7 @@ import numpy as np
 from jshape._typing import Float, Int
 from jshape.camera import Camera
 from jshape.data.relief import top_of_points
-from jshape.errors import BadImage, UnknownName
+from jshape.errors import BadImage, UnknownName, quoted
 from jshape.store.mesh import depth_of_faces
 
 PIXELS = 1024
@@ -60,13 +60,13 @@ def relief_of_text(text: str, height: float) -> Relief:
     signs = get_font(findfont(face)).get_charmap()
     unknown = [sign for sign in text if ord(sign) not in signs]
     if unknown:
-        raise BadImage(f"the text {text!r}: the font has no sign for {unknown[0]!r}")
+        raise BadImage(f"the text {quoted(text)}: the font has no sign for {quoted(unknown[0])}")
     corners, codes = TextToPath().get_text_path(face, text, ismath=False)
     points = np.asarray(corners)
     outlines = Path(points, codes).to_polygons() if len(points) else []
     outlines = [line * (1, -1) for line in map(np.asarray, outlines) if len(line) > 2]
     if not outlines:
-        raise BadImage(f"the text {text!r} has nothing to be seen")
+        raise BadImage(f"the text {quoted(text)} has nothing to be seen")
     every = np.concatenate(outlines)
     low, size = every.min(0), np.ptp(every, axis=0)
     scale = (PIXELS - 1) / size.max()
@@ -76,7 +76,7 @@ def relief_of_text(text: str, height: float) -> Relief:
     lines = [np.rint((line - low) * scale * 16).astype(np.int32) for line in outlines]
     cv2.fillPoly(drawn, lines, 255, lineType=cv2.LINE_AA, shift=4)
     heights = drawn.astype(np.float32) * np.float32(height / 255)
-    return Relief(f"text {text!r}", heights, _proportions(shape))
+    return Relief(f"text {quoted(text)}", heights, _proportions(shape))
 
 
 def relief_of_mask(mask: np.ndarray, height: float, name: str = "mask") -> Relief:

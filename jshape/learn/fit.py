@@ -5,7 +5,7 @@ from typing import Any
 
 from jshape.camera import Camera, check_same_camera
 from jshape.data.pairs import Examples, Pairs
-from jshape.errors import BadBank, BadDataset, UnknownName
+from jshape.errors import BadBank, BadDataset, UnknownName, quoted
 from jshape.learn import networks
 from jshape.learn.pressed import fit_pressed
 from jshape.learn.settings import Training, settings_from
@@ -108,7 +108,9 @@ def fit(
         raise BadDataset("no pairs to fit a bank to")
     if start is not None:
         if start.kind != kind:
-            raise BadBank(f"the bank to start from is of kind {start.kind!r}; expected {kind!r}")
+            raise BadBank(
+                f"the bank to start from is of kind {quoted(start.kind)}; expected {quoted(kind)}"
+            )
         check_same_camera(start.camera, pairs.camera, "the data set's")
         foreign = [name for name in pairs.actions if name not in start.actions]
         if foreign:

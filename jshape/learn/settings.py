@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape.errors import JShapeError
+from jshape.errors import JShapeError, quoted
 
 MORPHOLOGIES = ("erode", "dilate")
 FREE = ("epochs", "patience", "save_every")
@@ -46,7 +46,9 @@ def settings_from(options: dict[str, Any]) -> Training:
     values = asdict(Training())
     for name in options:
         if name not in values:
-            raise JShapeError(f"unknown option {name!r} of training; allowed: {', '.join(values)}")
+            raise JShapeError(
+                f"unknown option {quoted(name)} of training; allowed: {', '.join(values)}"
+            )
     values |= options
     for least, names in (
         (1, ("epochs", "batch", "save_every", "width")),
@@ -61,20 +63,22 @@ def settings_from(options: dict[str, Any]) -> Training:
         raise JShapeError("learning_rate is 0; expected more")
     if values["morphology"] not in MORPHOLOGIES:
         allowed = ", ".join(MORPHOLOGIES)
-        raise JShapeError(f"morphology is {values['morphology']!r}; allowed: {allowed}")
+        raise JShapeError(f"morphology is {quoted(values['morphology'])}; allowed: {allowed}")
     return Training(**values)
 
 
 def _whole(name: str, value: Any, least: int, most: int = 2**31 - 1) -> int:
     if not isinstance(value, int | np.integer) or isinstance(value, bool):
-        raise JShapeError(f"{name} is {value!r}; expected a whole number from {least}")
+        raise JShapeError(f"{name} is {quoted(value)}; expected a whole number from {least}")
     if not least <= value <= most:
-        raise JShapeError(f"{name} is {value!r}; expected a whole number from {least} to {most}")
+        raise JShapeError(
+            f"{name} is {quoted(value)}; expected a whole number from {least} to {most}"
+        )
     return int(value)
 
 
 def _number(name: str, value: Any, most: float) -> float:
     number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     if not number or not 0 <= value <= most:
-        raise JShapeError(f"{name} is {value!r}; expected a number from 0 to {most:g}")
+        raise JShapeError(f"{name} is {quoted(value)}; expected a number from 0 to {most:g}")
     return float(value)

@@ -12,7 +12,15 @@ from jshape import metric
 from jshape._typing import Array, ArrayLike, Float
 from jshape.actions import first_pixels, fits
 from jshape.camera import STATIC, Camera, check_camera
-from jshape.errors import BadBank, BadCamera, BadImage, BadPosition, JShapeError, UnknownName
+from jshape.errors import (
+    BadBank,
+    BadCamera,
+    BadImage,
+    BadPosition,
+    JShapeError,
+    UnknownName,
+    quoted,
+)
 from jshape.predict.turn import square
 
 
@@ -125,11 +133,12 @@ class Bank:
         check_camera(camera)
         if not float(camera.z_min) < depth < float(camera.z_max):
             raise BadCamera(
-                f"depth {depth!r} is not between z_min {camera.z_min} and z_max {camera.z_max} (m)"
+                f"depth {quoted(depth)} is not between z_min {camera.z_min} and z_max "
+                f"{camera.z_max} (m)"
             )
         if not all(hasattr(predictor, "seen_by") for predictor in self.predictors):
             raise BadBank(
-                f"a bank of kind {self.kind!r} is bound to its camera; one of kind 'P' is not"
+                f"a bank of kind {quoted(self.kind)} is bound to its camera; one of kind 'P' is not"
             )
         seen = tuple(predictor.seen_by(camera, depth) for predictor in self.predictors)
         return replace(self, camera=camera, predictors=seen)
@@ -205,10 +214,10 @@ def _check_positions(camera: Camera, name: str, position: ArrayLike, roi: tuple[
     except ValueError:
         known = np.zeros(0)
     if known.shape[-1:] != (2,) or known.dtype.kind not in "iuf":
-        raise BadPosition(f"{name}: position is {position!r}; expected (..., 2) of u, v")
+        raise BadPosition(f"{name}: position is {quoted(position)}; expected (..., 2) of u, v")
     if not np.isfinite(known).all() or not fits(camera, known.reshape(-1, 2), roi).all():
         raise BadPosition(
-            f"{name}: its {roi[0]}x{roi[1]} ROI at {position!r} leaves the "
+            f"{name}: its {roi[0]}x{roi[1]} ROI at {quoted(position)} leaves the "
             f"{camera.width}x{camera.height} image"
         )
 
@@ -218,4 +227,4 @@ def _check_strength(strength: Any) -> None:
     if known is None:
         return
     if known.dtype.kind not in "iuf" or not np.isfinite(known).all() or (known < 0).any():
-        raise JShapeError(f"strength is {strength!r}; it must be a number from 0")
+        raise JShapeError(f"strength is {quoted(strength)}; it must be a number from 0")

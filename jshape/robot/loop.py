@@ -14,7 +14,7 @@ import numpy as np
 from jshape import metric
 from jshape.camera import Camera, check_same_camera
 from jshape.data.view import image_of_depth
-from jshape.errors import JShapeError
+from jshape.errors import JShapeError, quoted
 from jshape.planning import Plan, check_image, plan
 from jshape.predict.bank import Bank
 from jshape.robot.checks import check_still, touched_by
@@ -169,7 +169,7 @@ def mold(
         if value is None:
             continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-            raise JShapeError(f"{name} is {value!r}; it must be a whole number from 1")
+            raise JShapeError(f"{name} is {quoted(value)}; it must be a whole number from 1")
     options |= {"bank": bank, "planner": planner, "min_gain": min_gain, "tolerance": tolerance}
 
     def look() -> tuple[np.ndarray, np.ndarray]:

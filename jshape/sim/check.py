@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jshape.errors import JShapeError
+from jshape.errors import JShapeError, quoted
 
 
 def known(value: Any) -> np.ndarray | None:
@@ -51,6 +51,4 @@ def brief(value: Any) -> str:
     shape = getattr(value, "shape", ())
     if shape != ():
         return f"an array of shape {shape}"
-    text = repr(value.item() if hasattr(value, "item") else value)
-    text = " ".join(text.split())
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return quoted(value.item() if hasattr(value, "item") else value, 60)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import Camera
-from jshape.errors import BadDataset
+from jshape.errors import BadDataset, quoted
 from jshape.store.cameras import write_camera
 from jshape.store.datasets import CAMERA, COLUMNS, CONTENTS, TABLE, TABLE_LIMIT, Adder
 from jshape.store.files import read_bytes, write_atomic
@@ -114,7 +114,7 @@ def write_boxes(folder: str | os.PathLike, boxes: Mapping[str, tuple[int, int, i
     header, rows = _table(Path(folder))
     unknown = boxes.keys() - {row["id"] for row in rows}
     if unknown:
-        raise BadDataset(f"{folder}: has no pair {sorted(unknown)[0]!r}")
+        raise BadDataset(f"{folder}: has no pair {quoted(sorted(unknown)[0])}")
     table = io.StringIO()
     writer = csv.DictWriter(table, header, lineterminator="\n")
     writer.writeheader()

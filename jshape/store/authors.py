@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jshape.camera import D435_NOMINAL, Camera
-from jshape.errors import BadDataset, BadFile, BadImage, one_line
+from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
 from jshape.store.files import read_bytes
 from jshape.store.formats import FILE_LIMIT, parse_npy, read_array
 from jshape.store.images import to_counts
@@ -160,7 +160,7 @@ def read_annotation(path: str | os.PathLike) -> Annotation:
     for name in ("xmin", "ymin", "xmax", "ymax"):
         number = (root.findtext(f"bbox/{name}") or "").strip()
         if not re.fullmatch(r"-?[0-9]{1,6}", number):
-            raise BadDataset(f"{path}: bbox/{name} is {number!r}; it must be a whole number")
+            raise BadDataset(f"{path}: bbox/{name} is {quoted(number)}; it must be a whole number")
         numbers.append(int(number))
     if numbers[2] <= numbers[0] or numbers[3] <= numbers[1]:
         raise BadDataset(f"{path}: the box {tuple(numbers)} is empty")

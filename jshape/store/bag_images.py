@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape.errors import BadImage
+from jshape.errors import BadImage, quoted
 from jshape.store.formats import PIXEL_LIMIT, read_png
 
 IMAGE = "sensor_msgs/msg/Image"
@@ -44,7 +44,7 @@ def decode(message: Any, where: str) -> np.ndarray:
 def _plain(message: Any, where: str) -> np.ndarray:
     if message.encoding not in ENCODINGS:
         raise BadImage(
-            f"{where}: is {message.encoding[:40]!r}; depth is one of {', '.join(ENCODINGS)}"
+            f"{where}: is {quoted(message.encoding)}; depth is one of {', '.join(ENCODINGS)}"
         )
     dtype = np.dtype(ENCODINGS[message.encoding]).newbyteorder(">" if message.is_bigendian else "<")
     height, width, step = int(message.height), int(message.width), int(message.step)
@@ -65,13 +65,13 @@ def _packed(message: Any, where: str) -> np.ndarray:
     """A PNG after twelve bytes: what it is made with, and two numbers of its quantisation."""
     name = message.format.partition(";")[0].strip()
     if "compressedDepth" not in message.format or name not in ENCODINGS:
-        raise BadImage(f"{where}: is {message.format[:40]!r}; packed depth is compressedDepth")
+        raise BadImage(f"{where}: is {quoted(message.format)}; packed depth is compressedDepth")
     data = np.asarray(message.data, np.uint8).tobytes()
     if len(data) < _HEADER.size:
         raise BadImage(f"{where}: has {len(data)} bytes: the frame is cut off")
     _, a, b = _HEADER.unpack(data[: _HEADER.size])
     if not data[_HEADER.size :].startswith(_PNG):
-        raise BadImage(f"{where}: is {message.format[:40]!r} and holds no PNG; RVL is not read")
+        raise BadImage(f"{where}: is {quoted(message.format)} and holds no PNG; RVL is not read")
     counts = read_png(Path(where), data[_HEADER.size :])
     if counts.dtype != np.uint16:
         raise BadImage(f"{where}: holds a PNG of {counts.dtype}; packed depth has 16 bits")

@@ -16,7 +16,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jshape.errors import BadBank, BadCamera, BadFile, UnknownName
+from jshape.errors import BadBank, BadCamera, BadFile, UnknownName, quoted
 from jshape.predict.bank import Bank
 from jshape.store.arrays import read_arrays
 from jshape.store.cameras import camera_fields, camera_from
@@ -102,7 +102,7 @@ def save_bank(
     others = {name: _bytes(content) for name, content in (extras or {}).items()}
     for name in others:
         if name not in EXTRAS:
-            raise BadBank(f"{where}: extra file {name!r}; allowed: {', '.join(EXTRAS)}")
+            raise BadBank(f"{where}: extra file {quoted(name)}; allowed: {', '.join(EXTRAS)}")
     contents = {EFFECTS: stream.getvalue(), **others}
     checksums = {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
     manifest |= dict(info or {}) | {"checksums": checksums}
@@ -225,13 +225,14 @@ def _bundled_roots() -> tuple[Path, ...]:
 def _check_manifest(manifest: dict[str, Any], where: str) -> None:
     """Everything that the manifest must hold, in the types that the loader counts on."""
     if manifest.get("format") != FORMAT:
-        raise BadBank(f"{where}: format is {manifest.get('format')!r}; expected {FORMAT!r}")
+        raise BadBank(f"{where}: format is {quoted(manifest.get('format'))}; expected {FORMAT!r}")
     version = manifest.get("version")
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        raise BadBank(f"{where}: version is {version!r}; expected a whole number from 1")
+        raise BadBank(f"{where}: version is {quoted(version)}; expected a whole number from 1")
     if version > VERSION:
         raise BadBank(
-            f"{where}: version {version} is newer than this program reads ({VERSION}); update it"
+            f"{where}: version {quoted(version)} is newer than this program reads "
+            f"({VERSION}); update it"
         )
     types = {"kind": str, "actions": list, "rois": dict, "camera": dict, "checksums": dict}
     for name, kind in types.items():
@@ -250,7 +251,7 @@ def _check_manifest(manifest: dict[str, Any], where: str) -> None:
         whole = isinstance(size, list) and [type(x) for x in size] == [int, int]
         if not whole or not (0 < size[0] <= camera.width and 0 < size[1] <= camera.height):
             raise BadBank(
-                f"{where}: ROI of {name} is {size!r}; expected [w, h], at most "
+                f"{where}: ROI of {name} is {quoted(size)}; expected [w, h], at most "
                 f"{camera.width}x{camera.height} pixels"
             )
     if EFFECTS not in manifest["checksums"]:
@@ -265,11 +266,11 @@ def _check_errors(rows: Any, actions: list[str], where: str) -> None:
     names = [row.get("action") for row in rows]
     for name, row in zip(names, rows, strict=True):
         if name not in actions or names.count(name) > 1:
-            raise BadBank(f"{where}: errors has a row of {name!r}; expected each action once")
+            raise BadBank(f"{where}: errors has a row of {quoted(name)}; expected each action once")
         mm = row.get("mm")
         number = isinstance(mm, int | float) and not isinstance(mm, bool)
         if not number or not 0 <= mm <= LARGEST_ERROR_MM:
-            raise BadBank(f"{where}: error of {name} is {mm!r}; expected mm, a number from 0")
+            raise BadBank(f"{where}: error of {name} is {quoted(mm)}; expected mm, a number from 0")
 
 
 def _error_rows(bank: Bank, where: str) -> list[dict[str, Any]]:
@@ -284,7 +285,7 @@ def _error_rows(bank: Bank, where: str) -> list[dict[str, Any]]:
 
 def _kind(name: str, where: str) -> Kind:
     if name not in KINDS:
-        raise BadBank(f"{where}: kind {name!r} is not known; allowed: {', '.join(KINDS)}")
+        raise BadBank(f"{where}: kind {quoted(name)} is not known; allowed: {', '.join(KINDS)}")
     return KINDS[name]
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from jshape import actions
 from jshape.camera import Camera
 from jshape.data.pairs import Pairs
-from jshape.errors import BadDataset, BadFile, BadImage, one_line
+from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
 from jshape.store.cameras import read_camera, write_camera
 from jshape.store.files import inside, read_bytes, write_atomic
 from jshape.store.folders import atomic_folder
@@ -186,15 +186,17 @@ class Adder:
           BadDataset: a name, number or frame that could not be read again.
           BadFile: a frame cannot be written.
         """
-        where = f"{self.where}: pair {id!r}"
+        where = f"{self.where}: pair {quoted(id)}"
         texts = {"id": id, "action": action, "agent": agent, "material": material}
         for column, text in texts.items():
             if not isinstance(text, str) or not text.strip() or _UNPRINTABLE.search(text):
-                raise BadDataset(f"{where}: {column} is {text!r}; it must be a line of text")
+                raise BadDataset(f"{where}: {column} is {quoted(text)}; it must be a line of text")
         numbers = {"u": u, "v": v, "width": width, "height": height}
         for column, number in numbers.items():
             if isinstance(number, bool) or not isinstance(number, int | np.integer):
-                raise BadDataset(f"{where}: {column} is {number!r}; it must be a whole number")
+                raise BadDataset(
+                    f"{where}: {column} is {quoted(number)}; it must be a whole number"
+                )
         _check_strength(strength, repr(strength), where)
         if id in self.ids:
             raise BadDataset(f"{where}: the id is there twice")
@@ -275,7 +277,7 @@ def _read_table(path: Path, camera: Camera) -> list[_Row]:
             row = _parse_row(dict(zip(header, cells, strict=True)), where, camera)
             name = row.texts["id"]
             if name in seen:
-                raise BadDataset(f"{where}: id {name!r} is already on line {seen[name]}")
+                raise BadDataset(f"{where}: id {quoted(name)} is already on line {seen[name]}")
             seen[name] = lines.line_num
             rows.append(row)
     except BadFile as problem:
@@ -295,12 +297,14 @@ def _parse_row(cells: dict[str, str], where: str, camera: Camera) -> _Row:
         if not texts[column]:
             raise BadDataset(f"{where}: {column} is empty")
         if _UNPRINTABLE.search(texts[column]):
-            raise BadDataset(f"{where}: {column} is {texts[column]!r}; it must be a line of text")
+            raise BadDataset(
+                f"{where}: {column} is {quoted(texts[column])}; it must be a line of text"
+            )
     numbers = []
     for column in _NUMBERS:
         if not _WHOLE.fullmatch(texts[column]):
             raise BadDataset(
-                f"{where}: {column} is {texts[column]!r}; it must be a whole number of pixels"
+                f"{where}: {column} is {quoted(texts[column])}; it must be a whole number of pixels"
             )
         numbers.append(int(texts[column]))
     u, v, width, height = numbers

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from jshape.errors import BadFile, one_line
+from jshape.errors import BadFile, one_line, quoted
 
 JSON_LIMIT = 64 * 2**20
 """Default largest JSON file that is read, bytes."""
@@ -57,7 +57,7 @@ def check_writable(folder: str | os.PathLike) -> Path:
     """
     folder = Path(folder)
     if "\0" in str(folder):
-        raise BadFile(f"{str(folder)!r}: is not a folder name")
+        raise BadFile(f"{quoted(str(folder))}: is not a folder name")
     try:
         nearest = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))
         if not nearest.is_dir():
@@ -177,20 +177,22 @@ def inside(folder: str | os.PathLike, relative: Any) -> Path:
     """
     folder = Path(folder)
     if not isinstance(relative, str) or not relative.strip() or "\0" in relative:
-        raise BadFile(f"{folder}: {relative!r} is not a file name")
+        raise BadFile(f"{folder}: {quoted(relative)} is not a file name")
     parts = PurePosixPath(relative).parts
     windows = PureWindowsPath(relative)
     if relative.startswith("/") or windows.drive or windows.root or "\\" in relative:
         raise BadFile(
-            f"{folder}: path {relative!r} is not allowed; it must be relative to the folder, "
+            f"{folder}: path {quoted(relative)} is not allowed; it must be relative to the folder, "
             "with / between names"
         )
     if ".." in parts:
-        raise BadFile(f"{folder}: path {relative!r} is not allowed; it must not contain '..'")
+        raise BadFile(f"{folder}: path {quoted(relative)} is not allowed; it must not contain '..'")
     path = folder / relative
     try:
         if not path.resolve().is_relative_to(folder.resolve()):
-            raise BadFile(f"{folder}: path {relative!r} is not allowed; it leads out of the folder")
+            raise BadFile(
+                f"{folder}: path {quoted(relative)} is not allowed; it leads out of the folder"
+            )
     except (OSError, RuntimeError) as problem:
         refuse(path, "cannot be resolved", problem)
     return path
@@ -252,7 +254,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) != len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"{twice!r} is there twice")
+        raise ValueError(f"{quoted(twice)} is there twice")
     return found
 
 
@@ -263,7 +265,7 @@ def _no_constant(name: str) -> NoReturn:
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"{text} is too large for a number")
+        raise ValueError(f"{one_line(text, 80)} is too large for a number")
     return value
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape.errors import BadImage, one_line
+from jshape.errors import BadImage, one_line, quoted
 from jshape.store.files import read_bytes
 
 FILE_LIMIT = 512 * 2**20
@@ -200,7 +200,9 @@ def _exr_of_one_channel(path: Path, data: bytes) -> bytes:
             "a depth image has one"
         )
     if len(channels[0]) != 1:
-        raise BadImage(f"{path}: the EXR's channel is called {channels[0]!r}; rename it Z or Y")
+        raise BadImage(
+            f"{path}: the EXR's channel is called {quoted(channels[0])}; rename it Z or Y"
+        )
     return data[:first] + b"Y" + data[first + 1 :]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from jshape._typing import Float
-from jshape.errors import BadFile, one_line
+from jshape.errors import BadFile, one_line, quoted
 
 _TYPES = {
     ("F", "4"): "<f4", ("F", "8"): "<f8",
@@ -46,7 +46,7 @@ def parse_pcd(path: Path, data: bytes) -> Float[np.ndarray, "P 3"]:
         return _ascii(path, data[start:], names, dtype, count)
     if kind == "binary_compressed":
         raise BadFile(f"{path}: compressed PCD is not read; save it as DATA binary or ascii")
-    raise BadFile(f"{path}: DATA of the PCD is {kind!r}; allowed: ascii, binary")
+    raise BadFile(f"{path}: DATA of the PCD is {quoted(kind)}; allowed: ascii, binary")
 
 
 def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], int]:

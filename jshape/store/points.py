@@ -14,7 +14,7 @@ import numpy as np
 
 from jshape._typing import Float, Int
 from jshape.camera import Camera
-from jshape.errors import BadFile, BadImage, one_line
+from jshape.errors import BadFile, BadImage, one_line, quoted
 from jshape.store.cameras import DEPTH_UNIT
 from jshape.store.files import read_bytes
 from jshape.store.images import read_depth
@@ -159,7 +159,7 @@ def read_mesh(
     suffix = path.suffix.lower()
     if suffix not in allowed:
         kinds = f"{', '.join(allowed[:-1])} or {allowed[-1]}"
-        raise BadFile(f"{path}: point clouds are {kinds}, not {suffix or 'this'!r}")
+        raise BadFile(f"{path}: point clouds are {kinds}, not {quoted(suffix or 'this')}")
     data = read_bytes(path, limit=FILE_LIMIT)
     points, faces = (
         (parse_pcd(path, data), None) if suffix == ".pcd" else _parse(path, data, suffix[1:])

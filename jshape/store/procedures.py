@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from jshape.errors import BadFile, one_line
+from jshape.errors import BadFile, one_line, quoted
 from jshape.robot.procedure import IN_THE_AIR, NAMES, Hand, Limits, Operation, Procedure
 from jshape.store.files import read_bytes
 
@@ -36,7 +36,7 @@ class _Strict(yaml.SafeLoader):
         twice = [key for k, key in enumerate(keys) if key in keys[:k]]
         if twice:
             raise yaml.constructor.ConstructorError(
-                None, None, f"{twice[0]!r} is given twice", node.start_mark
+                None, None, f"{quoted(twice[0])} is given twice", node.start_mark
             )
         return super().construct_mapping(node, deep)
 
@@ -65,7 +65,7 @@ def load_hand(folder: str | os.PathLike | None = None) -> Hand:
     names = [procedure.action for procedure in found]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise BadFile(f"{folder}: two files for the action {twice[0]}")
+        raise BadFile(f"{folder}: two files for the action {one_line(twice[0], 80)}")
     return Hand(dict(zip(names, found, strict=True)), limits)
 
 
@@ -80,13 +80,16 @@ def read_procedure(path: str | os.PathLike) -> Procedure:
     content = _mapping(_parsed(path), ("action", "tool_mm", "operations"), str(path))
     action = content.get("action")
     if not isinstance(action, str) or not action:
-        raise BadFile(f"{path}: action is {action!r}; expected a name")
+        raise BadFile(f"{path}: action is {quoted(action)}; expected a name")
     several = content.get("operations")
     names = [one.get("name") for one in several if isinstance(one, dict)] if (
         isinstance(several, list)
     ) else None  # fmt: skip
     if names != list(NAMES):
-        raise BadFile(f"{path}: operations are {names}; expected {', '.join(NAMES)}, in this order")
+        raise BadFile(
+            f"{path}: operations are {quoted(names, 200)}; expected {', '.join(NAMES)}, "
+            "in this order"
+        )
     made = [_operation(one, f"{path}: {one['name']}") for one in several or ()]
     tool = _three(content.get("tool_mm", [0, 0, 0]), f"{path}: tool_mm")
     return Procedure(action, tuple(made), tool)
@@ -98,12 +101,12 @@ def _operation(content: dict[str, Any], where: str) -> Operation:
     for name, value in content.items():
         if name in ("name", "posture"):
             if not isinstance(value, str):
-                raise BadFile(f"{where}: {name} is {value!r}; expected a name")
+                raise BadFile(f"{where}: {name} is {quoted(value)}; expected a name")
             read[name] = value
             continue
         read[name] = _number(value, f"{where}: {name}")
         if read[name] <= 0 and name != "height_mm":
-            raise BadFile(f"{where}: {name} is {value!r}; expected a number above 0")
+            raise BadFile(f"{where}: {name} is {quoted(value)}; expected a number above 0")
     for name, most in MOST.items():
         if abs(read.get(name, 0.0)) > most:
             raise BadFile(f"{where}: {name} is {read[name]:g}; at most {most:g}")
@@ -146,20 +149,20 @@ def _mapping(content: Any, allowed: Any, where: str) -> Mapping[str, Any]:
         raise BadFile(f"{where}: holds a {type(content).__name__}; expected {', '.join(allowed)}")
     unknown = [str(name) for name in content if name not in allowed]
     if unknown:
-        raise BadFile(f"{where}: unknown {unknown[0]!r}; allowed: {', '.join(allowed)}")
+        raise BadFile(f"{where}: unknown {quoted(unknown[0])}; allowed: {', '.join(allowed)}")
     return content
 
 
 def _number(value: Any, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e6:
-        raise BadFile(f"{where} is {value!r}; expected a number")
+        raise BadFile(f"{where} is {quoted(value)}; expected a number")
     return float(value)
 
 
 def _three(value: Any, where: str) -> tuple[float, float, float]:
     if not isinstance(value, list) or len(value) != 3:
-        raise BadFile(f"{where} is {value!r}; expected three numbers")
+        raise BadFile(f"{where} is {quoted(value)}; expected three numbers")
     x, y, z = (_number(one, where) for one in value)
     if max(abs(x), abs(y), abs(z)) > REACH_MM:
-        raise BadFile(f"{where} is {value!r}; at most {REACH_MM:g} mm")
+        raise BadFile(f"{where} is {quoted(value)}; at most {REACH_MM:g} mm")
     return x, y, z

@@ -18,7 +18,7 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.depth import wrong_shape
-from jshape.errors import BadDataset, BadFile, BadImage, one_line
+from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
 from jshape.store.cameras import read_camera, write_camera
 from jshape.store.files import read_bytes, write_atomic, write_json
 from jshape.store.folders import atomic_folder
@@ -221,7 +221,7 @@ def read_labels(
     allowed = {*needed, *Label._fields}
     if not set(needed) <= set(header) <= allowed or len(set(header)) < len(header):
         raise BadDataset(
-            f"{path}: the header is {one_line(','.join(header), 80)!r}; expected "
+            f"{path}: the header is {quoted(','.join(header))}; expected "
             f"{','.join(needed)}, and if need be agent and material"
         )
     labels: dict[str, Label] = {}
@@ -238,7 +238,7 @@ def read_labels(
             raise BadDataset(f"{where}: has no {lacking[0]}{hint}")
         name = str(row["name"]) if named else str(len(labels) + 1)
         if name in labels:
-            raise BadDataset(f"{where}: {name!r} is there twice")
+            raise BadDataset(f"{where}: {quoted(name)} is there twice")
         labels[name] = Label(*(str(row[field]) for field in Label._fields))
     if not labels:
         raise BadDataset(f"{path}: has no rows, so there are no labels")

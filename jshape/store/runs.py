@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jshape._typing import Float
-from jshape.errors import BadFile
+from jshape.errors import BadFile, quoted
 from jshape.store.cameras import check_depth_unit
 from jshape.store.files import (
     inside,
@@ -110,10 +110,14 @@ class Run:
         content = read_json(folder / DESCRIPTION)
         where = str(folder / DESCRIPTION)
         if content.get("format") != FORMAT:
-            raise BadFile(f"{where}: format is {content.get('format')!r}; expected {FORMAT!r}")
+            raise BadFile(
+                f"{where}: format is {quoted(content.get('format'))}; expected {FORMAT!r}"
+            )
         version = content.get("version")
         if type(version) is not int or version < 1 or version > VERSION:
-            raise BadFile(f"{where}: version is {version!r}; this program reads up to {VERSION}")
+            raise BadFile(
+                f"{where}: version is {quoted(version)}; this program reads up to {VERSION}"
+            )
         meta = content.get("meta")
         if not isinstance(meta, dict):
             raise BadFile(f"{where}: meta is a {type(meta).__name__}; expected an object")

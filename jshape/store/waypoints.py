@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from jshape.errors import BadFile
+from jshape.errors import BadFile, quoted
 from jshape.robot.rigid import quaternion_of
 from jshape.robot.waypoints import ActionPath, Waypoint, Waypoints
 from jshape.store.files import write_atomic, write_json
@@ -65,7 +65,7 @@ def check_ending(path: str | os.PathLike) -> Path:
     """
     path = Path(path)
     if path.suffix.lower() not in ENDINGS:
-        raise BadFile(f"{path}: ends in {path.suffix!r}; allowed: {', '.join(ENDINGS)}")
+        raise BadFile(f"{path}: ends in {quoted(path.suffix)}; allowed: {', '.join(ENDINGS)}")
     return path
 
 

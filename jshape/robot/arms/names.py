@@ -12,7 +12,7 @@ import numpy as np
 
 from jshape import sim
 from jshape.camera import Camera
-from jshape.errors import JShapeError, did_you_mean
+from jshape.errors import JShapeError, did_you_mean, quoted
 from jshape.robot.arms.base import Arm
 from jshape.robot.arms.dry_run import DryRun
 from jshape.robot.arms.simulated import SimulatedArm
@@ -67,7 +67,9 @@ def open_arm(
     name = text.partition(":")[0]
     if name not in KINDS:
         allowed = ", ".join(kind.example for kind in KINDS.values())
-        raise JShapeError(f"{text!r} is not an arm; allowed: {allowed}{did_you_mean(name, KINDS)}")
+        raise JShapeError(
+            f"{quoted(text)} is not an arm; allowed: {allowed}{did_you_mean(name, KINDS)}"
+        )
     return KINDS[name].open(seed_of(text), material, camera, say)
 
 

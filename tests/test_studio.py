@@ -12,9 +12,12 @@ import jshape
 from jshape.data.simulate import simulate_pairs, together
 from jshape.data.view import image_of_depth
 from jshape.errors import BadBank, BadDataset, BadFile, JShapeError
+from jshape.robot.arms.base import ArmError
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import levelled_world
+from jshape.robot.robot import Robot
 from jshape.store import annotations, datasets
+from jshape.store.procedures import load_hand
 from jshape.studio import pictures
 from jshape.studio.annotation import Annotation
 from jshape.studio.desk import Desk
@@ -236,7 +239,8 @@ class Slow(SimulatedArm):
 
 def test_stop_ends_the_action_and_nothing_more_is_commanded(planned, tmp_path):
     robot = simulated_robot(planned.depth_of(planned.bed), planned.bank, "flour")
-    robot.arm = arm = Slow(robot.arm)
+    arm = Slow(robot.arm)
+    robot = Robot(robot.eye, arm, load_hand(), planned.bank.camera)
     bed = arm.world.bed
     molder = Molder(
         robot, planned.bank, planned.goal, tmp_path / "run", meta={"bank": planned.bank_name},
@@ -247,13 +251,24 @@ def test_stop_ends_the_action_and_nothing_more_is_commanded(planned, tmp_path):
     molder.answer(True)
     assert arm.moving.wait(60)
     told = len(arm.told)
-    assert molder.stop() is None
+    began = time.monotonic()
+    molder.stop()
+    assert time.monotonic() - began < 0.05  # the motion takes 0.2 s
     molder.wait(60.0)
     assert not molder.running and len(arm.told) == told and arm.world.bed is bed
     assert molder.state is State.FAILED and "stopped by a person" in molder.why
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["state"] == "aborted"
-    assert robot.arm is arm  # and the next run may move it again
+    with pytest.raises(ArmError, match="stopped by a person"):
+        robot.home()
+    molder.stop()  # the run has ended: the arm is told all the same
+    again = Molder(
+        robot, planned.bank, planned.goal, tmp_path / "again", meta={"bank": planned.bank_name},
+        plan=planned.plan,
+    )  # fmt: skip
+    wait_for(again, State.ASKING)  # the next run moves it again
+    again.stop()
+    again.wait(60.0)
 
 
 def test_stop_answers_a_question_and_says_what_went_wrong_with_it(planned, tmp_path):
@@ -269,10 +284,12 @@ def test_stop_answers_a_question_and_says_what_went_wrong_with_it(planned, tmp_p
     wait_for(molder, State.ASKING)
     assert "goes home" in molder.question and molder.ahead is None
     assert not (tmp_path / "run" / "log.jsonl").is_file()  # nothing has begun
-    robot.arm.arm.stop = broken
-    assert "did not stop: OSError: no answer" in molder.stop()
+    robot.arm.stop = broken
+    molder.stop()
     molder.wait(60.0)
     assert molder.state is State.FAILED
+    assert molder.why.startswith("simulated arm: stopped by a person; simulated arm: did not stop")
+    assert "OSError: no answer" in molder.trouble
 
 
 def test_a_desk_is_locked_while_a_run_goes_on(planned):
@@ -305,7 +322,7 @@ def test_a_run_that_breaks_says_why(planned, tmp_path):
         robot, planned.bank, planned.goal, tmp_path / "run", meta={"bank": "flour-robot"}
     )
     molder.wait(60.0)
-    assert molder.state is State.FAILED and molder.why == "RuntimeError: the driver is gone"
+    assert molder.state is State.FAILED and "home: RuntimeError: the driver is gone" in molder.why
 
 
 @pytest.fixture

@@ -10,14 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from jshape.closing import SIGNALS, uninterrupted
 from jshape.commands import arguments, cameras
-from jshape.errors import JShapeError
+from jshape.errors import JShapeError, one_line
 from jshape.planned import Plan
 from jshape.predict.bank import Bank
 from jshape.robot.arms.base import stop_arm
+from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.arms.names import KINDS as ARMS
 from jshape.robot.arms.names import open_arm
 from jshape.robot.cameras.base import DepthCamera
+from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.loop import Molding
 from jshape.robot.robot import Robot
 from jshape.robot.session import CONTENTS, Session
@@ -25,11 +28,6 @@ from jshape.store import folders, runs
 from jshape.store.poses import read_base_camera
 from jshape.store.procedures import load_hand
 from jshape.viz import pictures
-
-SIGNALS = [
-    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
-]
-"""What ends a program as Ctrl-C does; a closed terminal sends SIGHUP."""
 
 
 @contextmanager
@@ -51,29 +49,31 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
             stack.callback(signal.signal, number, signal.signal(number, _interrupt))
         eye = _eye(options)
         if eye is not None:
-            stack.callback(eye.close)
+            eye = GuardedCamera(eye)
+            stack.callback(_let_go, eye)
         opened = open_arm(options.arm, bank.camera, material=options.material, say=say)
-        stack.callback(opened.arm.close)
-        stack.callback(stop_arm, opened.arm)
+        arm = GuardedArm(opened.arm)
+        stack.callback(_let_go, arm)
+        stack.callback(stop_arm, arm)
         if eye is None:
-            eye = opened.eye
+            if opened.eye is None:
+                raise JShapeError(f"the arm {options.arm} brings no camera; name one with --camera")
+            eye = GuardedCamera(opened.eye)
+            stack.callback(_let_go, eye)
             base_camera = opened.base_camera if base_camera is None else base_camera
-        if eye is None:
-            raise JShapeError(f"the arm {options.arm} brings no camera; name one with --camera")
-        stack.callback(eye.close)
         if base_camera is None and opened.moves:
             raise JShapeError(
                 f"nothing says where {eye.name} is in the frame of {opened.arm.name}; --base takes "
                 "what `jshape calibrate` wrote"
             )
         robot = Robot(
-            eye, opened.arm, hand, bank.camera, base_camera=base_camera, frames=options.frames,
+            eye, arm, hand, bank.camera, base_camera=base_camera, frames=options.frames,
             reproject=options.reproject,
         )  # fmt: skip
         try:
             yield robot
         except BaseException as problem:
-            broken = stop_arm(robot.arm)
+            broken = stop_arm(arm)
             if robot.moved:
                 _offer_home(robot, options, problem, broken)
             raise
@@ -93,6 +93,15 @@ def _eye(options: argparse.Namespace) -> DepthCamera | None:
                 f"--{name.replace('_', '-')} goes with --camera; the arm's own camera takes none"
             )
     return None
+
+
+def _let_go(device: GuardedArm | GuardedCamera) -> None:
+    """Close it; what goes wrong with that is said, and hides nothing that was raised before."""
+    with uninterrupted():
+        try:
+            device.close()
+        except JShapeError as problem:
+            print(one_line(problem), file=sys.stderr)
 
 
 def _interrupt(number: int, frame: Any) -> None:
@@ -116,7 +125,7 @@ def _offer_home(
         if _asked("go home? [y/N] ") in YES:
             robot.home()
     except (JShapeError, KeyboardInterrupt) as more:
-        stop_arm(robot.arm)
+        stop_arm(robot.guard)
         print(f"not at home: {str(more) or 'interrupted'}", file=sys.stderr)
 
 

@@ -212,9 +212,6 @@ def perform(
             done = Done(operation.name, contact, effort, (at[0].item(), at[1].item(), at[2].item()))
             all_done.append(done)
             told(done)
-    except OSError as problem:  # a driver's connection
-        stop_arm(arm)
-        raise ArmError(f"{arm.name}: {type(problem).__name__}: {problem}") from problem
     except BaseException:
         stop_arm(arm)
         raise
@@ -266,7 +263,7 @@ def _one(
     """Whether the effort ended an operation, and the greatest effort."""
 
     def judged(moved: Moved) -> tuple[bool, float]:
-        if not moved.effort <= limits.effort_nm:  # NaN too
+        if not 0 <= moved.effort <= limits.effort_nm:  # NaN too
             raise EffortLimit(
                 f"{where}: effort {moved.effort:.0f} Nm; the hard limit is {limits.effort_nm:g}"
             )

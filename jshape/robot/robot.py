@@ -11,7 +11,9 @@ from jshape.data.missing import fill_missing
 from jshape.data.view import View, view_of
 from jshape.errors import JShapeError
 from jshape.robot.arms.base import Arm, stop_arm
+from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import FRAMES, DepthCamera, look
+from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.checks import check_clear
 from jshape.robot.procedure import Done, Hand, perform, prepare
 from jshape.robot.surface import surface_point
@@ -22,8 +24,8 @@ class Robot(Closing):
 
     def __init__(
         self,
-        eye: DepthCamera,
-        arm: Arm,
+        eye: DepthCamera | GuardedCamera,
+        arm: Arm | GuardedArm,
         hand: Hand,
         camera: Camera,
         *,
@@ -36,7 +38,7 @@ class Robot(Closing):
         """A robot whose looks are those of a bank's camera.
 
         Args:
-          eye: takes the frames.
+          eye: takes the frames; behind deadlines from now on, like the arm.
           arm: acts.
           hand: the procedures of its actions, and its limits.
           camera: the bank's.
@@ -47,8 +49,11 @@ class Robot(Closing):
           looked: called with each look (H, W), metres.
         """
         self.camera = camera
-        self.eye = eye
-        self.arm = arm
+        self._sight = eye if isinstance(eye, GuardedCamera) else GuardedCamera(eye)
+        self.eye = self._sight.inside
+        """The camera, for what it says of itself."""
+        self.guard = arm if isinstance(arm, GuardedArm) else GuardedArm(arm)
+        """The way to the arm: every call goes through it, STOP too."""
         self._hand = hand
         self._base_camera = np.eye(4) if base_camera is None else np.asarray(base_camera)
         self.moved = False
@@ -63,6 +68,11 @@ class Robot(Closing):
         self._seen: np.ndarray | None = None  # (H, W) the last look
         self._whole: np.ndarray | None = None  # the same without gaps, once it was asked for
 
+    @property
+    def arm(self) -> Arm:
+        """The arm itself; commands go through `guard`."""
+        return self.guard.arm
+
     def look(self) -> Float[np.ndarray, "H W"]:
         """Depth in metres as the bank's camera sees it; NaN or 0 = no reading.
 
@@ -71,7 +81,7 @@ class Robot(Closing):
           BadCamera: the camera is not the bank's.
           Occluded: something is in front of the bed.
         """
-        depth = look(self.eye, self._frames)
+        depth = look(self._sight, self._frames)
         if self._view is None:
             self._view = view_of(self.eye.camera, self.camera, depth, reproject=self._reproject)
         seen = self._view.depth(depth, self.eye.name)
@@ -95,7 +105,7 @@ class Robot(Closing):
         """
         self.moved = True
         perform(
-            self.arm, self._hand, action, self.point(position), self._base_camera,
+            self.guard, self._hand, action, self.point(position), self._base_camera,
             strength=strength, yaw=yaw, told=self.told,
         )  # fmt: skip
 
@@ -120,7 +130,7 @@ class Robot(Closing):
     ) -> None:
         """Whether it could carry an action out; nothing moves.  Raises as `act`."""
         prepare(
-            self.arm, self._hand, action, self.point(position), self._base_camera, strength, yaw
+            self.guard, self._hand, action, self.point(position), self._base_camera, strength, yaw
         )
 
     def home(self) -> None:
@@ -130,14 +140,14 @@ class Robot(Closing):
           ArmError: it did not.
         """
         limits = self._hand.limits
-        self.arm.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
+        self.guard.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
         self.moved = True
-        self.arm.home()
+        self.guard.home()
 
     def close(self) -> None:
         """Stop the arm, let go of both."""
         try:
-            stop_arm(self.arm)
-            self.arm.close()
+            stop_arm(self.guard)
+            self.guard.close()
         finally:
-            self.eye.close()
+            self._sight.close()

@@ -200,9 +200,9 @@ class Session:
                 watch=True, confirm=ask, on_step=report, **options,
             )  # fmt: skip
         except BaseException as problem:
-            self._aborted(problem, stop_arm(robot.arm))
+            self._aborted(problem, stop_arm(robot.guard))
             raise
-        stop_arm(robot.arm)
+        stop_arm(robot.guard)
         return self._finish(result, draw)
 
     def _same_plan(self, plan: Plan) -> None:

@@ -15,11 +15,10 @@ from jshape.commands.arguments import STRENGTHS, STRIDE
 from jshape.commands.robot import draw
 from jshape.data.simulate import bed_of_depth
 from jshape.data.view import image_of_depth
-from jshape.errors import JShapeError
+from jshape.errors import JShapeError, one_line
 from jshape.planned import Plan
 from jshape.predict.bank import Bank
-from jshape.robot.arms.base import ArmError
-from jshape.robot.arms.interruptible import Interruptible
+from jshape.robot.arms.base import ArmError, stop_arm
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.loop import HEAD
@@ -108,7 +107,8 @@ class Molder:
         self.why = ""
         """How it ended."""
         self._robot, self._bank, self._plan = robot, bank, plan
-        self._arm = Interruptible(robot.arm)
+        self._arm = robot.guard
+        self._arm.allow()
         self._max_steps = max_steps if plan is None else max(len(plan), 1)
         self._ask_first = ask_first
         self._answers = threading.Condition()
@@ -136,13 +136,22 @@ class Molder:
                 self._answer = act
                 self._answers.notify_all()
 
-    def stop(self) -> str | None:
-        """Stop the arm at once, and end the run; what went wrong with that, in one line."""
-        problem = self._arm.interrupt()
+    def stop(self) -> None:
+        """Stop the arm at once, and end the run.
+
+        From any thread, as often as one likes, before, during, between and after motions and the
+        run itself.  Returns within milliseconds, whatever the arm does; `trouble` says later what
+        went wrong.
+        """
+        self._arm.interrupt()
         with self._answers:
             self._stopped = True
             self._answers.notify_all()
-        return problem
+
+    @property
+    def trouble(self) -> str | None:
+        """What went wrong with stopping the arm, in one line; None: nothing so far."""
+        return self._arm.trouble
 
     def wait(self, seconds: float | None = None) -> None:
         """Until it ends."""
@@ -183,7 +192,6 @@ class Molder:
         if self._plan is None:
             per_mm = 1.0 / float(metric.to_mm(1.0, self._bank.camera))
             how = {"stride": STRIDE, "strengths": STRENGTHS, "min_gain": MIN_GAIN_MM * per_mm}
-        whole, self._robot.arm = self._robot.arm, self._arm
         try:
             home = "the arm goes home, out of the camera's view, and looks. Go?"
             if self._ask_first and not self._ask(home, None):
@@ -193,11 +201,11 @@ class Molder:
                 self._robot, self._bank, plan=self._plan, max_steps=self._max_steps,
                 confirm=self._ask_about, draw=draw(self._bank.rois), **how,
             )  # fmt: skip
-        except Exception as problem:  # a driver may raise anything; nobody else would hear of it
-            self.why, self.state = " ".join(str(problem).split()), State.FAILED
+        except Exception as problem:  # nobody else would hear of it
+            why = one_line(problem, 1000)
             if not isinstance(problem, JShapeError):
-                self.why = f"{type(problem).__name__}: {self.why}"
+                why = f"{type(problem).__name__}: {why}"
+            broken = stop_arm(self._arm)
+            self.why, self.state = why if broken is None else f"{why}; {broken}", State.FAILED
         else:
             self.why, self.state = summary["why"], State.FINISHED
-        finally:
-            self._robot.arm = whole

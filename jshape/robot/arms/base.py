@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from jshape._typing import Float
+from jshape.closing import uninterrupted
 from jshape.errors import JShapeError
 
 POSTURES = ("claw", "closed", "fist", "side", "point", "pinch_open", "pinch_closed")
@@ -29,13 +30,17 @@ class EffortLimit(ArmError):
     """A contact effort above the hard limit: the arm is stopped at once."""
 
 
+class ArmLost(ArmError):
+    """An arm that does not answer: a call is overdue."""
+
+
 class Moved(NamedTuple):
     """How a motion ended."""
 
     contact: bool
     """The effort rose above the threshold, which ended the motion before its end."""
     effort: float
-    """The greatest contact effort on the way, Nm."""
+    """The greatest contact effort on the way, Nm: a magnitude, finite, from 0."""
     pose: Float[np.ndarray, "4 4"]
     """Of the tool, where it ended."""
 
@@ -54,7 +59,11 @@ class Doing(NamedTuple):
 
 @runtime_checkable
 class Arm(Protocol):
-    """An arm with a hand.  Whatever raises leaves it at rest."""
+    """An arm with a hand.  Whatever raises leaves it at rest.
+
+    All calls but `stop` come from one thread, one after the other; `GuardedArm` says how long each
+    may take.  A simulation may have a `slowness`: it is given so many times as long.
+    """
 
     name: str
     """What people call it."""
@@ -142,8 +151,10 @@ class Arm(Protocol):
     def stop(self) -> None:
         """Stand still at once.  Always possible, never raises, and always the last call.
 
-        It may come from another thread while a motion is under way, which then ends and raises
-        `ArmError`.
+        It comes from another thread, at any time and as often as somebody likes.  A motion that is
+        under way then ends and raises `ArmError`.  Where a driver lets only one thread speak to the
+        controller, `move` asks a flag that this sets, or this has a connection of its own: an arm
+        that `stop` reaches only when its motion has ended cannot be stopped.
         """
         ...
 
@@ -153,9 +164,15 @@ class Arm(Protocol):
 
 
 def stop_arm(arm: Arm) -> str | None:
-    """Stop an arm whatever it does about it; what went wrong with that, in one line."""
+    """Stop an arm whatever it does about it; what went wrong with that, in one line.
+
+    A second Ctrl-C does not cut it short.
+    """
     try:
-        arm.stop()
+        with uninterrupted():
+            arm.stop()
+    except ArmError as problem:  # one that was waited for, and says so itself
+        return str(problem)
     except Exception as problem:  # a broken driver: there is nothing left but to say so
         return f"{arm.name}: did not stop: {type(problem).__name__}: {problem}"
     return None

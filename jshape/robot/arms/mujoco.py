@@ -62,6 +62,8 @@ class MuJoCoArm:
     """Moves the twin's arm and hand; implements `Arm`."""
 
     name = "KUKA LBR iiwa 14 with a five-finger hand (MuJoCo)"
+    slowness = 30.0
+    """The physics is compiled first, and then slower than the clock."""
 
     def __init__(
         self,

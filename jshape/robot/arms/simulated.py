@@ -28,6 +28,8 @@ class SimulatedArm:
     """
 
     name = "simulated arm"
+    slowness = 10.0
+    """Over a bed that is compiled first."""
 
     def __init__(self, world: SimulatedWorld, *, obstacle_mm: float | None = None):
         """An arm over a world's bed.

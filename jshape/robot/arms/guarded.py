@@ -1,0 +1,320 @@
+"""The one way to an arm: nobody waits for it for ever, and what it says is checked.
+
+Every call is made on the arm's own thread and has a deadline.  A call that is overdue, Ctrl-C and
+STOP make the caller go on at once, and the arm is told to stop from another thread.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from jshape._typing import Float
+from jshape.closing import uninterrupted
+from jshape.errors import JShapeError, one_line, quoted
+from jshape.robot.arms.base import Arm, ArmError, ArmLost, Doing, EffortLimit, Moved
+from jshape.robot.rigid import check_rigid
+from jshape.robot.worker import Call, Worker
+
+FLOOR = 20.0
+"""Seconds that every call is given: a controller that releases its brakes, reconnects or solves the
+inverse kinematics of a line takes some, and a person notices a robot that stands for longer."""
+SLACK = 4.0
+"""A motion is given so many times its way over its speed, besides.  The smoothest one takes 1.875
+times that (least jerk), and people run controllers at half speed."""
+HOMING = 4.0
+"""Metres that the way home is taken for: up, and over the reach of a large arm."""
+STOPPING = 2.0
+"""Seconds that anybody waits for an arm's `stop`: stop category 1 (IEC 60204-1) takes below one."""
+AGAIN = 0.25
+"""Seconds after which `stop` is repeated while a command that nobody waits for is under way: it may
+have reached the arm after `stop` did."""
+CLOSING = 5.0
+"""Seconds that anybody waits for an arm's `close`."""
+STUCK = 0.02
+"""Metres that the tool was to go, from which on a pose that stays the same is not its."""
+ASTRAY = 0.25
+"""Metres that the tool may be farther from where it was to go than where it set out."""
+
+T = TypeVar("T")
+
+
+class GuardedArm:
+    """An arm behind deadlines and checks; implements `Arm`."""
+
+    def __init__(self, arm: Arm, *, floor: float = FLOOR, stopping: float = STOPPING):
+        """Guard an arm: all calls but `stop` come from one thread, one after the other.
+
+        An arm that has a `slowness` is given so many times as long: simulations compile, and are
+        slower than the clock.
+
+        Args:
+          arm: nobody else may call it.
+          floor: seconds that every call is given.
+          stopping: seconds that anybody waits for its `stop`.
+
+        Raises:
+          ArmError: it lacks a method.
+        """
+        missing = [name for name in _METHODS if not callable(getattr(arm, name, None))]
+        if missing:
+            raise ArmError(f"{type(arm).__name__}: an arm has {', '.join(missing)}; this has none")
+        self.arm = arm
+        self.name = one_line(getattr(arm, "name", type(arm).__name__))
+        self._floor, self._wait = floor, stopping
+        self._slowness = float(getattr(arm, "slowness", 1.0))
+        self._worker = Worker(self.name)
+        self._lock = threading.Lock()
+        self._call: Call | None = None  # the last command
+        self._stop: Call | None = None  # the last `stop`
+        self._stopper: threading.Thread | None = None
+        self._stopped_at = 0.0
+        self._interrupted = False
+        self._fastest = 0.25  # m/s, until `limit` says
+        self._at: np.ndarray | None = None  # (3,) of the tool, as it said last
+
+    def interrupt(self) -> None:
+        """STOP: the arm is told to stop, and every command is refused until `allow`.
+
+        From any thread, as often as one likes, before, during, between and after motions.  Returns
+        within milliseconds, whatever the arm does: `trouble` says later what went wrong.
+        """
+        with self._lock:
+            self._interrupted = True
+            call = self._call
+        self._begin_stop()
+        if call is not None:
+            call.settle(problem=self._refusal())  # whoever waits for the motion goes on
+
+    def allow(self) -> None:
+        """Take commands again: a new run begins."""
+        with self._lock:
+            self._interrupted = False
+
+    @property
+    def trouble(self) -> str | None:
+        """What went wrong with the last `stop`, in one line; None: nothing so far."""
+        call = self._stop
+        if call is None:
+            return None
+        if not call.wait(0.0):
+            waited = time.monotonic() - self._stopped_at
+            if waited < self._wait:
+                return None
+            return f"{self.name}: did not stop: no answer for {waited:.0f} s: use its own switch"
+        if call.problem is None:
+            return None
+        problem = call.problem
+        return f"{self.name}: did not stop: {type(problem).__name__}: {one_line(problem)}"
+
+    def limit(self, *, effort: float, speed: float) -> None:
+        """As the arm's."""
+        self._fastest = speed
+        self._made("limit", lambda: self.arm.limit(effort=effort, speed=speed))
+
+    def check(
+        self,
+        poses: Sequence[Float[np.ndarray, "4 4"]],
+        postures: Sequence[str],
+        tool: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """As the arm's."""
+        self._made("check", lambda: self.arm.check(poses, postures, tool))
+
+    def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
+        """As the arm's."""
+        self._made("begin", lambda: self.arm.begin(doing, tool))
+
+    def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
+        """As the arm's, within `FLOOR` and `SLACK` times the way over the speed."""
+        start, target = self._at, pose[:3, 3].copy()
+        way = HOMING if start is None else float(np.linalg.norm(target - start))
+        moved = self._made(
+            "move",
+            lambda: self.arm.move(pose, speed=speed, threshold=threshold),
+            self._moved,
+            way / speed,
+        )
+        if start is not None:
+            self._check_way(start, target, moved)
+        return moved
+
+    def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
+        """As the arm's, within `FLOOR` and `SLACK` times the seconds that it takes."""
+        return self._made(
+            "posture",
+            lambda: self.arm.posture(name, seconds=seconds, threshold=threshold),
+            self._moved,
+            seconds,
+        )
+
+    def home(self) -> Moved:
+        """As the arm's, within `FLOOR` and `SLACK` times `HOMING` over the fastest speed."""
+        return self._made("home", self.arm.home, self._moved, HOMING / self._fastest)
+
+    def effort(self) -> float:
+        """As the arm's."""
+        return self._made("effort", self.arm.effort, lambda value: self._effort("effort", value))
+
+    def pose(self) -> Float[np.ndarray, "4 4"]:
+        """As the arm's."""
+        return self._made("pose", self.arm.pose, lambda value: self._pose("pose", value))
+
+    def stop(self) -> None:
+        """Tell the arm to stop, on a thread of its own, and wait for at most `STOPPING` seconds.
+
+        A second Ctrl-C does not cut it short.
+
+        Raises:
+          ArmError: it did not, or has not answered by then.
+        """
+        with uninterrupted():
+            call = self._begin_stop()
+            call.wait(max(self._stopped_at + self._wait - time.monotonic(), 0.0))
+        if self.trouble is not None:
+            raise ArmError(self.trouble)
+
+    def close(self) -> None:
+        """Let go of the arm, within `CLOSING` seconds.
+
+        Raises:
+          ArmLost: it has not ended by then.
+          ArmError: it raised something.
+        """
+        worker = self._worker if self._worker.busy is None else Worker(self.name)
+        call = worker.begin("close", self.arm.close)
+        worker.end()
+        self._worker.end()
+        call.wait(CLOSING)
+        call.settle(problem=ArmLost(f"{self.name}: close has not ended after {CLOSING:g} s"))
+        call.result(self.name, ArmError)
+
+    def _made(
+        self,
+        what: str,
+        function: Callable[[], Any],
+        checked: Callable[[Any], T] = lambda value: value,
+        seconds: float = 0.0,
+    ) -> T:
+        """What a call returned, checked; `seconds` that a motion takes at full speed.
+
+        Raises:
+          ArmLost: it is overdue; the arm was told to stop.
+          ArmError: it was stopped by a person, or raised something.
+        """
+        with self._lock:
+            if self._interrupted:
+                raise self._refusal()
+            self._call = call = self._worker.begin(what, function)
+        deadline = self._slowness * (self._floor + SLACK * seconds)
+        try:
+            if not call.wait(deadline):
+                overdue = ArmLost(
+                    f"{self.name}: {self._worker.busy or what} has not ended after {deadline:.3g} s"
+                    f" ({self._floor:g} s and {SLACK:g} times the {seconds:.3g} s that it should "
+                    f"take{f', times {self._slowness:g}' if self._slowness != 1 else ''}); "
+                    "it was told to stop"
+                )
+                if call.settle(problem=overdue):
+                    self._begin_stop()
+        except BaseException:  # Ctrl-C
+            call.settle(problem=self._refusal())
+            self._begin_stop()
+            raise
+        return checked(call.result(self.name, ArmError))
+
+    def _refusal(self) -> ArmError:
+        return ArmError(f"{self.name}: stopped by a person")
+
+    def _begin_stop(self) -> Call:
+        """The arm's `stop`, which is under way; one that has not ended is not begun again."""
+        with self._lock:
+            if self._stop is None or self._stopper is None or not self._stopper.is_alive():
+                self._stop, self._stopped_at = Call("stop", self.arm.stop), time.monotonic()
+                self._stopper = threading.Thread(
+                    target=self._stand_still, args=(self._stop,), name="stop", daemon=True
+                )
+                self._stopper.start()
+            return self._stop
+
+    def _stand_still(self, call: Call) -> None:
+        call.run()
+        until = time.monotonic() + self._wait
+        while self._worker.busy is not None and time.monotonic() < until:
+            time.sleep(min(AGAIN, self._wait))
+            if self._worker.busy is not None:
+                Call("stop", self.arm.stop).run()
+
+    def _moved(self, value: Any) -> Moved:
+        """How a motion ended, if that can be.
+
+        Raises:
+          ArmError, EffortLimit: it cannot.
+        """
+        what = self._call.what if self._call is not None else "motion"
+        if not isinstance(value, tuple) or len(value) != 3:
+            raise ArmError(
+                f"{self.name}: {what} returned {quoted(value)}; expected Moved(contact, effort, "
+                "pose)"
+            )
+        contact, effort, pose = value
+        if not isinstance(contact, bool | np.bool_):
+            raise ArmError(
+                f"{self.name}: {what}: contact is {quoted(contact)}; it is True or False"
+            )
+        return Moved(bool(contact), self._effort(what, effort), self._pose(what, pose))
+
+    def _effort(self, what: str, value: Any) -> float:
+        """A contact effort, Nm.
+
+        Raises:
+          EffortLimit: it is none, so that no limit holds.
+        """
+        number = np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
+        if not number or not 0 <= float(value) < np.inf:
+            came = f"{float(value):g}" if number else quoted(value)
+            raise EffortLimit(
+                f"{self.name}: {what}: effort {came} Nm; it is a magnitude, |joint torque - what "
+                "gravity needs|: a finite number from 0"
+            )
+        return float(value)
+
+    def _pose(self, what: str, value: Any) -> Float[np.ndarray, "4 4"]:
+        """A pose of the tool, metres.
+
+        Raises:
+          ArmError: it is none.
+        """
+        try:
+            pose = check_rigid(value, f"{self.name}: {what}: the tool's pose")
+        except JShapeError as problem:
+            raise ArmError(str(problem)) from None
+        self._at = pose[:3, 3].copy()
+        return pose
+
+    def _check_way(self, start: np.ndarray, target: np.ndarray, moved: Moved) -> None:
+        """Whether the tool can be where the arm says after a motion.
+
+        Raises:
+          ArmError: it says the same as before, or a place far off the way.
+        """
+        way, at = float(np.linalg.norm(target - start)), moved.pose[:3, 3]
+        if not moved.contact and way > STUCK and np.abs(at - start).max() < 1e-5:
+            raise ArmError(
+                f"{self.name}: move: the tool's pose is the same to 0.01 mm after a way of "
+                f"{1000 * way:.0f} mm without contact: the reading is frozen, or the arm stood"
+            )
+        off = float(np.linalg.norm(at - target))
+        if off > way + ASTRAY:
+            raise ArmError(
+                f"{self.name}: move: the tool is said to be {1000 * off:.0f} mm from where it was "
+                f"to go, after a way of {1000 * way:.0f} mm; at most {1000 * ASTRAY:.0f} mm more "
+                "than that: is it in metres, in the base frame?"
+            )
+
+
+_METHODS = (
+    *("limit", "check", "begin", "move", "posture", "home", "effort", "pose", "stop", "close"),
+)

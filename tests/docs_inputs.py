@@ -35,11 +35,12 @@ def bed_and_goal() -> tuple[np.ndarray, np.ndarray]:
     return first, second
 
 
-def frames(folder: Path) -> None:
-    """`now.png`, `wanted.png` and the `camera.json` beside them."""
-    for name, depth in zip(("now", "wanted"), bed_and_goal(), strict=True):
-        write_depth_png(folder / f"{name}.png", depth, DEPTH_UNIT)
-    write_camera(folder / "camera.json", PAPER_BOX, DEPTH_UNIT)
+def samples(folder: Path) -> None:
+    """What `jshape samples` makes, and the poses by the other name that a page gives them."""
+    assert main(["samples", str(folder / "samples")]) == 0
+    for path in list((folder / "samples").iterdir()):
+        path.rename(folder / path.name)
+    shutil.copy(folder / "poses.json", folder / "pairs.json")
 
 
 def far(folder: Path) -> None:
@@ -105,19 +106,6 @@ def goal(folder: Path) -> None:
     assert main(["goal", "flat", "--text", "J", "--out", str(folder / "my-goal")]) == 0
 
 
-def poses(folder: Path) -> None:
-    """Pose pairs of a fixed camera, by both names that the pages use."""
-    from tests.test_calibration import pairs_of
-
-    hands, targets, _ = pairs_of(np.random.default_rng(2), False, count=14, mm=0.4, deg=0.1)
-    pairs = [
-        {"base_gripper": hand.tolist(), "camera_target": seen.tolist()}
-        for hand, seen in zip(hands, targets, strict=True)
-    ]
-    for name in ("poses.json", "pairs.json"):
-        (folder / name).write_text(json.dumps(pairs))
-
-
 def base(folder: Path) -> None:
     """A pose of the camera, written by hand."""
     matrix = [[1, 0, 0, 0.55], [0, -1, 0, 0.02], [0, 0, -1, 0.61], [0, 0, 0, 1]]
@@ -177,9 +165,9 @@ def camera(count: int | None) -> Played:
 
 
 INPUTS = {
-    "now.png": frames,
-    "wanted.png": frames,
-    "camera.json": frames,
+    "now.png": samples,
+    "wanted.png": samples,
+    "camera.json": samples,
     "far.png": far,
     "far-wanted.png": far,
     "far.json": far,
@@ -196,8 +184,8 @@ INPUTS = {
     "my-plan": plan,
     "letter": lambda folder: plan(folder, "letter"),
     "runs/demo": run,
-    "poses.json": poses,
-    "pairs.json": poses,
+    "poses.json": samples,
+    "pairs.json": samples,
     "base.json": base,
     "frames": before_after,
     "downloads": downloads,

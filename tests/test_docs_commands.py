@@ -21,7 +21,7 @@ from jshape.commands.settings import leaf_of
 from tests import docs_inputs
 from tests.conftest import ROOT, SHARED
 from tests.docs_inputs import INPUTS, input_of
-from tests.documentation import PAGES, commands, spoken
+from tests.documentation import PAGES, blocks, commands, spoken
 
 PLACEHOLDERS = {"PAIRS": "pairs", "BANK": "my-bank", "DIR": "data"}
 """What stands for a name of the reader's own."""
@@ -79,6 +79,7 @@ OTHERS = (
     ".ci/run",
     "jupyter ",
     "ray ",
+    "cd ",
 )
 """How commands of other programs begin; the test of them says what holds."""
 
@@ -133,7 +134,7 @@ def reader(tmp_path, monkeypatch, kept):
             fresh.rename(made)  # whole
         shutil.copytree(made, ".", symlinks=True, dirs_exist_ok=True)  # with what belongs to it
 
-    def carry_out(command, more=""):
+    def carry_out(command, more="", supplied=True):
         words = _words(command, more)
         named = [word.removeprefix("realsense:") for word in words]
         packages = [NEEDS[word] for word in named if word in NEEDS]
@@ -147,7 +148,7 @@ def reader(tmp_path, monkeypatch, kept):
         options = {} if "--help" in words else vars(build_parser().parse_args(words))
         out = options.get("out")
         for name in [input_of(word) for word in words if word != str(out)]:
-            if name is not None:
+            if name is not None and supplied:
                 supply(name)
         again = out is not None and out.exists() and words[:2] != ["grid", "train"]  # which goes on
         if again and options.get("overwrite") is False:
@@ -226,6 +227,21 @@ def test_slow_commands_of_a_page(page, reader):
     _run_all(page, reader, slow=True)
 
 
+@pytest.mark.slow
+def test_the_readme_runs_as_printed(reader, monkeypatch):
+    """In one folder, in its order, with nothing but what its own commands made; Python last."""
+    for command in COMMANDS[ROOT / "README.md"]:
+        if command.startswith("cd "):
+            monkeypatch.chdir(command[3:])
+        elif command.startswith("jshape "):
+            key = _begins(command, SLOW)
+            assert reader(command, SLOW[key] if key else "", supplied=False) is None
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for block in blocks(text):
+        if block.language == "python":
+            exec(block.text, {})
+
+
 @pytest.mark.parametrize(("page", "command"), OURS)
 def test_every_command_parses(page, command):
     words = _words(command)
@@ -267,7 +283,7 @@ def test_commands_of_other_programs():
                 assert all(f'"{w}"' in text for w in words if w.startswith("--")), command
             elif " -- jshape " in command:
                 build_parser().parse_args(_words(command.rpartition(" -- ")[2]))
-            elif not begin.startswith("ray"):
+            elif begin not in ("ray ", "cd "):
                 assert (ROOT / words[-1]).exists(), command
 
 

@@ -14,6 +14,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("jshape demo --out runs/sand --material sand --bank pressed-sand-robot", "in sand"),
         ("jshape demo --out runs/blind --open-loop --seed 3", "another bed, and no second look"),
     ),
+    "samples": (("jshape samples try", "now.png, wanted.png, their camera.json, poses.json"),),
     "plan": (
         ("jshape plan now.png wanted.png --out my-plan", "plan.json and pictures"),
         ("jshape plan now.png wanted.ply --stride 8 --caution 0.5", "places 8 pixels apart"),

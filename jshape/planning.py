@@ -41,7 +41,7 @@ def plan(
     planner: str = "greedy",
     positions: ArrayLike | Mapping[str, ArrayLike] | str | None = None,
     stride: int | None = None,
-    strengths: Sequence[float] = (1.0,),
+    strengths: Sequence[float | int] = (1.0,),
     yaws: int | Mapping[str, int] = 1,
     max_steps: int = 16,
     min_gain: float = 0.0,

@@ -15,7 +15,7 @@ from jshape.data.simulate import DEPTH_UNIT, look
 from jshape.robot.arms.names import bed_of
 from jshape.robot.rigid import inverse
 from jshape.robot.simulated import SimulatedWorld
-from jshape.store import cameras, files, images
+from jshape.store import cameras, files, folders, images
 
 CONTENTS = ("camera.json", "now.png", "wanted.png", "poses.json")
 SEED = 3
@@ -34,7 +34,7 @@ NOISE_MM, NOISE_DEG = 0.4, 0.1
 
 def samples(options: argparse.Namespace) -> dict[str, Any]:
     """Write them; returns where."""
-    with files.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
+    with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
         cameras.write_camera(folder / "camera.json", PAPER_BOX, DEPTH_UNIT)
         for name, depth in zip(("now", "wanted"), _beds(), strict=True):
             images.write_depth_png(folder / f"{name}.png", depth, DEPTH_UNIT)

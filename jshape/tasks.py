@@ -60,7 +60,7 @@ def rounds(terrain: Terrain, stride: int | None) -> int:
     return max(math.ceil(math.log2(max(stride / float(min(terrain.pitch)), 1.0))), 0)
 
 
-def strengths(strengths: Sequence[float]) -> list[float]:
+def strengths(strengths: Sequence[float | int]) -> list[float]:
     """Strengths to try, each once, weakest first."""
     try:
         values = np.asarray(strengths)

@@ -21,6 +21,8 @@ from tests.written_bags import (  # noqa: E402
     image,
     info,
     packed,
+    png,
+    without_index,
     write_bag,
 )
 
@@ -161,14 +163,27 @@ def test_another_cameras_info_is_named_and_not_taken(tmp_path, counts):
         ({"fy": -50.0}, "fy is -50.0; it must be positive"),
         ({"fx": np.nan}, "fx is nan; it must be a finite number"),
         ({"u0": np.inf}, "u0 is inf"),
-        ({"size": (80, 60)}, "has 40x30 pixels; its CameraInfo is for 80x60"),
+        ({"size": (80, 60)}, "the frames have 40x30 pixels; their CameraInfo is for 80x60"),
         ({"size": (0, 0)}, "width is 0"),
-        ({"distortion": (0.1, -0.2, 0.0, 0.0, 0.0)}, "the lens distorts .0.1, -0.2"),
+        ({"roi": (8, 6, 20, 16)}, r"for 40x30, of which it shows 20x16 at \(8, 6\);"),
+        ({"binning": 2}, "for 40x30, 2x2 put together; --camera FILE"),
+        ({"size": (48, 40), "roi": (8, 6, 40, 30, 1)}, r"40x30 at \(8, 6\) of .* \(do_rectify\)"),
+        ({"distortion": (0.1, 0.0), "p": (0.0,) * 4}, "are rectified, and P, which says how, is"),
     ],
-    ids=["zero", "negative", "nan", "inf", "size", "empty", "distorted"],
+    ids=[
+        "zero",
+        "negative",
+        "nan",
+        "inf",
+        "size",
+        "empty",
+        "region",
+        "binning",
+        "distinct",
+        "no P",
+    ],
 )
 def test_wrong_intrinsics_are_refused(wrong, match, tmp_path, counts):
-    match = match.replace("distorts .", r"distorts \(coefficients ")
     path = write_bag(
         tmp_path / "bag", "ros2", [(TOPIC, [image(counts[0])]), (INFO, [info(SMALL, **wrong)])]
     )
@@ -177,6 +192,87 @@ def test_wrong_intrinsics_are_refused(wrong, match, tmp_path, counts):
     wide = replace(SMALL, width=80)
     refused("40x30 pixels; the camera given for it makes 80x30", path, BadCamera,
             camera=(wide, 1e-3))  # fmt: skip
+
+
+P = (433.0, 434.0, 20.5, 13.5)
+
+
+@pytest.mark.parametrize("how", FORMATS)
+@pytest.mark.parametrize(
+    "topic, said, taken",
+    [
+        ("/d/image_rect", {"p": P}, P),
+        ("/d/image_rect_raw", {"p": P, "distortion": (0.1, -0.2, 0.0, 0.0, 0.0)}, P),
+        ("/rectified/depth", {"p": P}, P),
+        ("/d/image_rect", {"p": (0.0,) * 4}, (50.0, 51.0, 19.5, 14.5)),
+        ("/d/image_raw", {"p": P}, (50.0, 51.0, 19.5, 14.5)),
+        ("/d/depth", {}, (50.0, 51.0, 19.5, 14.5)),
+        ("/d/direct", {"size": (90, 80), "roi": (8, 6, 40, 30)}, (50.0, 51.0, 11.5, 8.5)),
+        ("/d/depth", {"size": (80, 60), "binning": 2}, (25.0, 25.5, 9.75, 7.25)),
+        ("/d/image_rect", {"p": P, "size": (99, 98), "roi": (4, 2, 80, 60), "binning": 2},
+         (216.5, 217.0, 8.25, 5.75)),
+    ],
+)  # fmt: skip
+def test_the_intrinsics_are_those_of_the_frames(how, topic, said, taken, tmp_path, counts):
+    beside = topic.rpartition("/")[0] + "/camera_info"
+    path = write_bag(tmp_path / "bag", how, [(topic, [image(counts[0])]),
+                                             (beside, [info(SMALL, **said)])])  # fmt: skip
+    camera = read(path)[0].camera
+    assert (camera.fx, camera.fy, camera.u0, camera.v0) == pytest.approx(taken)
+    assert (camera.width, camera.height) == (40, 30)
+
+
+def test_intrinsics_that_may_be_others_are_a_question(tmp_path, counts):
+    def one(name, topic, match, **said):
+        topics = [(topic, [image(counts[0])]), ("/d/camera_info", [info(SMALL, **said)])]
+        refused(match, write_bag(tmp_path / name, "ros1", topics), BadCamera)
+
+    one("either", "/d/depth", "K says fx 50, fy 51, .* rectified frames, fx 433, .*--camera", p=P)
+    lens = {"distortion": (0.1, -0.2, 0.0, 0.0, 0.0)}
+    one("bent", "/d/image_raw", r"distorts \(coefficients 0.1, -0.2, .*; if they are, P .* 433,",
+        p=P, **lens)  # fmt: skip
+    one("bent, no P", "/d/image_raw", "not say that the frames are rectified$", p=(0,) * 4, **lens)
+
+
+def test_a_camera_info_that_changes_ends_the_frames(tmp_path, counts):
+    infos = [info(SMALL), info(SMALL), info(SMALL, fx=52.0), info(SMALL)]
+    path = write_bag(tmp_path / "bag", "ros2", [(TOPIC, [image(f) for f in counts]), (INFO, infos)])
+    bag = open_bag(path)
+    frames = bag.frames()
+    np.testing.assert_array_equal([next(frames), next(frames)], counts[:2])
+    with pytest.raises(BadCamera, match="is another one from frame [23] on; --camera FILE"):
+        list(frames)
+    bag.close()
+    assert len(read(path, camera=(SMALL, 1e-3))[1]) == 4
+
+
+@pytest.mark.parametrize("form", ["16UC1; png compressed ", "mono16; png compressed", "png"])
+def test_counts_as_png_come_to_the_bit(form, tmp_path, counts):
+    topic = "/camera/depth/image_raw/compressed"
+    grey = np.zeros(SMALL.shape, np.uint8)
+    topics = [(topic, [png(f, form) for f in counts]), (INFO, [info(SMALL)]),
+              ("/camera/depth/other/compressed", [png(grey, "png")])]  # fmt: skip
+    bag, frames = read(write_bag(tmp_path / "bag", "ros1", topics))
+    np.testing.assert_array_equal(frames, counts)
+    assert bag.topic == topic and bag.camera == SMALL
+    topics.append((topic.removesuffix("/compressed"), [image(counts[0])]))
+    topics.append((topic + "Depth", [packed(counts[0])]))
+    assert read(write_bag(tmp_path / "both", "ros2", topics))[0].topic == topics[-2][0]
+    assert read(write_bag(tmp_path / "two", "ros2", topics[:3] + topics[4:]))[0].topic == (
+        topic + "Depth"
+    )
+
+
+@pytest.mark.parametrize(
+    "kept", [(), (0x03, 0x08, 0x0B), (0x04, 0x08, 0x0B), (0x08,), (0x03, 0x04, 0x0B)]
+)
+@pytest.mark.parametrize("alone", [True, False])
+def test_an_mcap_is_read_without_its_summary(kept, alone, tmp_path, counts):
+    path = depth_bag(tmp_path / "bag", "mcap", SMALL, counts)
+    file = without_index(next(path.glob("*.mcap")), kept)
+    bag, frames = read(file if alone else path)
+    np.testing.assert_array_equal(frames, counts)
+    assert bag.count == 4
 
 
 def test_frames_that_change_within_a_bag(tmp_path, counts, metres):
@@ -196,7 +292,9 @@ def test_what_is_no_depth_image_is_said(tmp_path, counts):
     one("colour", image(counts[0], "rgb8"), "is 'rgb8'; depth is one of 16UC1, 32FC1")
     one("short", image(counts[0, :, :7].copy(), "32FC1"), "the frame is cut off")
     one("rvl", _rvl(counts[0]), "holds no PNG; RVL is not read")
-    one("jpeg", packed(counts[0], "; jpeg compressed bgr8"), "packed depth is compressedDepth")
+    one("jpeg", packed(counts[0], "; jpeg compressed bgr8"), "packed depth is compressedDepth or")
+    one("float", png(counts[0], "32FC1; png compressed"), "packed depth is compressedDepth or a")
+    one("nothing", _zeros(counts[0] * np.float32(1e-3)), "compressedDepth's numbers are 0 and 0")
     one("8 bits", _eight(counts[0]), "holds a PNG of uint8; packed depth has 16 bits")
     one("torn", _torn(counts[0]), "the PNG is cut off or damaged")
 
@@ -209,6 +307,10 @@ def _rvl(array):
 def _eight(array):
     small = cv2.imencode(".png", array.astype(np.uint8))[1].reshape(-1)
     return lambda *a: _with(packed(array)(*a), lambda data: np.r_[data[:12], small])
+
+
+def _zeros(array):
+    return lambda *a: _with(packed(array)(*a), lambda data: np.r_[0 * data[:12], data[12:]])
 
 
 def _torn(array):

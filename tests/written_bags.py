@@ -88,20 +88,54 @@ def packed(array, quality="; compressedDepth png"):
     return make
 
 
-def info(camera: Camera, distortion=(0.0,) * 5, size=None, **wrong):
-    """A maker of the CameraInfo of a camera; `wrong` replaces fx, fy, u0 or v0."""
+def png(array, form="16UC1; png compressed "):
+    """A maker of what compressed_image_transport sends of counts."""
+    data = np.frombuffer(cv2.imencode(".png", array)[1].tobytes(), np.uint8)
+
+    def make(types, k, ros1):
+        return types["sensor_msgs/msg/CompressedImage"](
+            header=header(types, k, ros1), format=form, data=data
+        )
+
+    return make
+
+
+def without_index(path: Path, kept=()) -> Path:
+    """An MCAP whose summary holds the records of these opcodes only; none at all without one."""
+    data = path.read_bytes()
+    at, body, summary, ended = 8, data[:8], b"", False
+    while data[at] != 0x02:
+        end = at + 9 + struct.unpack("<Q", data[at + 1 : at + 9])[0]
+        if not ended:
+            body += data[at:end]
+        elif data[at] in kept:
+            summary += data[at:end]
+        ended, at = ended or data[at] == 0x0F, end
+    start = len(body) if summary else 0
+    footer = b"\x02" + struct.pack("<QQQI", 20, start, 0, 0)
+    path.write_bytes(body + summary + footer + data[:8])
+    return path
+
+
+def info(camera: Camera, distortion=(0.0,) * 5, size=None, p=None, roi=(), binning=0, **wrong):
+    """A maker of the CameraInfo of a camera; `wrong` replaces fx, fy, u0 or v0 of K and P.
+
+    `p` holds other numbers for P (fx, fy, u0, v0), `roi` left, top, width, height and do_rectify.
+    """
     n = {f: float(wrong.get(f, getattr(camera, f))) for f in ("fx", "fy", "u0", "v0")}
     width, height = size or (camera.width, camera.height)
     k9 = np.array([n["fx"], 0, n["u0"], 0, n["fy"], n["v0"], 0, 0, 1], float)
-    p12 = np.array([n["fx"], 0, n["u0"], 0, 0, n["fy"], n["v0"], 0, 0, 0, 1, 0], float)
+    fx, fy, u0, v0 = (n["fx"], n["fy"], n["u0"], n["v0"]) if p is None else p
+    p12 = np.array([fx, 0, u0, 0, 0, fy, v0, 0, 0, 0, 1, 0], float) * (fx != 0)
+    left, top, w, h, distinct = (*roi, 0, 0, 0, 0, 0)[:5]
 
     def make(types, k, ros1):
-        roi = types["sensor_msgs/msg/RegionOfInterest"](
-            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        region = types["sensor_msgs/msg/RegionOfInterest"](
+            x_offset=left, y_offset=top, height=h, width=w, do_rectify=bool(distinct)
         )
         return types["sensor_msgs/msg/CameraInfo"](
             header(types, k, ros1), height, width, "plumb_bob", np.array(distortion, float), k9,
-            np.eye(3).reshape(-1), p12, 0, 0, roi,
+            np.eye(3).reshape(-1), p12, binning, binning, region,
         )  # fmt: skip
 
     return make

@@ -38,14 +38,19 @@ def pinhole(
       BadCamera: numbers that make no sense, or a lens that distorts: frames of such a one must be
         rectified first, since everything here takes straight rays.
     """
-    bent = [float(c) for c in distortion]
-    if any(not abs(c) <= _LEAST_DISTORTION for c in bent):
-        shown = ", ".join(f"{c:g}" for c in bent[:5])
+    coefficients = [float(c) for c in distortion]
+    if bent(coefficients):
+        shown = ", ".join(f"{c:g}" for c in coefficients[:5])
         raise BadCamera(
             f"{where}: the lens distorts (coefficients {shown}); rectify the frames first"
         )
     (fx, fy), (u0, v0), (low, high) = ((float(a), float(b)) for a, b in (focal, centre, z_range))
     return check_camera(Camera(int(size[0]), int(size[1]), fx, fy, u0, v0, low, high), where)
+
+
+def bent(distortion: Iterable[float]) -> bool:
+    """Whether a lens of these coefficients distorts."""
+    return any(not abs(float(c)) <= _LEAST_DISTORTION for c in distortion)
 
 
 def same_frames(given: Camera, stated: tuple[int, int], where: str) -> Camera:

@@ -15,19 +15,21 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.depth import wrong_shape
-from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, pinhole, same_frames
+from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, same_frames
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
+from jshape.store.bag_cameras import INFO, camera_of, stated
 from jshape.store.bag_images import COMPRESSED, IMAGE, decode, encoding_of
 from jshape.store.cameras import DEPTH_UNIT
+from jshape.store.mcap_index import scan_where_no_index
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 """Bags that are one file; a folder with `METADATA` is one too."""
 METADATA = "metadata.yaml"
 """What marks the folder of a ROS 2 bag."""
-INFO = "sensor_msgs/msg/CameraInfo"
 
 _SDK = "/device_0/"
-_PACKED = "/compressedDepth"
+_PACKED = ("/compressed", "/compressedDepth")
+"""What image_transport puts behind a topic's name for the same frames, packed."""
 _LISTED = 8
 
 
@@ -44,6 +46,8 @@ class DepthBag:
     """Frames, as the bag's index says."""
     _messages: "_Messages"
     _metres: bool
+    _info: str | None
+    """The topic of the CameraInfo that `camera` was made of."""
 
     def frames(self) -> Iterator[np.ndarray]:
         """The frames (H, W) uint16 in the order of their time.
@@ -51,8 +55,19 @@ class DepthBag:
         Raises:
           BadFile: the bag is damaged from here on.
           BadImage: a frame has another size or encoding than the first.
+          BadCamera: what the CameraInfo says changes here.
         """
-        for number, message in enumerate(self._messages.of(self.topic)):
+        number, first = 0, None
+        for message in self._messages.of(self.topic, self._info):
+            if message.__msgtype__ == INFO:
+                said = stated(message)
+                first = said if first is None else first
+                if not all(map(np.array_equal, said, first)):
+                    raise BadCamera(
+                        f"{self.path}: CameraInfo on {_shown(self._info)} is another one from "
+                        f"frame {number} on; --camera FILE says what holds for all"
+                    )
+                continue
             where = f"{self.path}: frame {number} of {_shown(self.topic)}"
             raw = _decoded(message, where)
             if (raw.dtype.kind == "f") != self._metres:
@@ -60,6 +75,7 @@ class DepthBag:
             if raw.shape != self.camera.shape:
                 raise BadImage(wrong_shape(where, raw.shape, self.camera))
             yield counts_of(raw) if self._metres else raw
+            number += 1
 
     def close(self) -> None:
         """Let go of the file; a second time does nothing."""
@@ -98,18 +114,16 @@ def open_bag(
         first = _decoded(messages.first(topic), where)
         metres = first.dtype.kind == "f"
         size = (first.shape[1], first.shape[0])
+        info = None
         if camera is not None:
             seen, unit = same_frames(camera[0], size, where), camera[1]
         else:
-            seen = _camera(messages, topic, z_range)
+            info = _info_beside(messages, topic)
+            said = f"{path}: CameraInfo on {_shown(info)}"
+            seen = camera_of(messages.first(info), topic, size, z_range, said)
             unit = _sdk_unit(messages, topic) or DEPTH_UNIT
-            if (seen.width, seen.height) != size:
-                raise BadCamera(
-                    f"{where}: has {size[0]}x{size[1]} pixels; its CameraInfo is for "
-                    f"{seen.width}x{seen.height}; --camera FILE replaces it"
-                )
-        count = messages.count(topic)
-        return DepthBag(path, topic, seen, FLOAT_UNIT if metres else unit, count, messages, metres)
+        unit = FLOAT_UNIT if metres else unit
+        return DepthBag(path, topic, seen, unit, messages.count(topic), messages, metres, info)
     except BaseException:
         messages.close()
         raise
@@ -139,7 +153,8 @@ class _Messages:
         if not path.exists():
             raise BadFile(f"{path}: no such file")
         if path.is_dir() and not (path / METADATA).is_file():
-            raise BadFile(f"{path}: has no {METADATA}, so it is not a ROS 2 bag")
+            hint = "; ros2 bag reindex writes it" * any(path.glob("*.db3") or path.glob("*.mcap"))
+            raise BadFile(f"{path}: has no {METADATA}, so it is not a ROS 2 bag{hint}")
         if path.is_file() and path.suffix not in SUFFIXES:
             raise BadFile(f"{path}: is not a bag; allowed: {', '.join(SUFFIXES)}")
         self.path = path
@@ -151,18 +166,19 @@ class _Messages:
             self._reader: Any = rosbag1.Reader(path) if old else rosbag2.Reader(path)
             self._reader.open()
             self._open = True
+            scan_where_no_index(self._reader)
             # Several publishers of one topic are several connections.
             self.types = {c.topic: c.msgtype for c in self._reader.connections}
 
     def count(self, topic: str) -> int:
         return sum(c.msgcount for c in self._reader.connections if c.topic == topic)
 
-    def of(self, topic: str) -> Iterator[Any]:
-        """The messages of a topic in the order of their time."""
+    def of(self, *topics: str | None) -> Iterator[Any]:
+        """The messages of some topics in the order of their time."""
         if not self._open:
             raise BadFile(f"{self.path}: the bag was closed")
         with self._readable():
-            chosen = [c for c in self._reader.connections if c.topic == topic]
+            chosen = [c for c in self._reader.connections if c.topic in topics]
             messages = self._reader.messages(connections=chosen)
         while True:
             with self._readable():
@@ -217,12 +233,14 @@ def _choose(messages: _Messages, topic: str | None) -> str:
         return topic
     depths = []
     for name, kind in messages.types.items():
-        if kind in (IMAGE, COMPRESSED) and messages.count(name):
-            message = messages.first(name)
-            if encoding_of(message, name) is not None:
-                depths.append(name)
+        message = next(messages.of(name), None) if kind in (IMAGE, COMPRESSED) else None
+        if message is not None and encoding_of(message, name) is not None:
+            depths.append(name)
     # The same frames twice: packed ones are left where they are there as they were, too.
-    plain = [d for d in depths if not d.endswith(_PACKED) or d.removesuffix(_PACKED) not in depths]
+    best: dict[str, str] = {}
+    for name in sorted(depths, key=lambda d: [d.endswith(end) for end in _PACKED]):
+        best.setdefault(_unpacked(name), name)
+    plain = sorted(best.values())
     if len(plain) == 1:
         return plain[0]
     if plain:
@@ -244,30 +262,22 @@ def _listed(types: dict[str, str]) -> str:
     return f"topics: {', '.join(named[:_LISTED]) or '(none)'}{more}"
 
 
-def _camera(messages: _Messages, topic: str, z_range: tuple[float, float]) -> Camera:
-    """The camera that the CameraInfo beside a topic states."""
-    base = topic.removesuffix(_PACKED).rpartition("/")[0]
+def _info_beside(messages: _Messages, topic: str) -> str:
+    """The topic of the CameraInfo beside a topic of frames."""
+    base = _unpacked(topic).rpartition("/")[0]
     beside = f"{base}/camera_info"
-    if messages.types.get(beside) != INFO or not messages.count(beside):
-        others = [t for t, kind in messages.types.items() if kind == INFO and messages.count(t)]
-        found = f"; there is {', '.join(_shown(t) for t in others[:3])}" if others else ""
-        raise BadCamera(
-            f"{messages.path}: has no CameraInfo on {_shown(beside)}{found}; "
-            "say with --camera FILE what the camera is"
-        )
-    info = messages.first(beside)
-    # ROS 1 writes them as capitals.
-    k, d = (getattr(info, n, getattr(info, n.upper(), None)) for n in "kd")
-    k = np.asarray(k, float).reshape(-1)
-    where = f"{messages.path}: CameraInfo on {_shown(beside)}"
-    return pinhole(
-        where,
-        (info.width, info.height),
-        (k[0], k[4]),
-        (k[2], k[5]),
-        np.asarray(d, float).reshape(-1),
-        z_range,
+    if messages.types.get(beside) == INFO and next(messages.of(beside), None) is not None:
+        return beside
+    others = [t for t, kind in messages.types.items() if kind == INFO]
+    found = f"; there is {', '.join(_shown(t) for t in others[:3])}" if others else ""
+    raise BadCamera(
+        f"{messages.path}: has no CameraInfo on {_shown(beside)}{found}; "
+        "say with --camera FILE what the camera is"
     )
+
+
+def _unpacked(topic: str) -> str:
+    return next((topic.removesuffix(end) for end in _PACKED if topic.endswith(end)), topic)
 
 
 def _sdk_unit(messages: _Messages, topic: str) -> float | None:

@@ -275,6 +275,47 @@ def test_an_mcap_is_read_without_its_summary(kept, alone, tmp_path, counts):
     assert bag.count == 4
 
 
+@pytest.mark.parametrize("make", [image, packed])
+@pytest.mark.parametrize("blank", [False, True], ids=["first", "later"])
+def test_metres_that_are_millimetres_are_refused(make, blank, tmp_path, counts):
+    tiny = (counts * np.float32(1e-3)).astype(np.float32)
+    wrong = tiny / 10 if make is packed else tiny * 1000  # packed, over 10 is no reading
+    around, factor = ("0.0449", "10") if make is packed else ("449", "0.001")
+    frames = [np.zeros_like(tiny[0])] * blank + list(wrong)
+    path = depth_bag(tmp_path / "bag", "ros2", SMALL, frames, make)
+    match = f"values around {around}.* are not metres, .* {factor} would fit: --depth-unit {factor}"
+    refused(match, path, BadImage, frames=blank)
+    bag, found = read(path, depth_unit=float(factor))
+    assert bag.depth_unit == 1e-4 and bag.count == 4 + blank
+    assert np.abs(found[blank:] * 1e-4 - tiny)[:, 3:, 3:].max() < 1e-3
+    assert not found[:, :3, :3].any()
+
+
+@pytest.mark.parametrize(
+    "scale, unit, options",
+    [
+        (10, "0.0001", {}),
+        (10, "0.0001", {"camera": (SMALL, 1e-3)}),
+        (1, "0.001", {"camera": (SMALL, 1e-4)}),
+        (10, None, {"camera": (SMALL, 1e-4)}),
+        (10, None, {"z_range": (4.0, 5.0)}),
+        (10, None, {"depth_unit": 1e-3}),
+        (2, None, {}),  # 0.9 m: a camera at another height, which no factor brings nearer
+        (40, "0.0001", {}),  # 18 m: beyond what is read
+    ],
+)
+@pytest.mark.parametrize("name", ["16UC1", "mono16"])
+def test_counts_of_another_unit_are_refused(scale, unit, options, name, tmp_path, counts):
+    topics = [(TOPIC, [image(f * np.uint16(scale), name) for f in counts]), (INFO, [info(SMALL)])]
+    path = write_bag(tmp_path / "bag", "ros1", topics)
+    if unit is None:
+        np.testing.assert_array_equal(read(path, **options)[1], counts * scale)
+        return
+    match = f"values around {450 * scale // 100}.* are not counts of .*--depth-unit {unit} says so"
+    refused(match, path, BadImage, **options)
+    assert read(path, depth_unit=float(unit), **options)[0].depth_unit == float(unit)
+
+
 def test_frames_that_change_within_a_bag(tmp_path, counts, metres):
     topics = [(TOPIC, [image(counts[0]), image(counts[1, :20])]), (INFO, [info(SMALL)])]
     path = write_bag(tmp_path / "size", "ros2", topics)

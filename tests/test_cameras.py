@@ -192,6 +192,47 @@ def test_pictures_in_metres(tmp_path):
         assert look(camera)[1, 1] == np.float32(0.45)
 
 
+def test_a_picture_or_recording_in_another_unit_is_refused(tmp_path):
+    depth = np.full(SMALL.shape, 450.0, np.float32)
+    np.save(tmp_path / "one.npy", depth)
+    assert cv2.imwrite(str(tmp_path / "one.tif"), depth)
+    cv2.imwrite(str(tmp_path / "one.png"), 10 * depth.astype(np.uint16))
+    match = "values around 450 are not metres, seen .*; 0.001 would fit: --depth-unit 0.001 says so"
+    for name in ("one.npy", "one.tif"):
+        with pytest.raises(BadImage, match=match):
+            picture_camera(tmp_path / name, camera=(SMALL, 1e-3))
+        with picture_camera(tmp_path / name, camera=(SMALL, 1e-3), depth_unit=1e-3) as camera:
+            assert camera.depth_unit == 1e-4 and (camera.frame() == 4500).all()
+    with pytest.raises(BadImage, match="around 4500 are not counts of 0.001 m, .* 0.0001 would"):
+        picture_camera(tmp_path / "one.png", camera=(SMALL, 1e-3))
+    range_given = picture_camera(tmp_path / "one.png", camera=(SMALL, 1e-3), z_range=(4.0, 5.0))
+    assert (range_given.frame() == 4500).all()
+    with recording_writer(tmp_path / "rec", SMALL, 1e-3) as add:
+        add(np.zeros(SMALL.shape, np.uint16))
+        add(10 * depth.astype(np.uint16))
+    with folder_camera(tmp_path / "rec") as camera:
+        assert not camera.frame().any()
+        with pytest.raises(BadImage, match="000001.png: .* depth_unit 0.0001, in .*camera.json"):
+            camera.frame()
+    with pytest.raises(BadCamera, match="says its unit itself; --depth-unit is for bags and"):
+        open_camera(str(tmp_path / "rec"), depth_unit=1e-4)
+
+
+def test_a_recording_with_the_name_of_a_camera_is_a_question(tmp_path, rng, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("sim", "realsense", "sim:3"):
+        with recording_writer(name, SMALL, 1e-4) as add:
+            add(scene(rng, 1e-4, 1)[0])
+        match = f"^{name}: is a camera's name and a recording with camera.json here; write ./{name}"
+        with pytest.raises(JShapeError, match=match):
+            open_camera(name)
+        with open_camera(f"./{name}") as camera:
+            assert camera.name == name and camera.count == 1
+    (tmp_path / "notes").mkdir()
+    with open_camera("sim:") as camera:
+        assert camera.live
+
+
 def test_pictures_of_nobody_and_of_the_papers_camera(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.full(SMALL.shape, 450, np.uint16))
     with pytest.raises(BadCamera, match="a.png: nothing says what its camera is; give --camera"):

@@ -11,7 +11,14 @@ from jshape import PAPER_BOX, Camera
 from jshape.data.recording import changed_box, simulate_recording
 from jshape.errors import BadDataset, BadFile, UnknownName
 from jshape.sim import SURFACE
-from jshape.store.recordings import Label, open_recording, read_labels, recording_writer
+from jshape.store.recordings import (
+    Label,
+    by_number,
+    in_order,
+    open_recording,
+    read_labels,
+    recording_writer,
+)
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 
@@ -134,6 +141,52 @@ def test_missing_frames_are_named_and_may_be_allowed(folder):
     (folder / "frames" / "000001.png").unlink()
     assert "--allow-gaps" in refused(folder, "missing frames: 1;")
     assert len(open_recording(folder, allow_gaps=True)) == 3
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "9 10 100",
+        "100.0 100.033333 100.066667 100.1 100.133333 100.166667 100.2",
+        "99.966667 100.0 100.033333",
+        "depth_0.05 depth_0.1 depth_0.45",
+        "1700000000033333000 1700000000066667000 1700000000100000000",
+        "cam1_000008 cam1_000009 cam1_000010",
+        "1.01 1.02 1.10",
+        "1 2.5 10",
+    ],
+)
+def test_frames_come_in_the_order_of_their_numbers(names, folder):
+    names = [f"{name}.png" for name in names.split()]
+    found = in_order(folder / name for name in [*sorted(names), "picture.png"])
+    assert [path.name for path in found.values()] == names
+    assert sorted(names, key=by_number) == names
+
+
+@pytest.mark.parametrize(
+    "names, match",
+    [
+        ("1.png 01.png", "01.png and 1.png have the same number"),
+        ("100.1.png 100.10.png", "100.1.png and 100.10.png have the same number"),
+        ("1.9.png 1.10.png", "which comes first, 1.9.png and 1.10.png"),
+        ("1.9.png 1.11.png 2.8.png 2.9.png 1.10.png", "which comes first, 1.9.png and 1.10.png"),
+        ("7.0.png 7.33333333.png 7.66666666.png 7.100000000.png 7.133333333.png", "comes first"),
+        ("1_5.png 2_4.png", "two kinds, 1_5.png and 2_4.png; only the number at the end may"),
+        ("0001.png 0002.npy", "two kinds, 0001.png and 0002.npy"),
+        ("a1.png b2.png", "two kinds"),
+    ],
+)
+def test_frames_of_which_order_is_open_are_refused(names, match, tmp_path):
+    with pytest.raises(BadDataset, match=match):
+        in_order(tmp_path / name for name in names.split())
+
+
+def test_frames_named_by_time_have_no_gaps(folder):
+    for k, path in enumerate(sorted((folder / "frames").iterdir())):
+        path.rename(folder / "frames" / f"{100 + round(k / 7, 6)}.png")
+    recording = open_recording(folder)
+    assert [p.stem for p in recording.files] == ["100.0", "100.142857", "100.285714", "100.428571"]
+    assert len(list(recording.frames())) == 4
 
 
 def test_two_kinds_of_frames_are_not_mixed(folder):

@@ -42,6 +42,8 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     source.setting = "camera"  # its key in a configuration file
     parser.add_argument("--camera-file", "--camera", dest="camera", type=Path, metavar="FILE",
                         help="camera.json to believe instead of what the camera says")  # fmt: skip
+    parser.add_argument("--depth-unit", type=arguments.positive, metavar="METRES",
+                        help="what 1 stands for in a bag or picture (as it says)")  # fmt: skip
     add_looking(parser, temporal=False)
 
 
@@ -63,10 +65,15 @@ def opened(options: argparse.Namespace) -> DepthCamera:
     """The camera of the options that `add_camera` added, started."""
     if options.source is None:
         raise JShapeError("which camera? name one, or set camera in jshape.toml")
-    return looking(options.source, options.camera, options)
+    return looking(options.source, options.camera, options, options.depth_unit)
 
 
-def looking(name: str, camera_file: Path | None, options: argparse.Namespace) -> DepthCamera:
+def looking(
+    name: str,
+    camera_file: Path | None,
+    options: argparse.Namespace,
+    depth_unit: float | None = None,
+) -> DepthCamera:
     """A camera by its name, started, and looked through as `add_looking`'s options say.
 
     Raises:
@@ -74,7 +81,7 @@ def looking(name: str, camera_file: Path | None, options: argparse.Namespace) ->
     """
     from jshape.robot.cameras.names import open_camera
 
-    if Path(name).suffix == ".json" and Path(name).is_file():
+    if Path(name).suffix.lower() == ".json" and Path(name).is_file():
         raise JShapeError(
             f"{name}: describes a camera and is none: --camera-file takes it; a camera is "
             f"{CAMERA_HELP}"
@@ -87,6 +94,7 @@ def looking(name: str, camera_file: Path | None, options: argparse.Namespace) ->
         window=options.window,
         temporal=options.temporal,
         holes=options.fill_holes,
+        depth_unit=depth_unit,
     )
 
 

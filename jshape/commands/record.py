@@ -49,6 +49,11 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
             f"{problem}; what came before, {count} frame{'s' * (count > 1)}, is kept in "
             f"{options.out}"
         )
+    if not valid:
+        raise JShapeError(
+            f"{camera.name}: no pixel has a reading in {count} frame{'s' * (count > 1)}, kept in "
+            f"{options.out} all the same; jshape camera check says more"
+        )
     result = {
         "out": str(options.out), "camera": camera.name, "frames": count, "valid_share": share,
         "seconds": took, "stopped": why,

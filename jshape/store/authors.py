@@ -23,6 +23,7 @@ from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
 from jshape.store.files import read_bytes
 from jshape.store.formats import FILE_LIMIT, parse_npy, read_array
 from jshape.store.images import to_counts
+from jshape.store.recordings import by_number
 
 SPLITS = ("train", "test")
 XML_LIMIT = 2**16
@@ -83,7 +84,7 @@ def authors_instances(source: str | os.PathLike) -> list[tuple[str, str, Path, P
                     raise BadDataset(
                         f"{action / split}: instance {name} is in {has} but not in {lacks}"
                     )
-                for name in sorted(priors):
+                for name in sorted(priors, key=by_number):
                     who = agent.resolve().name
                     found.append((who, action.name, priors[name], posteriors[name]))
     if not found:

@@ -93,7 +93,7 @@ def _taken(k: np.ndarray, d: np.ndarray, p: np.ndarray, topic: str, where: str) 
                 "--camera FILE replaces it"
             )
         return k
-    projects = p[0, 0] > 0 and p[1, 1] > 0
+    projects = bool(p[0, 0] > 0 and p[1, 1] > 0)
     if bent(d):
         hint = f"; if they are, P holds: {_shown(p)}, to be said with --camera FILE" * projects
         raise BadCamera(

@@ -76,7 +76,9 @@ def _packed(message: Any, where: str) -> np.ndarray:
         _, a, b = _HEADER.unpack(data[: _HEADER.size])
         data = data[_HEADER.size :]
         if not _is_png(data):
-            raise BadImage(f"{where}: is {quoted(message.format)}, without a PNG; RVL is not read")
+            raise BadImage(
+                f"{where}: is {quoted(message.format)} and holds no PNG; RVL is not read"
+            )
     elif not _is_png(data) or name == "32FC1":
         raise BadImage(
             f"{where}: is {quoted(message.format)}; packed depth is compressedDepth or a PNG"

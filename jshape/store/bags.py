@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import Camera
-from jshape.data.depth import wrong_shape
+from jshape.data.depth import UNIT_HINT, check_unit, wrong_shape
 from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, same_frames
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.store.bag_cameras import INFO, camera_of, stated
@@ -45,6 +45,10 @@ class DepthBag:
     count: int
     """Frames, as the bag's index says."""
     _messages: "_Messages"
+    _number_unit: float
+    """Metres that 1 in a frame stands for."""
+    _stated: bool
+    """Whether somebody said so, so that it is not to be doubted."""
     _metres: bool
     _info: str | None
     """The topic of the CameraInfo that `camera` was made of."""
@@ -54,10 +58,11 @@ class DepthBag:
 
         Raises:
           BadFile: the bag is damaged from here on.
-          BadImage: a frame has another size or encoding than the first.
+          BadImage: a frame has another size or encoding than the first, or its numbers make sense
+            in another unit only.
           BadCamera: what the CameraInfo says changes here.
         """
-        number, first = 0, None
+        number, first, sure = 0, None, self._stated
         for message in self._messages.of(self.topic, self._info):
             if message.__msgtype__ == INFO:
                 said = stated(message)
@@ -74,7 +79,8 @@ class DepthBag:
                 raise BadImage(f"{where}: has another encoding than the first")
             if raw.shape != self.camera.shape:
                 raise BadImage(wrong_shape(where, raw.shape, self.camera))
-            yield counts_of(raw) if self._metres else raw
+            sure = sure or check_unit(raw, self._number_unit, self.camera, where, UNIT_HINT)
+            yield counts_of(raw * self._number_unit) if self._metres else raw
             number += 1
 
     def close(self) -> None:
@@ -88,23 +94,26 @@ def open_bag(
     topic: str | None = None,
     camera: tuple[Camera, float] | None = None,
     z_range: tuple[float, float] = Z_RANGE,
+    depth_unit: float | None = None,
 ) -> DepthBag:
     """Open a bag and find the depth frames in it.
 
     16UC1 is counts of 0.001 m, as ROS has it (or of the unit that librealsense states beside its
-    frames, or of the camera given); 32FC1 is metres, and becomes counts of 0.0001 m.
+    frames, or of the camera given); 32FC1 is metres, and becomes counts of 0.0001 m.  Numbers that
+    make sense in another unit only are refused, unless `depth_unit` says what they are.
 
     Args:
       path: a file, or the folder of a ROS 2 bag.
       topic: of the frames; None if there is only one depth topic.
       camera: intrinsics and metres per count instead of what the bag says.
       z_range: depths between which the bed lies, metres, where `camera` does not say.
+      depth_unit: metres that 1 in the frames stands for, whatever else says it.
 
     Raises:
       JShapeError: rosbags is not installed.
       BadFile: no such bag, one that is damaged or cut off, no depth topic or several.
       BadCamera: no CameraInfo, or one that makes no sense or belongs to frames of another size.
-      BadImage: the first frame is not a depth image.
+      BadImage: the first frame is not a depth image, or not in this unit.
     """
     path = Path(path)
     messages = _Messages(path)
@@ -114,16 +123,21 @@ def open_bag(
         first = _decoded(messages.first(topic), where)
         metres = first.dtype.kind == "f"
         size = (first.shape[1], first.shape[0])
-        info = None
+        info, sdk = None, _sdk_unit(messages, topic)
         if camera is not None:
-            seen, unit = same_frames(camera[0], size, where), camera[1]
+            seen = same_frames(camera[0], size, where)
         else:
             info = _info_beside(messages, topic)
             said = f"{path}: CameraInfo on {_shown(info)}"
             seen = camera_of(messages.first(info), topic, size, z_range, said)
-            unit = _sdk_unit(messages, topic) or DEPTH_UNIT
-        unit = FLOAT_UNIT if metres else unit
-        return DepthBag(path, topic, seen, unit, messages.count(topic), messages, metres, info)
+        unit = (sdk or DEPTH_UNIT) if camera is None else camera[1]
+        unit = depth_unit or (1.0 if metres else unit)
+        stated = depth_unit is not None or (unit == sdk and not metres)
+        if not stated:
+            check_unit(first, unit, seen, where, UNIT_HINT)
+        made = FLOAT_UNIT if metres else unit
+        count = messages.count(topic)
+        return DepthBag(path, topic, seen, made, count, messages, unit, stated, metres, info)
     except BaseException:
         messages.close()
         raise

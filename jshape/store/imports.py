@@ -19,6 +19,7 @@ from jshape.errors import BadDataset, BadFile, BadImage
 from jshape.store.cameras import read_camera
 from jshape.store.formats import read_array
 from jshape.store.images import depth_of_array, to_counts
+from jshape.store.recordings import by_number
 
 STATES = ("before", "after")
 _SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".exr")
@@ -35,7 +36,7 @@ class BeforeAfter(NamedTuple):
 
 
 def before_after_files(source: str | os.PathLike) -> dict[str, tuple[Path, Path]]:
-    """The two files of every name, in order of their names.
+    """The two files of every name, in order of their names and the numbers in them.
 
     Raises:
       BadDataset: no such folder, no frames, a name with one frame only or with two of a kind.
@@ -68,7 +69,8 @@ def before_after_files(source: str | os.PathLike) -> dict[str, tuple[Path, Path]
             f"{source}: holds no frames; expected NAME_before.png and NAME_after.png, or "
             "before/NAME.png and after/NAME.png"
         )
-    return {name: (found[name]["before"], found[name]["after"]) for name in sorted(found)}
+    names = sorted(found, key=by_number)
+    return {name: (found[name]["before"], found[name]["after"]) for name in names}
 
 
 def before_after_camera(

@@ -1,7 +1,7 @@
 """Recordings on disk: a folder with `camera.json` and numbered 16-bit depth frames.
 
 Frames are (H, W) uint16 counts of `depth_unit` metres, 0 = no reading, in `frames/` or beside
-`camera.json`; a frame's number is the digits at the end of its name.
+`camera.json`; their order is that of the numbers at the end of their names: 000007, 100.033333.
 """
 
 import csv
@@ -11,6 +11,8 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,7 +35,9 @@ CONTENTS = (CAMERA, FRAMES, TRUTH, LABELS)
 LEAVE_OUT = "-"
 """A label that makes no pair: an action that went wrong."""
 
-_NUMBERED = re.compile(r"(.*?)([0-9]{1,12})")
+_NUMBERED = re.compile(r"(.*?)([0-9]{1,30})(?:\.([0-9]{1,30}))?", re.DOTALL)
+_COUNTED = 10**9
+"""Numbers from here on are times (seconds since 1970 and finer), between which nothing lacks."""
 _SUFFIXES = (".png", ".tif", ".tiff", ".npy")
 _TABLE_LIMIT = 2**24
 
@@ -108,40 +112,85 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
     except BadFile as problem:
         raise BadDataset(str(problem)) from None
     within = folder / FRAMES if (folder / FRAMES).is_dir() else folder
-    found: dict[int, Path] = {}
-    kinds: dict[tuple[str, str], Path] = {}
     try:
-        names = sorted(os.listdir(within))
+        names = [name for name in os.listdir(within) if not name.startswith(".")]
     except OSError as problem:
         raise BadDataset(f"{within}: cannot be read: {one_line(problem)}") from None
-    for name in names:
-        path = within / name
-        match = _NUMBERED.fullmatch(path.stem)
-        if name.startswith(".") or path.suffix.lower() not in _SUFFIXES or not match:
-            continue
-        kinds.setdefault((match[1], path.suffix.lower()), path)
-        number = int(match[2])
-        if len(kinds) > 1:
-            first, second = (p.name for p in list(kinds.values())[:2])
-            raise BadDataset(
-                f"{within}: holds frames of two kinds, {first} and {second}; keep one of them"
-            )
-        if number in found:
-            raise BadDataset(f"{within}: {found[number].name} and {name} have the same number")
-        found[number] = path
+    found = in_order(within / n for n in names if Path(n).suffix.lower() in _SUFFIXES)
     if not found:
         raise BadDataset(
             f"{within}: holds no frames; expected numbered 16-bit depth images like 000000.png"
         )
-    numbers = sorted(found)
-    gaps = [(a + 1, b - 1) for a, b in zip(numbers, numbers[1:], strict=False) if b > a + 1]
+    numbers = list(found)
+    counted = numbers[-1] < _COUNTED and all(n == n.to_integral_value() for n in numbers)
+    gaps = [(int(a) + 1, int(b) - 1) for a, b in pairwise(numbers) if counted and b > a + 1]
     if gaps and not allow_gaps:
         text = ", ".join(str(a) if a == b else f"{a} to {b}" for a, b in gaps[:5])
         more = f" and {len(gaps) - 5} more gaps" if len(gaps) > 5 else ""
         raise BadDataset(
             f"{within}: missing frames: {text}{more}; --allow-gaps takes the others all the same"
         )
-    return Recording(folder, camera, depth_unit, tuple(found[n] for n in numbers))
+    return Recording(folder, camera, depth_unit, tuple(found.values()))
+
+
+def in_order(paths: Iterable[Path]) -> dict[Decimal, Path]:
+    """Files in the order of the numbers at the end of their names; those without are left out.
+
+    A number may have a fraction, since names are often times: 100.1 comes after 100.033333.
+
+    Raises:
+      BadDataset: the names differ in more than that number, two have the same one, or the dot may
+        as well stand between two numbers (1.9, 1.10).
+    """
+    found: dict[Decimal, Path] = {}
+    parts: dict[Path, tuple[int, int]] = {}
+    kinds: dict[tuple[str, str], Path] = {}
+    for path in sorted(paths):
+        match = _NUMBERED.fullmatch(path.stem)
+        if not match:
+            continue
+        kinds.setdefault((match[1], path.suffix.lower()), path)
+        if len(kinds) > 1:
+            raise BadDataset(
+                f"{path.parent}: holds frames of two kinds, {_names(kinds.values())}; only the "
+                "number at the end may differ; keep one of them"
+            )
+        number = Decimal(f"{match[2]}.{match[3]}" if match[3] else match[2])
+        if number in found:
+            raise BadDataset(f"{path.parent}: {_names([found[number], path])} have the same number")
+        found[number] = path
+        parts[path] = int(match[2]), int(match[3] or 0)
+    ordered = {number: found[number] for number in sorted(found)}
+    as_parts = sorted(parts, key=parts.__getitem__)
+    if as_parts != list(ordered.values()):
+        # Either counted on behind the dot, or seconds and nanoseconds without leading zeros.
+        pairs = [parts[path] for path in as_parts]
+        counted = all(b[0] > a[0] or b[1] == a[1] + 1 for a, b in pairwise(pairs))
+        times = [s + Decimal(ns).scaleb(-9) for s, ns in pairs]
+        if counted or _unsteady(times) < _unsteady(list(ordered)):
+            other = next((a, b) for a, b in zip(as_parts, ordered.values(), strict=True) if a != b)
+            raise BadDataset(
+                f"{as_parts[0].parent}: which comes first, {_names(other)}? The dot may be a "
+                "decimal point or stand between two numbers; rename them, as 000000.png"
+            )
+    return ordered
+
+
+def by_number(name: str) -> list[str | Decimal]:
+    """What to sort names by, so that 2 comes before 10."""
+    parts = re.split(r"([0-9]{1,30}(?:\.[0-9]{1,30})?)", name)
+    return [Decimal(part) if k % 2 else part for k, part in enumerate(parts)]
+
+
+def _unsteady(times: Sequence[Decimal]) -> Decimal:
+    """How much longer the longest step between times is than the middle one."""
+    steps = sorted(b - a for a, b in pairwise(times))
+    middle = steps[len(steps) // 2]
+    return steps[-1] / middle if middle > 0 else Decimal("Infinity")
+
+
+def _names(paths: Iterable[Path]) -> str:
+    return " and ".join(one_line(path.name, 60) for path in paths)
 
 
 @contextmanager

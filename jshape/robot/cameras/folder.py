@@ -2,18 +2,19 @@
 
 import itertools
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from jshape.camera import D435_BAZAR, PAPER_BOX, Camera
-from jshape.data.depth import to_metres, wrong_shape
-from jshape.data.intrinsics import FLOAT_UNIT, counts_of
+from jshape.data.depth import UNIT_HINT, check_unit, to_metres, wrong_shape
+from jshape.data.intrinsics import FLOAT_UNIT, counts_of, within
 from jshape.errors import BadCamera, BadImage
 from jshape.robot.cameras.played import Played
 from jshape.store.cameras import DEPTH_UNIT, read_camera
 from jshape.store.formats import read_array
-from jshape.store.recordings import CAMERA, open_recording
+from jshape.store.recordings import CAMERA, Recording, open_recording
 
 
 def folder_camera(folder: str | os.PathLike) -> Played:
@@ -29,13 +30,26 @@ def folder_camera(folder: str | os.PathLike) -> Played:
         Path(folder).name or str(folder),
         found.camera,
         found.depth_unit,
-        found.frames(),
+        _checked(found),
         count=len(found),
     )
 
 
+def _checked(found: Recording) -> Iterator[np.ndarray]:
+    """The frames, once the first that has readings makes sense in the unit that is stated."""
+    sure = False
+    for counts, path in zip(found.frames(), found.files, strict=True):
+        hint = f"depth_unit {{unit}}, in {found.folder / CAMERA}"
+        sure = sure or check_unit(counts, found.depth_unit, found.camera, str(path), hint)
+        yield counts
+
+
 def picture_camera(
-    path: str | os.PathLike, *, camera: tuple[Camera, float] | None = None
+    path: str | os.PathLike,
+    *,
+    camera: tuple[Camera, float] | None = None,
+    z_range: tuple[float, float] | None = None,
+    depth_unit: float | None = None,
 ) -> Played:
     """One depth picture, again and again: 16-bit PNG or TIFF (counts), NPY or EXR (metres).
 
@@ -43,9 +57,12 @@ def picture_camera(
       path: the picture.
       camera: whose it is, and metres per count; None: what `camera.json` beside it says, else the
         paper's camera if the size is its.
+      z_range: depths between which the bed lies, metres; None: as its camera has it.
+      depth_unit: metres that 1 in the picture stands for, whatever else says it.
 
     Raises:
-      BadFile, BadImage: it cannot be read, is no depth picture or has another size.
+      BadFile, BadImage: it cannot be read, is no depth picture, has another size, or numbers that
+        make sense in another unit only.
       BadCamera: nothing says whose it is.
     """
     path = Path(path)
@@ -54,13 +71,17 @@ def picture_camera(
         raise BadImage(f"{path}: holds luminance (8 bits); a camera's frames are 16-bit or metres")
     if camera is None:
         camera = _beside(path, raw.shape)
-    made_by, unit = camera
+    made_by, unit = within(camera[0], z_range), camera[1]
     if raw.shape != made_by.shape:
         raise BadImage(wrong_shape(str(path), raw.shape, made_by))
-    if raw.dtype == np.uint16:
+    whole = raw.dtype == np.uint16
+    unit = depth_unit or (unit if whole else 1.0)
+    if depth_unit is None:
+        check_unit(raw, unit, made_by, str(path), UNIT_HINT)
+    if whole:
         counts = raw
     else:
-        counts, unit = counts_of(to_metres(raw, unit, str(path))), FLOAT_UNIT
+        counts, unit = counts_of(to_metres(raw, unit, str(path)) * unit), FLOAT_UNIT
     again = (counts.copy() for _ in itertools.repeat(None))
     return Played(path.name, made_by, unit, again, still=True)
 

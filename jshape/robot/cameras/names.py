@@ -30,6 +30,7 @@ class Settings(NamedTuple):
     z_range: tuple[float, float] | None = None
     temporal: bool = True
     holes: bool = False
+    depth_unit: float | None = None
 
 
 class Kind(NamedTuple):
@@ -50,6 +51,7 @@ def open_camera(
     window: tuple[int, int, int, int] | None = None,
     temporal: bool = True,
     holes: bool = False,
+    depth_unit: float | None = None,
 ) -> DepthCamera:
     """The camera that a text names, started.
 
@@ -61,25 +63,34 @@ def open_camera(
       window: (left, top, width, height) in pixels: the part of the frames to look at.
       temporal: the SDK's temporal filter (RealSense only).
       holes: the SDK's hole filling (RealSense only).
+      depth_unit: metres that 1 in the frames of a bag or picture stands for.
 
     Raises:
-      JShapeError: no such kind of camera; or as the camera itself says, in one line.
+      JShapeError: no such kind of camera, a name of two, or as the camera itself says, in one line.
     """
     if camera is not None and not Path(camera).is_file():
         raise BadCamera(f"{camera}: no such file; a {CAMERA} is expected")
     given = None if camera is None else read_camera(camera)
-    kind = next((kind for kind in KINDS if kind.fits(text)), None)
+    if given is not None:
+        given = within(given[0], z_range), given[1]
+    kinds = [kind for kind in KINDS if kind.fits(text)]
+    kind = next(iter(kinds), None)
+    if kind is not None and kind.open in (_realsense, _sim) and kinds[-1].open is not kind.open:
+        raise JShapeError(
+            f"{text}: is a camera's name and {kinds[-1].what} here; write ./{text} for what is "
+            f"here, or {text}: for the camera"
+        )
     if kind is None:
         path = Path(text)
         if path.is_dir():
             what = f"is a folder with neither {CAMERA} (a recording) nor {bags.METADATA} (a bag)"
         else:
-            known = path.suffix in (*bags.SUFFIXES, *PICTURES)
+            known = path.suffix.lower() in (*bags.SUFFIXES, *PICTURES)
             what = "no such file" if known or "/" in text else "is not a camera"
         allowed = ", ".join(kind.example for kind in KINDS)
         near = did_you_mean(text.partition(":")[0], ("realsense", "sim"))
         raise JShapeError(f"{text}: {what}; allowed: {allowed}{near}")
-    opened = kind.open(text, Settings(given, topic, z_range, temporal, holes))
+    opened = kind.open(text, Settings(given, topic, z_range, temporal, holes, depth_unit))
     try:
         opened.camera = within(opened.camera, z_range)
         return Window(opened, *window) if window is not None else opened
@@ -89,6 +100,7 @@ def open_camera(
 
 
 def _realsense(text: str, settings: Settings) -> DepthCamera:
+    _refuse_unit(text, settings)
     rest = text.partition(":")[2]
     file = rest if Path(rest).suffix in SUFFIXES else None
     serial = rest if rest and file is None else None
@@ -123,8 +135,13 @@ def seed_of(text: str) -> int:
 
 
 def _bag(text: str, settings: Settings) -> DepthCamera:
-    z_range = settings.z_range or Z_RANGE
-    return bag_camera(text, topic=settings.topic, camera=settings.camera, z_range=z_range)
+    return bag_camera(
+        text,
+        topic=settings.topic,
+        camera=settings.camera,
+        z_range=settings.z_range or Z_RANGE,
+        depth_unit=settings.depth_unit,
+    )
 
 
 def _folder(text: str, settings: Settings) -> DepthCamera:
@@ -133,12 +150,20 @@ def _folder(text: str, settings: Settings) -> DepthCamera:
 
 
 def _picture(text: str, settings: Settings) -> DepthCamera:
-    return picture_camera(text, camera=settings.camera)
+    return picture_camera(
+        text, camera=settings.camera, z_range=settings.z_range, depth_unit=settings.depth_unit
+    )
 
 
 def _refuse(text: str, settings: Settings) -> None:
     if settings.camera is not None:
         raise BadCamera(f"{text}: has a camera of its own; --camera is for devices, bags, pictures")
+    _refuse_unit(text, settings)
+
+
+def _refuse_unit(text: str, settings: Settings) -> None:
+    if settings.depth_unit is not None:
+        raise BadCamera(f"{text}: says its unit itself; --depth-unit is for bags and pictures")
 
 
 def _named(name: str) -> Callable[[str], bool]:
@@ -146,7 +171,7 @@ def _named(name: str) -> Callable[[str], bool]:
 
 
 def _file(suffixes: tuple[str, ...]) -> Callable[[str], bool]:
-    return lambda text: Path(text).is_file() and Path(text).suffix in suffixes
+    return lambda text: Path(text).is_file() and Path(text).suffix.lower() in suffixes
 
 
 def _holds(name: str) -> Callable[[str], bool]:

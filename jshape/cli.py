@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 
 from jshape.commands import COMMANDS, arguments, examples, settings
 from jshape.commands.colours import coloured
@@ -89,6 +90,11 @@ def _run(words: list[str]) -> int:
         from jshape.devices import remember_compiled
 
         remember_compiled()
+    if isinstance(getattr(options, "out", None), Path):
+        from jshape.store.folders import left_behind
+
+        for line in left_behind(options.out):
+            print(coloured(one_line(line, 2000), "warning", sys.stderr), file=sys.stderr)
     result = options.run(options)
     if options.json:
         print(json.dumps(result))

@@ -172,6 +172,40 @@ def test_a_full_disk_keeps_what_was_recorded(watched, tmp_path, capsys, rng, mon
     assert len(open_recording(tmp_path / "rec")) == 3
 
 
+def test_what_a_killed_recording_left_is_said_before_the_next(folder, tmp_path, capsys):
+    left = tmp_path / ".rec.0123456789ab.tmp"
+    folder.rename(left)
+    code, _, err = run(capsys, "record", left, "--out", tmp_path / "rec", "--frames", 1)
+    assert code == 0 and err.count("\n") == 1
+    assert f"left unfinished before: {left}, a recording of 6 whole frames; to keep it: mv" in err
+    left.rename(tmp_path / "rec-0123")
+    assert len(open_recording(tmp_path / "rec-0123")) == 6
+    assert not run(capsys, "record", tmp_path / "rec", "--out", tmp_path / "rec2")[2]
+
+
+def test_a_recording_without_any_reading_is_kept_and_no_success(watched, tmp_path, capsys, rng):
+    watched(iter(np.zeros_like(noisy(rng, 2))))
+    code, _, err = run(capsys, "record", "it", "--out", tmp_path / "rec")
+    assert code == 2 and "watched: no pixel has a reading in 2 frames, kept in" in err
+    assert len(open_recording(tmp_path / "rec")) == 2
+
+
+def test_a_bag_in_millimetres_needs_its_unit_said(tmp_path, capsys, rng):
+    pytest.importorskip("rosbags")
+    from tests.written_bags import depth_bag
+
+    frames = (noisy(rng, 3) / 10).astype(np.float32)
+    path = depth_bag(tmp_path / "bag", "ros2", SMALL, frames)
+    for words in (["record", path, "--out", tmp_path / "rec"], ["camera", "check", path]):
+        code, _, err = run(capsys, *words)
+        assert code == 2 and "values around 450 are not metres" in err
+        assert "0.001 would fit: --depth-unit 0.001" in err and not (tmp_path / "rec").exists()
+        code, out, _ = run(capsys, *words, "--depth-unit", "0.001")
+        assert code == 0 and "pixels have a reading" in out
+    recording = open_recording(tmp_path / "rec")
+    np.testing.assert_allclose(next(recording.frames()) * 1e-4, frames[0] * 1e-3, atol=6e-5)
+
+
 def test_too_many_missing_readings_are_said(watched, tmp_path, capsys, rng):
     frames = noisy(rng, 5)
     frames[:, :, :38] = 0

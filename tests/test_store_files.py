@@ -278,6 +278,38 @@ def test_an_interrupt_at_the_end_keeps_what_was_made(tmp_path, monkeypatch):
     assert kept_of(info) == {"frame": "1"}
 
 
+@pytest.mark.parametrize("inside", [False, True])
+def test_what_a_killed_process_left_is_named_with_the_ways_out(tmp_path, inside):
+    target = tmp_path / "my rec"
+    home = target if inside else tmp_path
+    with folders.atomic_folder(target) as temp:
+        (temp / "camera.json").write_text("{}")
+        (temp / "frames").mkdir()
+        for name in ("000000.png", "000001.png", ".000002.png.0123456789ab.tmp"):
+            (temp / "frames" / name).write_text("x")
+        assert folders.left_behind(target) == [], "somebody is writing it"
+        left = home / ".my rec.0123456789ab.tmp"
+        shutil.copytree(temp, left)
+        (home / ".my rec.0123456789ac.tmp").mkdir()
+        (home / ".my rec.0123456789ac.tmp" / "pairs.csv").write_text("x")
+        (home / ".my recording.0123456789ab.tmp").mkdir()
+        (home / ".my rec.0123456789ad.tmp").write_text("a file that was being written")
+        lines = folders.left_behind(target)
+        shutil.rmtree(target, ignore_errors=True)
+    if inside:
+        assert len(lines) == 2
+        return
+    assert len(lines) == 2 and lines == folders.left_behind(target)
+    kept = f"{tmp_path}/my rec-0123"
+    assert lines[0] == (
+        f"left unfinished before: {left}, a recording of 2 whole frames; "
+        f"to keep it: mv '{left}' '{kept}'; to remove it: rm -r '{left}'"
+    )
+    assert ", 1 file of a result; " in lines[1]
+    subprocess.run(lines[0].split("to keep it: ")[1].split(";")[0], shell=True, check=True)
+    assert os.path.isfile(f"{kept}/frames/000001.png") and len(folders.left_behind(target)) == 1
+
+
 def test_an_existing_folder_is_replaced_only_on_demand(tmp_path):
     target = tmp_path / "folder"
     target.mkdir()

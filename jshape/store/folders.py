@@ -2,9 +2,11 @@
 
 import errno
 import os
+import re
+import shlex
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from jshape.errors import BadFile, one_line
@@ -36,8 +38,7 @@ def atomic_folder(
     """
     target = _resolved(Path(target))
     check_target(target, overwrite, contents=contents)
-    with parents(target):
-        temp = _make_temp(target)
+    with parents(target), _held(temp := _make_temp(target)):
         try:
             yield temp
         except BaseException:
@@ -104,6 +105,72 @@ def check_target(
             )
     except OSError as problem:
         refuse(target, "cannot be read", problem)
+
+
+def left_behind(target: Path) -> list[str]:
+    """What killed processes left of a target, in hidden folders: a line for people on each.
+
+    A folder that another process is still writing is none of them.
+    """
+    lines = []
+    with suppress(OSError, ValueError):
+        target = target.resolve()
+        pattern = re.compile(rf"\.{re.escape(target.name[:80])}\.([0-9a-f]{{12}})\.tmp")
+        for parent in (target.parent, target):
+            for name in sorted(os.listdir(parent)) if parent.is_dir() else ():
+                match = pattern.fullmatch(name)
+                if match and (parent / name).is_dir() and not _is_held(parent / name):
+                    lines.append(_left(parent / name, f"{target}-{match[1][:4]}"))
+    return lines
+
+
+def _left(found: Path, free: str) -> str:
+    """What is in a folder that was left behind, and how to keep or remove it."""
+    files = [path for path in found.rglob("[!.]*") if path.is_file()]
+    # A frame has its name when it is whole, and camera.json is written before the first.
+    count = sum(path.parent.name == "frames" and path.stem.isdecimal() for path in files)
+    if count and (found / "camera.json").is_file():
+        there = f"a recording of {count} whole frame{'s' * (count > 1)}"
+    else:
+        there = f"{len(files)} file{'s' * (len(files) != 1)} of a result"
+    name = shlex.quote(str(found))
+    return (
+        f"left unfinished before: {found}, {there}; to keep it: mv {name} {shlex.quote(free)}; "
+        f"to remove it: rm -r {name}"
+    )
+
+
+@contextmanager
+def _held(folder: Path, *, quiet: bool = True) -> Iterator[None]:
+    """Marks a folder as being written, until the block or the process ends, however it does."""
+    handle = None
+    try:
+        # No folder can be opened on Windows, nor locked on some network disks.
+        with suppress(*((OSError,) if quiet else ())):
+            handle = os.open(folder, os.O_RDONLY)
+            _lock(handle)
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _is_held(folder: Path) -> bool:
+    try:
+        with _held(folder, quiet=False):
+            return False
+    except BlockingIOError:
+        return True
+    except OSError:  # nothing tells here
+        return False
+
+
+def _lock(handle: int) -> None:
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return
+    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def beside(target: Path, ending: str) -> Path:

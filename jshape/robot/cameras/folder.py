@@ -3,6 +3,7 @@
 import itertools
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +18,22 @@ from jshape.store.formats import read_array
 from jshape.store.recordings import CAMERA, Recording, open_recording
 
 
-def folder_camera(folder: str | os.PathLike) -> Played:
+def folder_camera(
+    folder: str | os.PathLike, *, z_range: tuple[float, float] | None = None
+) -> Played:
     """The frames of a recording: a folder with `camera.json` and numbered 16-bit frames.
 
     Numbers may be missing: what was dropped does not matter to who looks.
+
+    Args:
+      folder: the recording's.
+      z_range: depths between which the bed lies, metres; None: as its camera.json has it.
 
     Raises:
       BadDataset, BadCamera: as for `store.recordings.open_recording`.
     """
     found = open_recording(folder, allow_gaps=True)
+    found = replace(found, camera=within(found.camera, z_range))
     return Played(
         Path(folder).name or str(folder),
         found.camera,

@@ -30,6 +30,8 @@ METADATA = "metadata.yaml"
 _SDK = "/device_0/"
 _PACKED = ("/compressed", "/compressedDepth")
 """What image_transport puts behind a topic's name for the same frames, packed."""
+_MENDERS = {".mcap": "mcap recover", ".bag": "rosbag reindex"}
+"""Programs of others that mend what a killed recorder left."""
 _LISTED = 8
 
 
@@ -223,7 +225,8 @@ class _Messages:
             raise
         except Exception as problem:  # rosbags, SQLite, LZ4, YAML: no common type
             reason = one_line(problem, 120) or type(problem).__name__
-            hint = ""
+            mender = _MENDERS.get(self.path.suffix)
+            hint = f"; {mender} may save what is whole of it" if mender else ""
             if self.path.suffix == ".bag" and any(t.startswith(_SDK) for t in self._topics()):
                 hint = f"; it looks recorded by a RealSense: try realsense:{self.path.name}"
             raise BadFile(

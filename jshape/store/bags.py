@@ -71,7 +71,7 @@ class DepthBag:
                 first = said if first is None else first
                 if not all(map(np.array_equal, said, first)):
                     raise BadCamera(
-                        f"{self.path}: CameraInfo on {_shown(self._info)} is another one from "
+                        f"{self.path}: CameraInfo on {_shown(str(self._info))} is another one from "
                         f"frame {number} on; --camera FILE says what holds for all"
                     )
                 continue

@@ -93,7 +93,8 @@ def test_quantised_metres_come_within_their_steps(tmp_path, metres):
 
 def test_big_endian_and_padded_rows(tmp_path, counts):
     topics = [(TOPIC, [image(counts[0], big=True, pad=6)]), (INFO, [info(SMALL)])]
-    _, frames = read(write_bag(tmp_path / "bag", "ros1", topics))
+    path = write_bag(tmp_path / "bag", "ros1", topics)
+    _, frames = read(path.rename(path.with_suffix(".BAG")))
     np.testing.assert_array_equal(frames, counts[:1])
 
 

@@ -171,10 +171,10 @@ class _Messages:
         if path.is_dir() and not (path / METADATA).is_file():
             hint = "; ros2 bag reindex writes it" * any(path.glob("*.db3") or path.glob("*.mcap"))
             raise BadFile(f"{path}: has no {METADATA}, so it is not a ROS 2 bag{hint}")
-        if path.is_file() and path.suffix not in SUFFIXES:
-            raise BadFile(f"{path}: is not a bag; allowed: {', '.join(SUFFIXES)}")
+        old = path.suffix.lower() == ".bag" and path.is_file()
+        if path.is_file() and path.suffix not in SUFFIXES and not old:
+            raise BadFile(f"{path}: is not a bag; allowed: {', '.join(SUFFIXES)}, in small letters")
         self.path = path
-        old = path.suffix == ".bag" and path.is_file()
         store = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
         self._unpack = store.deserialize_ros1 if old else store.deserialize_cdr
         self._open = False

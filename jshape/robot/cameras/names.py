@@ -102,7 +102,7 @@ def open_camera(
 def _realsense(text: str, settings: Settings) -> DepthCamera:
     _refuse_unit(text, settings)
     rest = text.partition(":")[2]
-    file = rest if Path(rest).suffix in SUFFIXES else None
+    file = rest if Path(rest).suffix.lower() in SUFFIXES else None
     serial = rest if rest and file is None else None
     opened = RealSense(serial, file=file, temporal=settings.temporal, holes=settings.holes)
     if settings.camera is not None:  # its unit is the device's all the same

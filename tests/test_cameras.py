@@ -192,7 +192,7 @@ def test_pictures_in_metres(tmp_path):
         assert look(camera)[1, 1] == np.float32(0.45)
 
 
-def test_a_picture_or_recording_in_another_unit_is_refused(tmp_path):
+def test_a_picture_in_another_unit_is_refused(tmp_path):
     depth = np.full(SMALL.shape, 450.0, np.float32)
     np.save(tmp_path / "one.npy", depth)
     assert cv2.imwrite(str(tmp_path / "one.tif"), depth)
@@ -208,12 +208,7 @@ def test_a_picture_or_recording_in_another_unit_is_refused(tmp_path):
     range_given = picture_camera(tmp_path / "one.png", camera=(SMALL, 1e-3), z_range=(4.0, 5.0))
     assert (range_given.frame() == 4500).all()
     with recording_writer(tmp_path / "rec", SMALL, 1e-3) as add:
-        add(np.zeros(SMALL.shape, np.uint16))
-        add(10 * depth.astype(np.uint16))
-    with folder_camera(tmp_path / "rec") as camera:
-        assert not camera.frame().any()
-        with pytest.raises(BadImage, match="000001.png: .* depth_unit 0.0001, in .*camera.json"):
-            camera.frame()
+        add((depth + 1).astype(np.uint16))
     with pytest.raises(BadCamera, match="says its unit itself; --depth-unit is for bags and"):
         open_camera(str(tmp_path / "rec"), depth_unit=1e-4)
 

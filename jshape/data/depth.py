@@ -81,55 +81,6 @@ def check_depth(
     return depth
 
 
-REACH = (0.05, 6.5535)
-"""Metres: nearer no depth camera sees, farther 16 bits do not reach in steps of 0.1 mm."""
-UNIT_HINT = "--depth-unit {unit} says so; --depth-range NEAR,FAR if the bed is elsewhere"
-"""The way out where both options are."""
-
-
-def check_unit(raw: np.ndarray, unit: float, camera: Camera, where: str, hint: str) -> bool:
-    """Refuse numbers that make sense in another unit than the one they were taken for.
-
-    The unit of frames is not always the one that their format promises: some write millimetres
-    where metres are due, and all of them are then beyond what counts hold.
-
-    Args:
-      raw: (H, W), counts or metres; 0, NaN and infinity mean "no reading".
-      unit: metres that 1 stands for.
-      camera: in whose range a thousandth of the readings must lie, if another unit brings half of
-        them there.
-      where: what the frame is called in errors.
-      hint: how to say the unit that would fit, which stands for {unit}.
-
-    Returns:
-      False if there is no reading to tell by.
-
-    Raises:
-      BadImage: so it is, or the numbers are beyond `REACH` in this unit.
-    """
-    found = raw[~missing(raw)]
-    if not found.size:
-        return False
-    low, high = float(camera.z_min), float(camera.z_max)
-    median = float(np.median(found))
-    seen = float(np.mean(outside_range(found * unit, camera))) < 1 - 1e-3
-    factor = None if seen else _factor(median * unit, low, high)
-    if factor is None and not seen and not REACH[0] <= median * unit <= REACH[1]:
-        factor = _factor(median * unit, *REACH)
-        low, high = REACH
-        if factor is None:
-            raise BadImage(
-                f"{where}: depths around {median * unit:g} m; {low:g} to {high:g} m are read"
-            )
-    if factor is not None:
-        what = "metres" if unit == 1 else f"counts of {unit:g} m"
-        raise BadImage(
-            f"{where}: values around {median:g} are not {what}, seen from {low:g} to {high:g} m; "
-            f"{unit * factor:g} would fit: {hint.format(unit=f'{unit * factor:g}')}"
-        )
-    return True
-
-
 def wrong_shape(where: str, shape: tuple[int, ...], camera: Camera) -> str:
     """The sentence for an image of another size."""
     size = f"{shape[1]}x{shape[0]} pixels" if len(shape) == 2 else f"shape {shape}"
@@ -138,16 +89,13 @@ def wrong_shape(where: str, shape: tuple[int, ...], camera: Camera) -> str:
 
 def _unit_hint(median: float, low: float, high: float, depth_unit: float | None) -> str:
     """What the unit may have been, if a power of ten brings the median into the range."""
-    factor = _factor(median, low, high)
-    if factor is None:
-        return ""
-    if depth_unit is not None:
-        return f"; depth_unit {depth_unit * factor:g} instead of {depth_unit:g} would fit it"
-    unit = " (are they millimetres?)" if factor == 1e-3 else ""
-    return f"; {factor:g} times those numbers would fit it{unit}"
-
-
-def _factor(median: float, low: float, high: float) -> float | None:
-    """The power of ten that brings a depth into a range, if one does."""
-    factors = (10.0**power for power in (-3, 3, -1, 1, -2, 2, -4, 4))
-    return next((f for f in factors if low <= median * f <= high), None)
+    for power in (-3, 3, -1, 1, -2, 2, -4, 4):
+        factor = 10.0**power
+        if low <= median * factor <= high:
+            if depth_unit is not None:
+                return (
+                    f"; depth_unit {depth_unit * factor:g} instead of {depth_unit:g} would fit it"
+                )
+            unit = {-3: " (are they millimetres?)"}.get(power, "")
+            return f"; {factor:g} times those numbers would fit it{unit}"
+    return ""

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import Camera
-from jshape.data.depth import UNIT_HINT, check_unit, wrong_shape
-from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, same_frames
+from jshape.data.depth import wrong_shape
+from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, check_numbers, counts_of, same_frames
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.store.bag_cameras import INFO, camera_of, stated
 from jshape.store.bag_images import COMPRESSED, IMAGE, decode, encoding_of
@@ -81,7 +81,7 @@ class DepthBag:
                 raise BadImage(f"{where}: has another encoding than the first")
             if raw.shape != self.camera.shape:
                 raise BadImage(wrong_shape(where, raw.shape, self.camera))
-            sure = sure or check_unit(raw, self._number_unit, self.camera, where, UNIT_HINT)
+            sure = sure or check_numbers(raw, self._number_unit, self.camera, where)
             yield counts_of(raw * self._number_unit) if self._metres else raw
             number += 1
 
@@ -136,7 +136,7 @@ def open_bag(
         unit = depth_unit or (1.0 if metres else unit)
         stated = depth_unit is not None or (unit == sdk and not metres)
         if not stated:
-            check_unit(first, unit, seen, where, UNIT_HINT)
+            check_numbers(first, unit, seen, where)
         made = FLOAT_UNIT if metres else unit
         count = messages.count(topic)
         return DepthBag(path, topic, seen, made, count, messages, unit, stated, metres, info)

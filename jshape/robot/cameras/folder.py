@@ -2,54 +2,36 @@
 
 import itertools
 import os
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from jshape.camera import D435_BAZAR, PAPER_BOX, Camera
-from jshape.data.depth import UNIT_HINT, check_unit, to_metres, wrong_shape
-from jshape.data.intrinsics import FLOAT_UNIT, counts_of, within
+from jshape.data.depth import to_metres, wrong_shape
+from jshape.data.intrinsics import FLOAT_UNIT, check_numbers, counts_of, within
 from jshape.errors import BadCamera, BadImage
 from jshape.robot.cameras.played import Played
 from jshape.store.cameras import DEPTH_UNIT, read_camera
 from jshape.store.formats import read_array
-from jshape.store.recordings import CAMERA, Recording, open_recording
+from jshape.store.recordings import CAMERA, open_recording
 
 
-def folder_camera(
-    folder: str | os.PathLike, *, z_range: tuple[float, float] | None = None
-) -> Played:
+def folder_camera(folder: str | os.PathLike) -> Played:
     """The frames of a recording: a folder with `camera.json` and numbered 16-bit frames.
 
     Numbers may be missing: what was dropped does not matter to who looks.
-
-    Args:
-      folder: the recording's.
-      z_range: depths between which the bed lies, metres; None: as its camera.json has it.
 
     Raises:
       BadDataset, BadCamera: as for `store.recordings.open_recording`.
     """
     found = open_recording(folder, allow_gaps=True)
-    found = replace(found, camera=within(found.camera, z_range))
     return Played(
         Path(folder).name or str(folder),
         found.camera,
         found.depth_unit,
-        _checked(found),
+        found.frames(),
         count=len(found),
     )
-
-
-def _checked(found: Recording) -> Iterator[np.ndarray]:
-    """The frames, once the first that has readings makes sense in the unit that is stated."""
-    sure = False
-    for counts, path in zip(found.frames(), found.files, strict=True):
-        hint = f"depth_unit {{unit}}, in {found.folder / CAMERA}"
-        sure = sure or check_unit(counts, found.depth_unit, found.camera, str(path), hint)
-        yield counts
 
 
 def picture_camera(
@@ -85,7 +67,7 @@ def picture_camera(
     whole = raw.dtype == np.uint16
     unit = depth_unit or (unit if whole else 1.0)
     if depth_unit is None:
-        check_unit(raw, unit, made_by, str(path), UNIT_HINT)
+        check_numbers(raw, unit, made_by, str(path))
     if whole:
         counts = raw
     else:

@@ -146,7 +146,7 @@ def _bag(text: str, settings: Settings) -> DepthCamera:
 
 def _folder(text: str, settings: Settings) -> DepthCamera:
     _refuse(text, settings)
-    return folder_camera(text, z_range=settings.z_range)
+    return folder_camera(text)
 
 
 def _picture(text: str, settings: Settings) -> DepthCamera:

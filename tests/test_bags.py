@@ -1,5 +1,6 @@
 """Bags of ROS 1, ROS 2 and MCAP, written here: what is read from them, and every damage named."""
 
+import re
 import sys
 from dataclasses import replace
 
@@ -247,6 +248,26 @@ def test_a_camera_info_that_changes_ends_the_frames(tmp_path, counts):
     assert len(read(path, camera=(SMALL, 1e-3))[1]) == 4
 
 
+@pytest.mark.parametrize("how", ["ros2", "mcap"])
+def test_a_bag_of_several_files_is_read_in_the_order_of_time(how, tmp_path, counts):
+    path = tmp_path / "bag"
+    for part, frames in enumerate((counts[:1], counts[1:])):
+        written = depth_bag(tmp_path / f"part{part}", how, SMALL, frames)
+        path.mkdir(exist_ok=True)
+        file = next(p for p in written.iterdir() if p.suffix != ".yaml")
+        file.rename(path / f"part{part}{file.suffix}")
+    text = (written / "metadata.yaml").read_text()
+    refused("has no metadata.yaml, .*; ros2 bag reindex writes it", path)
+    both = ", ".join(p.name for p in sorted(path.iterdir()))
+    listed = re.sub(r"relative_file_paths:\s*- \S+", f"relative_file_paths: [{both}]", text)
+    assert both in listed
+    (path / "metadata.yaml").write_text(listed)
+    np.testing.assert_array_equal(read(path)[1], counts)
+    backwards = listed.replace(both, ", ".join(reversed(both.split(", "))))
+    (path / "metadata.yaml").write_text(backwards)
+    refused("goes back in time: metadata.yaml lists", path, frames=True)
+
+
 @pytest.mark.parametrize("form", ["16UC1; png compressed ", "mono16; png compressed", "png"])
 def test_counts_as_png_come_to_the_bit(form, tmp_path, counts):
     topic = "/camera/depth/image_raw/compressed"
@@ -375,8 +396,10 @@ def test_a_truncated_bag_is_one_line(how, share, tmp_path, rng):
     data = inside.read_bytes()
     inside.write_bytes(data[: int(share * len(data))])
     refused("cut off or damaged", path, JShapeError, frames=True)
+    refused("cut off or damaged", inside, JShapeError, frames=True)
     mender = {"ros1": "rosbag reindex", "ros2": "", "mcap": "mcap recover"}[how]
-    refused(rf"cut off or damaged.*\).*{mender}", inside, JShapeError, frames=True)
+    alone = inside.rename(tmp_path / f"alone{inside.suffix}")
+    refused(rf"cut off or damaged.*\).*{mender}", alone, JShapeError, frames=True)
 
 
 def test_what_is_no_bag_is_said(tmp_path):

@@ -169,7 +169,8 @@ class _Messages:
         if not path.exists():
             raise BadFile(f"{path}: no such file")
         if path.is_dir() and not (path / METADATA).is_file():
-            hint = "; ros2 bag reindex writes it" * any(path.glob("*.db3") or path.glob("*.mcap"))
+            parts = any(file.suffix in SUFFIXES for file in path.iterdir())
+            hint = "; ros2 bag reindex writes it" * parts
             raise BadFile(f"{path}: has no {METADATA}, so it is not a ROS 2 bag{hint}")
         old = path.suffix.lower() == ".bag" and path.is_file()
         if path.is_file() and path.suffix not in SUFFIXES and not old:
@@ -196,12 +197,19 @@ class _Messages:
         with self._readable():
             chosen = [c for c in self._reader.connections if c.topic in topics]
             messages = self._reader.messages(connections=chosen)
+        last: dict[str, int] = {}
         while True:
             with self._readable():
                 found = next(messages, None)
                 if found is None:
                     return
-                connection, _, raw = found
+                connection, time, raw = found
+                if time < last.setdefault(connection.topic, time):
+                    raise BadFile(
+                        f"{self.path}: {_shown(connection.topic)} goes back in time: {METADATA} "
+                        "lists the bag's files in another order; ros2 bag reindex mends it"
+                    )
+                last[connection.topic] = time
                 message = self._unpack(raw, connection.msgtype)
             yield message
 
@@ -227,6 +235,8 @@ class _Messages:
             reason = one_line(problem, 120) or type(problem).__name__
             mender = _MENDERS.get(self.path.suffix)
             hint = f"; {mender} may save what is whole of it" if mender else ""
+            if self.path.is_file() and (self.path.parent / METADATA).is_file():
+                hint = f"; it may be packed as a part of the bag {self.path.parent}"
             if self.path.suffix == ".bag" and any(t.startswith(_SDK) for t in self._topics()):
                 hint = f"; it looks recorded by a RealSense: try realsense:{self.path.name}"
             raise BadFile(

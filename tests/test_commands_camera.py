@@ -15,7 +15,7 @@ from jshape.cli import main
 from jshape.commands import cameras
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.errors import BadFile
+from jshape.errors import BadCamera, BadFile
 from jshape.robot.cameras.base import CameraLost
 from jshape.robot.cameras.played import Played
 from jshape.store.banks import load_bank
@@ -188,6 +188,15 @@ def test_a_recording_without_any_reading_is_kept_and_no_success(watched, tmp_pat
     code, _, err = run(capsys, "record", "it", "--out", tmp_path / "rec")
     assert code == 2 and "watched: no pixel has a reading in 2 frames, kept in" in err
     assert len(open_recording(tmp_path / "rec")) == 2
+
+
+def test_a_file_with_the_name_of_a_preset_is_a_question(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cameras.described("paper_box")[0] == PAPER_BOX
+    write_camera(tmp_path / "paper_box", SMALL, 1e-4)
+    with pytest.raises(BadCamera, match="is a preset and a file here; write ./paper_box for"):
+        cameras.described("paper_box")
+    assert cameras.described("./paper_box") == (SMALL, 1e-4, True)
 
 
 def test_a_bag_in_millimetres_needs_its_unit_said(tmp_path, capsys, rng):

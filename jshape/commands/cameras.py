@@ -105,9 +105,14 @@ def described(text: str) -> tuple[Camera, float, bool]:
       The camera, metres per count, and whether somebody described it (False: a preset).
 
     Raises:
-      BadCamera: neither of them.
+      BadCamera: neither of them, or both.
     """
     if text in PRESETS:
+        if Path(text).is_file():
+            raise BadCamera(
+                f"{text}: is a preset and a file here; write ./{text} for the file, or rename it "
+                "for the preset"
+            )
         return PRESETS[text], cameras.DEPTH_UNIT, False
     if not Path(text).exists():
         raise BadCamera(

@@ -132,7 +132,9 @@ def test_what_is_no_recording_is_said(folder, tmp_path):
     refused(folder / "camera.json", "is a file")
     for path in (folder / "frames").iterdir():
         path.unlink()
-    refused(folder, "holds no frames")
+    refused(folder, "holds no frames; expected")
+    (folder / "frames" / "frame_10_depth.png").write_text("")
+    refused(folder, "holds no frames (frame_10_depth.png does not end in a number); expected")
     (folder / "camera.json").unlink()
     refused(folder, "has no camera.json")
 

@@ -239,9 +239,10 @@ class _Messages:
                 hint = f"; it may be packed as a part of the bag {self.path.parent}"
             if self.path.suffix == ".bag" and any(t.startswith(_SDK) for t in self._topics()):
                 hint = f"; it looks recorded by a RealSense: try realsense:{self.path.name}"
-            raise BadFile(
-                f"{self.path}: cannot be read: the bag is cut off or damaged ({reason}){hint}"
-            ) from None
+            what = "the bag is cut off or damaged"
+            if "rofile is not ros2" in reason:
+                what, hint = "the MCAP is not one of ROS 2", ""
+            raise BadFile(f"{self.path}: cannot be read: {what} ({reason}){hint}") from None
 
     def _topics(self) -> list[str]:
         return list(getattr(self, "types", ()))

@@ -116,10 +116,13 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
         names = [name for name in os.listdir(within) if not name.startswith(".")]
     except OSError as problem:
         raise BadDataset(f"{within}: cannot be read: {one_line(problem)}") from None
-    found = in_order(within / n for n in names if Path(n).suffix.lower() in _SUFFIXES)
+    images = sorted(within / n for n in names if Path(n).suffix.lower() in _SUFFIXES)
+    found = in_order(images)
     if not found:
+        ends = f" ({_names(images[:1])} does not end in a number)" * bool(images)
         raise BadDataset(
-            f"{within}: holds no frames; expected numbered 16-bit depth images like 000000.png"
+            f"{within}: holds no frames{ends}; expected numbered 16-bit depth images like "
+            "000000.png"
         )
     numbers = list(found)
     counted = numbers[-1] < _COUNTED and all(n == n.to_integral_value() for n in numbers)

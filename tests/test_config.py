@@ -76,6 +76,12 @@ def test_keys_reach_every_command_that_has_the_option(asked, capsys):
     assert "arm" not in said[0].split() and "arm," in said[1].split()
 
 
+def test_the_unit_of_images_is_not_that_of_a_bag(asked):
+    write("depth-unit = 0.0001\n")
+    assert asked(*PLAN).depth_unit == 1e-4
+    assert asked("record", "a.bag", "--out", "r").depth_unit is None
+
+
 def test_the_command_line_beats_the_table_and_the_table_the_rest(asked):
     write('planner = "beam"\nmaterial = "sand"\n[mold]\nplanner = "refine"\nout = "there"\n')
     assert asked(*PLAN).planner == "beam"

@@ -42,8 +42,11 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     source.setting = "camera"  # its key in a configuration file
     parser.add_argument("--camera-file", "--camera", dest="camera", type=Path, metavar="FILE",
                         help="camera.json to believe instead of what the camera says")  # fmt: skip
-    parser.add_argument("--depth-unit", type=arguments.positive, metavar="METRES",
-                        help="what 1 stands for in a bag or picture (as it says)")  # fmt: skip
+    unit: Any = parser.add_argument(
+        "--depth-unit", type=arguments.positive, metavar="METRES",
+        help="what 1 stands for in a bag's or picture's frames (as it says)",
+    )  # fmt: skip
+    unit.setting = ""  # that of a configuration file is of images
     add_looking(parser, temporal=False)
 
 

@@ -97,9 +97,9 @@ def options_of(leaf: argparse.ArgumentParser) -> dict[str, argparse.Action]:
 
 
 def key_of(action: argparse.Action) -> str:
-    """The key of an option: its first long name; "" for arguments that have none."""
+    """The key of an option: its first long name, or its own; "" for those that have none."""
     long = next((one for one in action.option_strings if one.startswith("--")), "")
-    return long.removeprefix("--") or getattr(action, "setting", "")
+    return getattr(action, "setting", long.removeprefix("--"))
 
 
 def apply(leaf: argparse.ArgumentParser, file: Path | None) -> list[Given]:

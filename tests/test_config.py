@@ -134,7 +134,7 @@ BAD = {
     "no text": ("bank = '\udcff'", "jshape.toml: not TOML that can be read"),
     "unknown key": ('plannr = "x"', "jshape.toml: unknown key 'plannr'; did you mean planner?"),
     "far from any": ("zzzz = 1", "unknown key 'zzzz'; allowed: a"),
-    "unknown table": ("[plam]\nstride = 1", "unknown table 'plam'; allowed: demo, plan"),
+    "unknown table": ("[plam]\nstride = 1", "unknown table 'plam'; allowed: demo, samples, plan"),
     "key of another": ('[plan]\narm = "sim"', "[plan] unknown key 'arm'"),
     "near in a table": ("[plan]\nstrid = 1", "[plan] unknown key 'strid'; did you mean stride?"),
     "yes": ("yes = true", "yes is not taken from a file: --yes is said each time"),
@@ -276,7 +276,8 @@ def test_a_mold_looks_through_a_window_as_a_recording_does(monkeypatch, here, ca
     look = ["--topic", "/d", "--window", "1,2,480x395", "--depth-range", "0.4,0.5"]
     assert main([*words, "--camera", "x.bag", *look, "--no-temporal"]) == 2
     assert seen == {"name": "x.bag", "camera": None, "topic": "/d", "z_range": (0.4, 0.5),
-                    "window": (1, 2, 480, 395), "temporal": False, "holes": False}  # fmt: skip
+                    "window": (1, 2, 480, 395), "temporal": False, "holes": False,
+                    "depth_unit": None}  # fmt: skip
     assert main([*words, "--camera", "x.bag"]) == 2 and seen["temporal"] is True
     capsys.readouterr()
     assert main([*words, "--arm", "sim", *look]) == 2

@@ -162,6 +162,36 @@ def test_the_other_set_up_is_refused_and_suggested(rng, eye_in_hand):
         calibrate(hands, targets, eye_in_hand=not eye_in_hand)
 
 
+@SET_UPS
+@pytest.mark.parametrize("what", ["base_gripper", "camera_target", "both"])
+def test_quaternions_that_begin_with_w_are_refused_and_named(rng, eye_in_hand, what):
+    hands, targets, _ = pairs_of(rng, eye_in_hand, mm=0.2)
+    for name, moved in (("base_gripper", hands), ("camera_target", targets)):
+        if what in (name, "both"):
+            w_first = np.roll(Rotation.from_matrix(moved[:, :3, :3]).as_quat(), 1, axis=1)
+            moved[:, :3, :3] = Rotation.from_quat(w_first).as_matrix()
+    with pytest.raises(BadPose, match=f"the quaternions of {what} as w, x, y, z they fit to 0"):
+        calibrate(hands, targets, eye_in_hand=eye_in_hand)
+
+
+@SET_UPS
+@pytest.mark.parametrize(
+    ("scales", "said"),
+    [
+        ((1e-3, 1e-3), r"base_gripper: .* than [01]\.\d+ mm from the base, 100 mm .* times 1000"),
+        ((1.0, 1e-3), r"camera_target: .* than 0\.\d+ mm from the camera, 50 mm .* times 1000"),
+        ((1e-2, 1e-2), r"base_gripper: the gripper is never farther than \d+\.\d* mm"),
+        ((1e3, 1e3), "beyond 20 m; are these mm"),
+    ],
+)
+def test_poses_in_another_unit_are_refused_with_the_factor(rng, eye_in_hand, scales, said):
+    pairs = pairs_of(rng, eye_in_hand)[:2]
+    for poses_, scale in zip(pairs, scales, strict=True):
+        poses_[:, :3, 3] *= scale
+    with pytest.raises(BadPose, match=said):
+        calibrate(*pairs, eye_in_hand=eye_in_hand)
+
+
 def test_a_method_that_fails_is_left_out_in_silence(capfd):
     """Of few poses that turn little, Tsai's makes nothing and OpenCV says so by itself."""
     fewer = 0
@@ -383,6 +413,10 @@ EYE = np.eye(4).tolist()
         ({"T_base_camera": np.diag([1, 1, 1.0002, 1]).tolist()}, "is not rigid"),
         ({"T_base_camera": np.diag([1, 1, -1, 1]).tolist()}, "det R is -1"),
         ({"T_base_camera": [[1, 0, 0, 900], *EYE[1:]]}, "are these mm"),
+        (
+            {"T_base_camera": [[1, 0, 0, 8e-4], *EYE[1:]]},
+            "never farther than 0.8 mm from the base, 100 mm or more is expected; times 1000",
+        ),
         ({"camera": 3}, "camera is 3; expected text"),
         ({"found": []}, "found is []; expected an object"),
     ],
@@ -393,6 +427,13 @@ def test_a_pose_that_is_none_is_refused(tmp_path, change, said):
     with pytest.raises(JShapeError) as problem:
         poses.read_pose(tmp_path / "pose.json")
     assert said in str(problem.value) and "\n" not in str(problem.value)
+
+
+def test_a_pose_of_the_gripper_in_metres_is_refused(tmp_path):
+    pose = {"xyz_mm": [0.4, 0.1, 0.3], "quat": [0, 0, 0, 1]}
+    (tmp_path / "now.json").write_text(json.dumps({"base_gripper": pose}))
+    with pytest.raises(BadPose, match="than 0.51 mm from the base.* times 1000 would fit"):
+        poses.read_gripper(tmp_path / "now.json")
 
 
 def test_a_pose_that_is_none_is_not_written(tmp_path):

@@ -6,11 +6,13 @@ import cv2
 import jax
 import numpy as np
 import pytest
+from PIL import Image
 
 from jshape import PAPER_BOX, Camera, load_bank, rollout, sim
 from jshape.cli import main
 from jshape.data.view import image_of_depth
 from jshape.store.cameras import read_camera, write_camera
+from jshape.store.drawings import read_drawing
 from jshape.store.images import read_depth, write_depth_png
 
 OTHER = Camera(320, 240, 280.0, 280.0, 161.0, 118.0, 0.3, 1.0)
@@ -193,6 +195,33 @@ def test_another_camera_keeps_its_own_pixels_and_format(folder, capsys):
     made(capsys, "dark.png", "--text", "I")
     assert read_camera("goal/camera.json")[1] == UNIT
     assert change_mm(folder).min() == pytest.approx(-8, abs=0.2)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize(
+    "kind", ["grey.png", "sixteen.png", "colour.png", "photo.JPG", "sixteen.tif"]
+)
+def test_what_a_phone_turned_comes_in_upright(tmp_path, kind, orientation):
+    """An arrow with a spot, written as each EXIF orientation stores it."""
+    upright = np.zeros((48, 32), np.uint8)
+    upright[8:40, 8:24], upright[32:40, 8:16] = 120, 240
+    backwards = {1: None, 2: "FLIP_LEFT_RIGHT", 3: "ROTATE_180", 4: "FLIP_TOP_BOTTOM",
+                 5: "TRANSPOSE", 6: "ROTATE_90", 7: "TRANSVERSE", 8: "ROTATE_270"}  # fmt: skip
+    image = Image.fromarray(upright)
+    if orientation > 1:
+        image = image.transpose(Image.Transpose[backwards[orientation]])
+    if kind.startswith("sixteen"):
+        image = Image.fromarray(np.asarray(image).astype(np.uint16) * 200)
+        upright = upright.astype(np.uint16) * 200
+    if kind.startswith(("colour", "photo")):
+        image = image.convert("RGB")
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    more = {"tiffinfo": {0x0112: orientation}} if kind.endswith("tif") else {"exif": exif}
+    image.save(tmp_path / kind, **more, **({"quality": 100} if "photo" in kind else {}))
+    found = read_drawing(tmp_path / kind)
+    assert found.dtype == upright.dtype and found.shape == upright.shape
+    assert np.abs(found.astype(int) - upright).max() <= (9 if "photo" in kind else 0)
 
 
 @pytest.mark.parametrize(

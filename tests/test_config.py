@@ -153,6 +153,9 @@ BAD = {
     "no choice": ('planner = "gredy"', "unknown value 'gredy'; allowed: greedy, beam, improve, "
                   "refine, mcts; did you mean greedy?"),
     "a table for a value": ("[plan.bank]\nx = 1", "[plan] bank: a table is not text"),
+    "2,000 dots": (".".join(["a"] * 2000) + " = 1", "unknown table 'a'"),
+    "2,000 dots in a table": ("[plan]\nbank = [{" + ".".join(["a"] * 2000) + " = 1}]", "not text"),
+    "a long number": ("max-steps = " + "9" * 5000, "not TOML that can be read"),
     "both": ('[plan]\nstride = 8\npositions = "9x7"', "excludes"),
     "a date": ("bank = 2026-01-01", "is not text"),
 }  # fmt: skip

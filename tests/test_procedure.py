@@ -219,6 +219,10 @@ def test_a_procedure_of_ones_own(tmp_path):
         (lambda c: c["operations"][3].update(seconds=1e5), "seconds is 100000; at most 60"),
         (lambda c: c.update(action=3), "action is 3"),
         (lambda c: c.update(operations="all"), "operations are None"),
+        (lambda c: c.update(tool_mm=[0, 0, 0.2]), "tool_mm is 0.2 mm long; .* metres: times 1000"),
+        (lambda c: c["operations"][1].update(height_mm=0.02), "height_mm is 0.02; less than 1 mm"),
+        (lambda c: c["operations"][3].update(depth_mm=0.01), "depth_mm is 0.01; less than 0.1 mm"),
+        (lambda c: c["operations"][0].update(speed_mm_s=0.2), "speed_mm_s is 0.2; less than 1 mm"),
     ],
 )
 def test_a_wrong_procedure_is_refused_in_one_line(tmp_path, change, said):
@@ -252,4 +256,31 @@ def test_files_that_are_no_hand_are_refused(tmp_path):
         load_hand(tmp_path)
     (tmp_path / "limits.yaml").write_text("low_mm: [1, 1, 1]\nhigh_mm: [0, 0, 0]")
     with pytest.raises(BadFile, match="is not below"):
+        load_hand(tmp_path)
+
+
+_NESTED = ",".join(f"&a{k} [" + ",".join([f"*a{k - 1}" if k else "1"] * 10) + "]" for k in range(9))
+LIMITS = {
+    "low_mm: [-0.4, -0.4, 0.15]\nhigh_mm: [0.4, 0.4, 0.498]": "is 0.8 mm at most; .* metres: times",
+    "speed_mm_s: 0.25": "speed_mm_s is 0.25; less than 1 mm looks like metres",
+    f"low_mm: [{_NESTED}]": r"aliases \(\*name\) are not read",
+    "".join(f"a{k}: 1\n" for k in range(95_000)): "938,890 bytes; at most 65,536 are read",
+    "".join(f"a{k}: 1\n" for k in range(3_000)): "unknown 'a0'",
+    "low_mm: " + "[" * 5_000: "recursion",
+    "effort_nm: " + "9" * 5_000: "not a YAML file",
+    "effort_nm: 2001-99-99": "not a YAML file",
+}
+
+
+@pytest.mark.parametrize("text", LIMITS, ids=[one[:20] for one in LIMITS])
+def test_limits_that_would_hang_or_are_in_metres_are_refused(tmp_path, text):
+    (tmp_path / "limits.yaml").write_text(text)
+    with pytest.raises(BadFile, match=LIMITS[text]) as refused:
+        load_hand(tmp_path)
+    assert len(str(refused.value)) < 400 + len(str(tmp_path))
+
+
+def test_a_file_of_the_hand_with_upper_case_letters_is_not_left_out(tmp_path):
+    _written(tmp_path, lambda content: None).rename(tmp_path / "POKE.YAML")
+    with pytest.raises(BadFile, match="POKE.YAML would not be read; name it POKE.yaml"):
         load_hand(tmp_path)

@@ -232,6 +232,11 @@ def test_a_covered_lens_is_no_damage(folder):
         ("action,speed\npoke,1\n", "header is 'action,speed'"),
         ("action,agent\npoke,\n", "line 2: has no agent; give a column or --agent"),
         ("action,action\npoke,poke\n", "header"),
+        ("action\npoke\n\nknock\n", "line 3 is empty, but rows follow it"),
+        ("action;agent\npoke,robot\n", "(separated by ';'; this line by ','?)"),
+        ("action,agent\n\u2013,robot\n", "action is '\u2013'; a name has a letter or a digit"),
+        ("action,agent\n--,robot\n", "line 2 ('-' leaves it out): action is '--'"),
+        ("action,agent\n\u200b,robot\n", "a name has a letter or a digit"),
     ],
 )
 def test_bad_labels(tmp_path, text, match):
@@ -247,6 +252,16 @@ def test_labels_with_columns_and_names(tmp_path):
     assert list(read_labels(path, None, "sand").values()) == [
         Label("poke", "robot", "sand"), Label("-", "human", "sand")
     ]  # fmt: skip
+    for text in (
+        '\ufeff"agent";"action"\r\nrobot;poke;\r\nhuman;-\r\n;;\r\n',
+        "agent\taction\nrobot\tpoke\nhuman\t-",
+    ):
+        path.write_text(text)
+        assert [x[:2] for x in read_labels(path, None, "sand").values()] == [
+            ("poke", "robot"), ("-", "human")
+        ]  # fmt: skip
+    path.write_text("action\npoke\n-\n\n\n")
+    assert [x.action for x in read_labels(path, "robot", "sand").values()] == ["poke", "-"]
     path.write_text("name,action\nb,poke\na,knock\n")
     assert read_labels(path, "human", "sand", named=True)["a"].action == "knock"
     path.write_text("name,action\nb,poke\nb,knock\n")

@@ -11,10 +11,10 @@ import pytest
 
 from jshape import PAPER_BOX, Camera, load_pairs, save_pairs
 from jshape.cli import main
-from jshape.data.pairs import Pairs
-from jshape.errors import BadCamera, BadDataset, BadFile, BadImage, JShapeError
+from jshape.data.pairs import Frames, Pairs
+from jshape.errors import BadCamera, BadDataset, BadFile, BadImage, JShapeError, quoted
 from jshape.store import datasets
-from jshape.store.annotations import boxes_by_hand
+from jshape.store.annotations import boxes_by_hand, write_boxes
 from jshape.store.datasets import COLUMNS, dataset_writer
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
@@ -231,6 +231,72 @@ def test_columns_in_another_order_and_others_besides(folder):
     same(load_pairs(folder), before)
 
 
+@pytest.mark.parametrize("separator", [";", "\t", ","])
+def test_a_table_as_spreadsheets_write_it(tmp_path, rng, separator):
+    pairs = replace(make_pairs(rng), strength=np.array([0.5, 1.0, 2.0, 0.25], np.float32))
+    table = save_pairs(pairs, tmp_path / "set") / "pairs.csv"
+    rows = list(csv.reader(table.read_text().splitlines()))
+    quote = [",".join(f'"{cell.replace(chr(34), 2 * chr(34))}"' for cell in row) for row in rows]
+    text = "\r\n".join(line.replace('","', f'"{separator}"') for line in quote)
+    for old, new in (("0.5", "0,5"), ("0.25", "0,25")):
+        text = text.replace(f'"{old}"', f'"{new}"')
+    end = separator * 10 + "\r\n"
+    table.write_text("\ufeff" + text.replace("\r\n", separator + "\r\n") + f"\r\n{end}{end}\r\n")
+    same(load_pairs(tmp_path / "set"), pairs)
+
+
+def test_own_columns_are_kept(folder, tmp_path, capsys):
+    notes = ["", 'deep, "wet"', " two\nlines ", "é"]
+    rewrite(folder, lambda rows: [[*row, n] for row, n in zip(rows, ["note", *notes], strict=True)])
+    pairs = load_pairs(folder)
+    assert pairs.extra["note"].tolist() == notes
+    assert pairs.of("knock").extra["note"].tolist() == notes[1::2]
+    again = load_pairs(save_pairs(pairs, tmp_path / "again"))
+    assert again.extra["note"].tolist() == notes and list(again.extra) == ["note"]
+    write_boxes(folder, {"poke/0 é": (8, 5, 6, 8)})
+    changed = load_pairs(folder)
+    assert changed.extra["note"].tolist() == notes
+    assert changed.centre[0].tolist() == [11, 9] and changed.size[0].tolist() == [6, 8]
+    assert main(["dataset", "merge", str(tmp_path / "all"), *[str(tmp_path / "again")] * 2]) == 0
+    merged = load_pairs(tmp_path / "all")
+    assert merged.extra["note"].tolist() == 2 * notes and merged.extra["found"].tolist() == [""] * 8
+    assert boxes_by_hand(tmp_path / "all").all()
+
+
+def test_many_rows_of_the_same_frames_do_not_fill_the_memory(folder, monkeypatch):
+    def twenty_thousand(rows):
+        return [rows[0], *([str(k), *rows[1 + k % 2][1:]] for k in range(20_000))]
+
+    rewrite(folder, twenty_thousand)
+    read = []
+    kept = datasets.read_counts
+    monkeypatch.setattr(datasets, "read_counts", lambda path: read.append(path) or kept(path))
+    held = load_pairs(folder)
+    assert len(read) == 5, "the first to check the size, then each of four files once"
+    monkeypatch.setattr(datasets, "IN_MEMORY", 10_000)
+    asked = load_pairs(folder)
+    assert isinstance(asked.prior, Frames) and isinstance(held.prior, np.ndarray)
+    assert asked.prior.shape == held.prior.shape == (20_000, 30, 40)
+    assert asked.select(np.arange(2)).prior.shape == (2, 30, 40)
+    few = np.array([3, 0, 19_999])
+    for name in ("prior", "posterior"):
+        frames = getattr(asked.select(few), name)
+        np.testing.assert_array_equal(np.asarray(frames), getattr(held, name)[few])
+    np.testing.assert_array_equal(asked.prior[7], held.prior[7])
+    monkeypatch.setattr(datasets, "IN_MEMORY", 0)
+    (folder / "frames" / "00001_posterior.png").unlink()
+    refused(folder, "line 3: posterior: ")
+
+
+def test_a_name_of_an_action_has_a_letter(folder, tmp_path, rng):
+    for dash in ("-", "\u2013", "--", "\u200b"):
+        rewrite(folder, cell(1, "action", dash))
+        refused(folder, f"line 2: action is {quoted(dash)}; a name has a letter or a digit")
+        with pytest.raises(BadDataset, match="a name has a letter or a digit"):
+            with dataset_writer(tmp_path / "new", SMALL, 1e-4) as add:
+                add(**pair(rng) | {"action": dash})
+
+
 def test_strengths_are_a_column_if_there_are_several(tmp_path, rng):
     pairs = make_pairs(rng)
     table = save_pairs(pairs, tmp_path / "one") / "pairs.csv"
@@ -302,6 +368,11 @@ def test_the_table_itself(folder):
         ("\n".join([head, rows[0], rows[0]]), "line 3: id 'poke/0 é' is already on line 2"),
         (head + '\n"a', "not CSV"),
         ("\n".join(rows), "the header lacks"),
+        (head + ",note,note\n" + rows[0] + ",1,2", "names note twice"),
+        (head + ",strength\n" + rows[0] + ",0,5", "(decimal commas? write 0.5, or separate col"),
+        (head.replace(",", ";") + "\n" + rows[0], "(separated by ';'; this line by ','?)"),
+        ("\n".join([head, rows[0].replace("poke/0", "x" * 300)]), "at most 200 characters"),
+        (head + "\n" + (rows[0] + "\n") * 200_001, "line 200002: at most 200,000 rows are read"),
     ):
         (folder / "pairs.csv").write_text(content)
         refused(folder, match)

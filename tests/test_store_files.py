@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import shutil
+import socket
 import subprocess
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jshape.errors import BadFile
-from jshape.store import files, folders
+from jshape.store import files, folders, journal
 
 
 def one_line(info) -> str:
@@ -414,25 +415,54 @@ def test_sha256(tmp_path):
         (b'{"a": "\xff"}', "UTF-8"),
         (b'{"a": ' + b"[" * 100_000, "not JSON"),
         (b'{"a": ' + b"9" * 10_000 + b"}", "not JSON"),
+        (b'{"a": [' + b"0," * 1_000_000 + b"0]}", "1,000,002 values; at most 1,000,000 are read"),
+        (
+            b"{%b}" % b",".join(b'"%d": 0' % (k % 60_000) for k in range(60_001)),
+            "'0' is there twice",
+        ),
         (b'{"a": "' + b"x" * 2000 + b'"}', "at most 1,000"),
     ],
 )
 def test_bad_json(tmp_path, content, match):
     path = tmp_path / "x.json"
     path.write_bytes(content)
-    limit = 1000 if b"xxx" in content else 10**6
+    limit = 1000 if b"xxx" in content else 10**7
     with pytest.raises(BadFile, match=match) as info:
         files.read_json(path, limit=limit)
     assert str(path) in one_line(info)
 
 
-@pytest.mark.parametrize("name", ["none.json", "folder", "pipe"])
-def test_json_that_is_no_file(tmp_path, name):
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("none.json", "no such file"),
+        ("folder", "is a folder"),
+        ("pipe", "not a regular file"),
+        ("link", "not a regular file"),
+        ("socket", "not a regular file"),
+        ("/dev/zero", "not a regular file"),
+    ],
+)
+def test_what_is_no_file_is_refused_and_not_waited_for(tmp_path, name, said):
     (tmp_path / "folder").mkdir()
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(BadFile) as info:
-        files.read_json(tmp_path / name)
-    one_line(info)
+    (tmp_path / "link").symlink_to("pipe")
+    with socket.socket(socket.AF_UNIX) as unix:
+        unix.bind(str(tmp_path / "socket"))
+    for read in (files.read_json, files.sha256, lambda path: journal.note(path, {})):
+        if read in (files.read_json, files.sha256) or name != "none.json":  # which is made there
+            with pytest.raises(BadFile, match=said) as info:
+                read(tmp_path / name)
+            one_line(info)
+
+
+def test_a_file_that_becomes_a_pipe_is_not_waited_for(tmp_path, monkeypatch):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").write_text("{}")
+    before = os.stat(tmp_path / "file")
+    monkeypatch.setattr(files.os, "stat", lambda path: before)
+    with pytest.raises(BadFile, match="not a regular file"):
+        files.read_bytes(tmp_path / "pipe", limit=9)
 
 
 numbers = st.integers(-(2**53), 2**53) | st.floats(allow_nan=False, allow_infinity=False)

@@ -1,6 +1,8 @@
 """Point clouds and meshes on disk, and the goals that they become."""
 
 import io
+import struct
+import time
 
 import cv2
 import numpy as np
@@ -13,7 +15,7 @@ from jshape import PAPER_BOX, Camera
 from jshape.errors import BadFile, BadImage, JShapeError
 from jshape.store import mesh
 from jshape.store.mesh import depth_of_faces
-from jshape.store.points import depth_of_points, read_goal, read_points
+from jshape.store.points import depth_of_points, read_goal, read_mesh, read_points
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 
@@ -45,7 +47,35 @@ def pcd(points, data="ascii", fields="x y z", kind="F", size=4, extra=()):
     head = ("\n".join(lines) + "\n").encode()
     if data == "binary":
         return head + table.tobytes()
+    if data == "binary_compressed":
+        plain = b"".join(table[name].tobytes() for name in names)  # field by field
+        packed = lzf(plain)
+        return head + struct.pack("<II", len(packed), len(plain)) + packed
     return head + "\n".join(" ".join(repr(float(x)) for x in row) for row in table).encode()
+
+
+def lzf(data):
+    """What the format's rules allow, greedily: copies of 3 to 264 bytes, up to 8 KiB back."""
+    out, at, fresh = b"", 0, b""
+
+    def flush(fresh):
+        runs = [fresh[k : k + 32] for k in range(0, len(fresh), 32)]
+        return b"".join(bytes([len(run) - 1]) + run for run in runs)
+
+    while at < len(data):
+        length, back = 0, 0
+        for near in range(1, min(at, 64) + 1):  # near enough for zeros and repeated numbers
+            k = 0
+            while k < 264 and at + k < len(data) and data[at + k] == data[at - near + k]:
+                k += 1
+            length, back = max((length, back), (k, near))
+        if length < 3:
+            fresh, at = fresh + data[at : at + 1], at + 1
+            continue
+        more, far = length - 2, back - 1
+        code = bytes([more << 5 | far >> 8]) if more < 7 else bytes([7 << 5 | far >> 8, more - 7])
+        out, fresh, at = out + flush(fresh) + code + bytes([far & 255]), b"", at + length
+    return out + flush(fresh)
 
 
 def ply(points, faces=None, encoding="binary"):
@@ -70,7 +100,7 @@ def test_the_vertices_of_a_mesh_are_its_points(tmp_path, encoding):
 
 
 @pytest.mark.parametrize("size", [4, 8])
-@pytest.mark.parametrize("data", ["ascii", "binary"])
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
 @pytest.mark.parametrize("fields", ["x y z", "rgb z y intensity x"])
 def test_pcd(tmp_path, cloud, data, fields, size):
     found = read_points(put(tmp_path, "a.pcd", pcd(cloud, data, fields, size=size)))
@@ -116,7 +146,13 @@ BAD = {
     "nan.ply": (ply(np.full((4, 3), np.nan)), "none of its 4 points is finite"),
     "nan.pcd": (pcd(ONE * np.nan), "none of its 1 points is finite"),
     "zero.pcd": (pcd(ONE[:0]), "no points"),
-    "compressed.pcd": (pcd(ONE, "binary_compressed"), "compressed PCD is not read"),
+    "packed.pcd": (pcd(ONE, "binary_compressed")[:-1], "cut off"),
+    "damaged.pcd": (pcd(ONE, "binary_compressed").replace(b"fff", b"\xfffff"), "does not unpack"),
+    "claims.pcd": (
+        pcd(ONE, "binary_compressed").replace(b"POINTS 1", b"POINTS 99999999")[:-20]
+        + struct.pack("<II", 3, 12 * 99_999_999) + b"\0\0\0",
+        "unpacks to 1,199,999,988 bytes; at most 134,217,728 are read",
+    ),
     "data.pcd": (pcd(ONE, "base64"), "'base64'; allowed: ascii, binary"),
     "xy.pcd": (pcd(ONE, fields="x y"), "x, y and z are needed"),
     "int.pcd": (pcd(ONE, kind="I"), "must be F4 or F8"),
@@ -333,3 +369,53 @@ def test_a_count_of_a_field_is_checked(tmp_path):
     content = pcd(ONE).replace(b"COUNT 1 1 1", b"COUNT 1 1 -1")
     with pytest.raises(BadFile, match="count -1"):
         read_points(put(tmp_path, "a.pcd", content))
+
+
+TETRAHEDRON = np.array([[0, 0, 0], [40, 0, 0], [0, 40, 0], [0, 0, 15]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+
+
+def solids():
+    """The same tetrahedron as people's programs write it, by file name."""
+    corners = "".join(f"v {x} {y} {z}\n" for x, y, z in TETRAHEDRON)
+    faces = [f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in FACES]
+    groups = "mtllib none.mtl\no one\n{}usemtl red\ng a\n{}{}usemtl blue\ns 1\n{}{}"
+    half = trimesh.Trimesh(TETRAHEDRON, FACES[:2], process=False)
+    rest = trimesh.Trimesh(TETRAHEDRON, FACES[2:], process=False)
+    whole = trimesh.Trimesh(TETRAHEDRON, FACES, process=False).export(file_type="stl")
+    texts = [part.export(file_type="stl_ascii") for part in (half, rest)]
+    return {
+        "two.OBJ": groups.format(corners, *faces).encode(),
+        "thousands.obj": (corners + "".join(
+            f"usemtl m{k}\n{face}" for k, face in enumerate(faces * 2_000)
+        )).encode(),
+        "two.STL": "\n".join(texts).encode(),
+        "trailing.stl": whole + b"made by a slicer\n",
+        "named_solid.stl": b"solid".ljust(80) + whole[80:],
+        "mesh.PLY": ply(TETRAHEDRON, FACES),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", solids())
+def test_a_solid_is_read_whole(tmp_path, name):
+    start = time.monotonic()
+    points, faces = read_mesh(put(tmp_path, name, solids()[name]))
+    assert time.monotonic() - start < 5, "20,000 materials took 8 minutes"
+    found = points[faces].astype(float)
+    volume = np.abs(np.einsum("fi,fi->f", found[:, 0], np.cross(found[:, 1], found[:, 2])).sum())
+    assert volume / 6 == pytest.approx((2_000 if "thousands" in name else 1) * 4000)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("cut.stl", solids()["trailing.stl"][:150], "STL is damaged, cut off or holds no points"),
+        ("claims.stl", b"x" * 80 + b"\xff" * 4 + b"y" * 50, "STL is damaged, cut off"),
+        ("word.stl", b"solid a\nvertex 0 0 0\nvertex 1 0 zero\nvertex 1 1 0", "STL is damaged"),
+        ("huge.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 999999999\n", "OBJ is damaged"),
+    ],
+)
+def test_a_damaged_solid_is_refused_in_one_line(tmp_path, name, content, said):
+    with pytest.raises(BadFile, match=said) as problem:
+        read_mesh(put(tmp_path, name, content))
+    assert "\n" not in str(problem.value)

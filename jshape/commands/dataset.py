@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jshape.camera import Camera
 from jshape.commands import (
     COMMANDS,
@@ -60,7 +62,10 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
 def info(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape dataset info DATASET`."""
     pairs = datasets.load_pairs(options.dataset)
-    missing = [float((frames == 0).mean()) for frames in (pairs.prior, pairs.posterior)]
+    missing = [
+        float(np.mean([(counts == 0).mean() for counts in frames]))
+        for frames in (pairs.prior, pairs.posterior)
+    ]
     rows = []
     for action, mine in pairs.by_action():
         for agent in dict.fromkeys(mine.agent.tolist()):

@@ -23,6 +23,7 @@ def annotate(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape dataset annotate DATASET OUT`."""
     folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     pairs = datasets.load_pairs(options.dataset)
+    annotations.sheet_name((len(pairs) - 1) // sheets.PER_PAGE)  # too many are refused at once
     by_hand = annotations.boxes_by_hand(options.dataset)
     if options.all:
         by_hand[:] = False

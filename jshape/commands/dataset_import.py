@@ -11,6 +11,7 @@ from jshape.commands.tables import progress
 from jshape.errors import BadDataset, one_line, quoted
 from jshape.store import annotations, authors, cameras, datasets, folders, imports, recordings
 from jshape.store.recordings import LEAVE_OUT, Label
+from jshape.store.tables import check_action
 
 
 def import_dataset(options: argparse.Namespace) -> dict[str, Any]:
@@ -96,6 +97,7 @@ def _labels(options: argparse.Namespace, names: list[str]) -> dict[str, Label]:
         if not (getattr(options, name) or "").strip():
             hint = ", or --labels FILE with the columns name and action" * (name == "action")
             raise BadDataset(f"what was done? give --{name}{hint}")
+    check_action(options.action, "--action")
     return dict.fromkeys(names, Label(options.action, options.agent, options.material))
 
 

@@ -12,6 +12,7 @@ from jshape.data import segment as cutting
 from jshape.errors import BadDataset
 from jshape.store import annotations, folders, recordings
 from jshape.store.recordings import LABELS, LEAVE_OUT, Label, Recording
+from jshape.store.tables import check_action
 from jshape.viz import pictures, sheets
 
 _COLOURS = {"action": "black", "none": "0.55", "reset": "tab:red"}
@@ -150,6 +151,7 @@ def _labels(options: argparse.Namespace) -> list[Label] | None:
         if "action" in lacking and (options.recording / LABELS).is_file():
             hint = f", or --labels {options.recording / LABELS}"
         raise BadDataset(f"what was done? give --{lacking[0]}{hint}")
+    check_action(options.action, "--action")
     return None
 
 

@@ -19,7 +19,7 @@ from jshape.goals.goal import BALANCES
 from jshape.planning import DEFAULT_BANK
 from jshape.predict.bank import Bank
 from jshape.sim.material import MATERIALS
-from jshape.store import banks, cameras, files, folders, formats, images
+from jshape.store import banks, cameras, drawings, files, folders, formats, images
 
 FLAT = "flat"
 """The word for a simulated level bed, instead of a file."""
@@ -125,7 +125,7 @@ def _reach(path: Path | None, camera: Camera) -> np.ndarray | None:
     """Pixels of the frame that the hand can reach; None: all."""
     if path is None:
         return None
-    mask = formats.read_array(path)
+    mask = drawings.read_drawing(path)
     if mask.shape != camera.shape:
         raise BadImage(f"{path}: has {mask.shape} (rows, columns); the camera makes {camera.shape}")
     if mask.dtype.kind == "f" and not np.isfinite(mask).all():

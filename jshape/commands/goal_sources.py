@@ -200,7 +200,7 @@ def _acts(text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]) ->
     Raises:
       BadFile, BadPosition, BadCamera: what is there cannot be read, or is of another camera.
     """
-    if Path(text).suffix != ".json":
+    if Path(text).suffix.lower() != ".json":
         return _placed_acts([_spoken(part) for part in text.split(";") if part.strip()], in_bank)
     content = files.read_json(text)
     if content.get("format") == plans.FORMAT:

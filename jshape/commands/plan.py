@@ -17,7 +17,7 @@ from jshape.errors import BadImage, BadPosition
 from jshape.planners.base import Status
 from jshape.planning import DEFAULT_BANK, Plan, plan_depth
 from jshape.predict.bank import Bank
-from jshape.store import banks, cameras, files, folders, formats, images, plans, points
+from jshape.store import banks, cameras, drawings, files, folders, formats, images, plans, points
 
 POSITIONS = "21x15"
 """Where actions are tried unless one says otherwise."""
@@ -134,7 +134,7 @@ def _reach(
     """
     if options.reach is None:
         return None
-    mask = formats.read_array(options.reach)
+    mask = drawings.read_drawing(options.reach)
     if mask.dtype.kind == "f" and not np.isfinite(mask).all():
         raise BadImage(f"{options.reach}: has pixels that are NaN or infinite")
     if mask.shape == source.camera.shape:
@@ -161,7 +161,7 @@ def _seen(mask: np.ndarray, view: View) -> np.ndarray:
 
 def _positions(text: str) -> np.ndarray | str:
     """Positions named on the command line: a grid as for `jshape.plan`, or a JSON file."""
-    if Path(text).suffix != ".json":
+    if Path(text).suffix.lower() != ".json":
         return text
     places = files.read_json(text).get("positions")
     pairs = places if isinstance(places, list) else [None]

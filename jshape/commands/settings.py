@@ -176,9 +176,10 @@ def read(file: Path) -> dict[str, Any]:
         return {}
     try:
         content = tomllib.loads(read_bytes(file, limit=LIMIT).decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+    except (ValueError, RecursionError) as problem:  # ValueError: not UTF-8, not TOML, huge numbers
         raise BadSetting(f"{file}: not TOML that can be read: {one_line(problem)}") from None
-    return _dashed(content, file)
+    tables = {k: _dashed(v, file) if isinstance(v, dict) else v for k, v in content.items()}
+    return _dashed(tables, file)
 
 
 def read_value(action: argparse.Action, key: str, value: Any, folder: Path) -> Any:
@@ -256,7 +257,7 @@ def _dashed(content: Mapping[str, Any], file: Path) -> dict[str, Any]:
                 f"{file}: {key} is not taken from a file: --{key} is said each time, at the "
                 "command line"
             )
-        found[key] = _dashed(value, file) if isinstance(value, dict) else value
+        found[key] = value
     return found
 
 

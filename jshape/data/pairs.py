@@ -1,8 +1,8 @@
 """Pairs of depth frames before and after an action: what predictors are fitted to."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,30 @@ PER_PAIR = (
 """The arrays of `Pairs` with one entry for each pair."""
 
 
+class Frames:
+    """N frames (H, W) that are read when they are asked for, as of an (N, H, W) array."""
+
+    dtype = np.dtype(np.uint16)
+
+    def __init__(self, read: Callable[[int], np.ndarray], which: np.ndarray, size: tuple[int, int]):
+        """Of N frames, number k is `read(which[k])`, of `size` (H, W)."""
+        self._read, self._which = read, which
+        self.shape = (len(which), *size)
+
+    def __len__(self) -> int:
+        return len(self._which)
+
+    def __getitem__(self, key: Any) -> "np.ndarray | Frames":
+        """A frame; of a mask or indices, the frames."""
+        which = self._which[key]
+        if which.ndim == 0:
+            return self._read(int(which))
+        return Frames(self._read, which, self.shape[1:])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.stack([self._read(int(k)) for k in self._which]).astype(dtype or self.dtype)
+
+
 @dataclass(frozen=True, eq=False)
 class Pairs:
     """N pairs of depth frames, kept as the raw counts of the files (2 bytes a pixel)."""
@@ -47,9 +71,9 @@ class Pairs:
     camera: Camera
     depth_unit: float
     """Metres per count."""
-    prior: np.ndarray
+    prior: np.ndarray | Frames
     """(N, H, W) uint16 counts before the action; 0 = no reading."""
-    posterior: np.ndarray
+    posterior: np.ndarray | Frames
     """(N, H, W) uint16 counts after the action."""
     action: np.ndarray
     """(N,) names."""
@@ -66,6 +90,9 @@ class Pairs:
     strength: np.ndarray = field(default_factory=lambda: np.ones(0, np.float32))
     """(N,) float32, how many times as deep as the trained action; empty: 1 for all."""
 
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """A user's own columns of the table, by name: (N,) texts."""
+
     def __post_init__(self):
         if self.strength.size == 0:
             object.__setattr__(self, "strength", np.ones(len(self.action), np.float32))
@@ -80,7 +107,8 @@ class Pairs:
 
     def select(self, keep: np.ndarray) -> "Pairs":
         """The pairs where `keep` (a mask or indices) says so."""
-        return replace(self, **{name: getattr(self, name)[keep] for name in PER_PAIR})
+        kept = {name: getattr(self, name)[keep] for name in PER_PAIR}
+        return replace(self, **kept, extra={n: cells[keep] for n, cells in self.extra.items()})
 
     def of(self, action: str | None = None, agent: str | None = None) -> "Pairs":
         """The pairs of one action and/or agent.

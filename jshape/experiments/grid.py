@@ -16,7 +16,7 @@ from urllib.parse import quote, unquote
 
 import numpy as np
 
-from jshape.data.pairs import PER_PAIR, Pairs
+from jshape.data.pairs import PER_PAIR, Frames, Pairs
 from jshape.engines import Engine, here
 from jshape.errors import BadDataset, BadFile, JShapeError, UnknownName, one_line
 from jshape.experiments.studies import scores_of
@@ -320,6 +320,11 @@ def _digest(pairs: Pairs) -> str:
     """SHA-256 of everything about pairs."""
     digest = hashlib.sha256(repr((camera_fields(pairs.camera), pairs.depth_unit)).encode())
     for name in PER_PAIR:
+        if isinstance(getattr(pairs, name), Frames):  # as below, of one array
+            digest.update(f"{name}{getattr(pairs, name).shape}{Frames.dtype}".encode())
+            for frame in getattr(pairs, name):
+                digest.update(np.ascontiguousarray(frame).data)
+            continue
         array = np.ascontiguousarray(getattr(pairs, name))
         # Names by themselves: their array is as wide as the longest of the whole data set.
         text = array.dtype.kind == "U"

@@ -77,9 +77,8 @@ def _repetitions(pairs: Pairs, rois: Examples) -> list[float]:
             max(0, v - AROUND * h // 2) : min(rows, v + AROUND * h // 2),
             max(0, u - AROUND * w // 2) : min(columns, u + AROUND * w // 2),
         ]
-        beds = [
-            np.where(x > 0, x.astype(float), np.nan) for x in pairs.prior[[one, other]][:, *near]
-        ]
+        beds = [np.where(x > 0, x.astype(float), np.nan)
+                for x in (pairs.prior[k][near] for k in (one, other))]  # fmt: skip
         after = np.abs(rois.posterior[one] - rois.posterior[other])
         before_mm = 1e3 * pairs.depth_unit * _mean(np.abs(beds[0] - beds[1]))
         if before_mm <= SAME_BED_MM and np.isfinite(after).any():

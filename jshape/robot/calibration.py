@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera
@@ -18,6 +19,7 @@ from jshape.errors import UnknownName
 from jshape.robot.rigid import (
     BadPose,
     angles_deg,
+    check_far,
     check_rigid,
     inverse,
     mean_pose,
@@ -34,6 +36,9 @@ PAIR_TOLERANCE = 1e-3
 """How far from orthonormal the rotations of pairs may be: they are often written with 4 digits."""
 USUAL_MM, WORST_MM = 2.0, 10.0
 """Mean errors of the target's points: larger ones are warned of, and refused."""
+NEAR_HAND, NEAR_TARGET = 0.1, 0.05
+"""Metres: no arm keeps its gripper so near its base in all poses, no camera a target so near
+itself.  What is nearer is in another unit."""
 TARGET = 0.1
 """Side of the square target whose corners and middle measure errors, metres."""
 
@@ -123,6 +128,8 @@ def calibrate(
         )
     if camera is not None:
         _check_ahead(targets)
+    check_far(hands, NEAR_HAND, "base_gripper: the gripper", "the base")
+    check_far(targets, NEAR_TARGET, "camera_target: the target", "the camera")
     moving = hands if eye_in_hand else inverse(hands)
     poses = {name: _solve(name, moving, targets) for name in ((method,) if method else METHODS)}
     tried = {
@@ -131,7 +138,10 @@ def calibrate(
         if pose is not None
     }
     if not tried:
-        raise BadPose(f"{method or 'no method'} finds no rigid pose that fits these pairs")
+        raise BadPose(
+            f"{method or 'no method'} finds no rigid pose that fits these pairs"
+            + _hint(eye_in_hand, np.inf, hands, targets)
+        )
     best = min(tried, key=lambda name: tried[name])
     pose = poses[best]
     assert pose is not None
@@ -274,6 +284,20 @@ def _left_out(
 
 def _hint(eye_in_hand: bool, error: float, hands: np.ndarray, targets: np.ndarray) -> str:
     """What may be the matter with pairs that contradict each other."""
+    for what, one, other in (
+        ("base_gripper", _w_first(hands), targets),
+        ("camera_target", hands, _w_first(targets)),
+        ("both", _w_first(hands), _w_first(targets)),
+    ):
+        moved = one if eye_in_hand else inverse(one)
+        pose = _solve("park", moved, other)
+        if pose is not None:
+            fits = float(_residuals(pose, moved, other, None).points_mm.mean())
+            if fits < min(error / 4, WORST_MM):
+                return (
+                    f"; with the quaternions of {what} as w, x, y, z they fit to {fits:.1f} mm: "
+                    "x, y, z, w is expected"
+                )
     moving = inverse(hands) if eye_in_hand else hands  # as the other set-up has it
     pose = _solve("park", moving, targets)
     if pose is not None:
@@ -286,6 +310,14 @@ def _hint(eye_in_hand: bool, error: float, hands: np.ndarray, targets: np.ndarra
                 "of one kind inverted?"
             )
     return "; are they T_base_gripper and T_camera_target, each pair of one moment?"
+
+
+def _w_first(poses: np.ndarray) -> np.ndarray:
+    """Poses as they would be if their quaternions had been w, x, y, z."""
+    found = poses.copy()
+    read = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+    found[:, :3, :3] = Rotation.from_quat(np.roll(read, -1, axis=1)).as_matrix()
+    return found
 
 
 def _warned(found: Calibration) -> Calibration:

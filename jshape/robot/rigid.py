@@ -54,9 +54,28 @@ def check_rigid(
     if np.abs(found[:3, 3]).max() > FARTHEST:
         raise BadPose(
             f"{what}: its position {_text(found[:3, 3])} is beyond {FARTHEST:g} m; are these mm? "
-            "a matrix is in metres"
+            "a matrix is in metres, times 0.001"
         )
     return found
+
+
+def check_far(poses: Float[np.ndarray, "*B 4 4"], least: float, what: str, of: str) -> None:
+    """Refuse poses that are all nearer than `least` metres: another unit was meant.
+
+    Raises:
+      BadPose: says how near they are, and what would fit.
+    """
+    far = float(np.linalg.norm(poses[..., :3, 3], axis=-1).max())
+    if far < least:
+        would = (
+            f"; times 1000 would fit ({1e3 * far:.3g} m): are they metres where mm are meant?"
+            if least <= 1e3 * far <= FARTHEST
+            else ""
+        )
+        raise BadPose(
+            f"{what} is never farther than {1e3 * far:.3g} mm from {of}, "
+            f"{1e3 * least:g} mm or more is expected{would}"
+        )
 
 
 def nearest_rigid(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:

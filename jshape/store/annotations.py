@@ -5,8 +5,6 @@ whose own box says something else was edited, and one without it was written by 
 drawn by hand.  Readers that only want pairs do not look at the column.
 """
 
-import csv
-import io
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,9 +17,10 @@ import numpy as np
 from jshape.camera import Camera
 from jshape.errors import BadDataset, quoted
 from jshape.store.cameras import write_camera
-from jshape.store.datasets import CAMERA, COLUMNS, CONTENTS, TABLE, TABLE_LIMIT, Adder
-from jshape.store.files import read_bytes, write_atomic
+from jshape.store.datasets import CAMERA, COLUMNS, CONTENTS, TABLE, Adder
+from jshape.store.files import write_atomic
 from jshape.store.folders import atomic_folder
+from jshape.store.tables import read_table
 
 FOUND = "found"
 """Name of the column."""
@@ -59,16 +58,9 @@ def found_writer(
         write_camera(temp / CAMERA, camera, depth_unit)
         adder = FoundAdder(Adder(str(folder), temp, camera))
         yield adder
-        if not adder.by_hand:
+        if not adder.pairs.ids:
             raise BadDataset(f"{folder}: no pairs were added")
-        rows = list(csv.reader(io.StringIO(adder.pairs.table(), newline="")))
-        table = io.StringIO()
-        writer = csv.writer(table, lineterminator="\n")
-        writer.writerow([*rows[0], FOUND])
-        for row, by_hand in zip(rows[1:], adder.by_hand, strict=True):
-            box = row[len(COLUMNS) - 4 : len(COLUMNS)]
-            writer.writerow([*row, "" if by_hand else " ".join(box)])
-        write_atomic(temp / TABLE, table.getvalue())
+        write_atomic(temp / TABLE, adder.pairs.table())
         for name, content in adder.pictures.items():
             write_atomic(temp / name, content)
 
@@ -78,14 +70,14 @@ class FoundAdder:
     """Adds pairs to a data set whose boxes were found."""
 
     pairs: Adder
-    by_hand: list[bool] = field(default_factory=list)
     pictures: dict[str, bytes] = field(default_factory=dict)
     """PNG files to write beside the table, by their names."""
 
     def __call__(self, *, by_hand: bool = False, **pair: Any) -> None:
         """Add a pair, as `dataset_writer` takes it; `by_hand`: a person drew its box."""
-        self.pairs(**pair)
-        self.by_hand.append(by_hand)
+        others = {n: text for n, text in (pair.pop("extra", None) or {}).items() if n != FOUND}
+        box = " ".join(str(pair[name]) for name in COLUMNS[-4:])
+        self.pairs(**pair, extra=others | {FOUND: "" if by_hand else box})
 
 
 def boxes_by_hand(folder: str | os.PathLike) -> np.ndarray:
@@ -96,7 +88,7 @@ def boxes_by_hand(folder: str | os.PathLike) -> np.ndarray:
     Raises:
       BadDataset: the table cannot be read.
     """
-    _, rows = _table(Path(folder))
+    rows = read_table(Path(folder) / TABLE, COLUMNS).rows
     return np.array([_own(row) != row.get(FOUND, "").split() for row in rows], bool)
 
 
@@ -111,29 +103,16 @@ def write_boxes(folder: str | os.PathLike, boxes: Mapping[str, tuple[int, int, i
       BadDataset: the table cannot be read, or has no such pair.
       BadFile: it cannot be written.
     """
-    header, rows = _table(Path(folder))
-    unknown = boxes.keys() - {row["id"] for row in rows}
+    table = read_table(Path(folder) / TABLE, COLUMNS)
+    unknown = boxes.keys() - {row["id"].strip() for row in table.rows}
     if unknown:
-        raise BadDataset(f"{folder}: has no pair {quoted(sorted(unknown)[0])}")
-    table = io.StringIO()
-    writer = csv.DictWriter(table, header, lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        if row["id"] in boxes:
-            left, top, width, height = boxes[row["id"]]
-            row |= {"u": left + width // 2, "v": top + height // 2}
-            row |= {"width": width, "height": height}
-        writer.writerow(row)
-    write_atomic(Path(folder) / TABLE, table.getvalue())
-
-
-def _table(folder: Path) -> tuple[list[str], list[dict[str, Any]]]:
-    """Header and rows of a table that `load_pairs` has read."""
-    text = read_bytes(folder / TABLE, limit=TABLE_LIMIT).decode("utf-8-sig")
-    lines = csv.reader(io.StringIO(text, newline=""))
-    header = [name.strip() for name in next(lines)]
-    rows = [[cell.strip() for cell in cells] for cells in lines]
-    return header, [dict(zip(header, cells, strict=True)) for cells in rows if any(cells)]
+        raise BadDataset(f"{folder}: has no pair {quoted(min(unknown))}")
+    for row in table.rows:
+        if row["id"].strip() in boxes:
+            left, top, width, height = boxes[row["id"].strip()]
+            box = (left + width // 2, top + height // 2, width, height)
+            row |= dict(zip(COLUMNS[-4:], map(str, box), strict=True))
+    write_atomic(Path(folder) / TABLE, table.text())
 
 
 def _own(row: dict[str, str]) -> list[str]:

@@ -8,6 +8,8 @@ import numpy as np
 from jshape.errors import BadFile, one_line
 from jshape.store.formats import parse_npy
 
+MEMBERS = 10_000
+"""Most arrays in one NPZ."""
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
@@ -26,6 +28,8 @@ def read_arrays(data: bytes, where: str, limit: int) -> dict[str, np.ndarray]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = archive.infolist()
             unpacked = sum(member.file_size for member in members)
+            if len(members) > MEMBERS:
+                raise BadFile(f"holds {len(members):,} arrays; at most {MEMBERS:,} are read")
             if unpacked <= limit:
                 return {m.filename.removesuffix(".npy"): _array(archive, m) for m in members}
     except Exception as problem:  # zipfile promises no type for a damaged archive

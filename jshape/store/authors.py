@@ -238,9 +238,9 @@ def _annotations(source: Path) -> dict[tuple[str, str, str, str], tuple[Path, An
     """Every XML file below a folder by (agent, action, instance, state); state "" is both."""
     found = {}
     single = (source / "data").is_dir()
-    for path in sorted(source.rglob("*.xml")):
+    for path in sorted(source.rglob("*")):
         match = _INSTANCE.fullmatch(path.stem)
-        if not match or not path.is_file():
+        if not match or path.suffix.lower() != ".xml" or not path.is_file():
             continue
         note = read_annotation(path)
         within = path.relative_to(source).parts

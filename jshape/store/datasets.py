@@ -4,13 +4,12 @@ Frames are (H, W) uint16 counts of `depth_unit` metres, 0 = no reading.  ROI cen
 and sizes `(w, h)`, pixels.
 """
 
-import csv
-import io
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +17,13 @@ import numpy as np
 
 from jshape import actions
 from jshape.camera import Camera
-from jshape.data.pairs import Pairs
-from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
+from jshape.data.pairs import Frames, Pairs
+from jshape.errors import BadDataset, BadFile, BadImage, quoted
 from jshape.store.cameras import read_camera, write_camera
-from jshape.store.files import inside, read_bytes, write_atomic
+from jshape.store.files import inside, write_atomic
 from jshape.store.folders import atomic_folder
 from jshape.store.images import read_counts, write_counts_png
+from jshape.store.tables import Table, check_action, read_table
 
 COLUMNS = (
     "id", "action", "agent", "material", "prior", "posterior", "u", "v", "width", "height"
@@ -39,21 +39,24 @@ CONTENTS = (TABLE, CAMERA, FRAMES)
 """What a data set's folder holds, at the top."""
 STRENGTHS = (0.001, 100.0)
 """Least and greatest strength of a pair."""
-TABLE_LIMIT = 64 * 2**20
-"""Largest pairs.csv that is read, bytes."""
+NAME_LIMIT = 200
+"""Most characters of an id, a name or a path."""
+IN_MEMORY = 2 * 2**30
+"""Most bytes of frames that are kept in memory; of more, each is read when it is needed."""
 
 _NAMES = ("id", "action", "agent", "material")
 _NUMBERS = ("u", "v", "width", "height")
 _WHOLE = re.compile(r"-?[0-9]{1,6}")
-_DECIMAL = re.compile(r"[0-9]{1,6}(\.[0-9]{1,17})?")
+_DECIMAL = re.compile(r"[0-9]{1,6}([.,][0-9]{1,17})?")
 _UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f]")
 
 
 def load_pairs(folder: str | os.PathLike) -> Pairs:
     """All pairs of a data set, in the order of `pairs.csv`.
 
-    Columns may come in any order; columns of other names are not read.  Without the column
-    `strength` it is 1 for all.
+    Columns may come in any order; those of other names are the pairs' `extra`.  Without the column
+    `strength` it is 1 for all.  Frames of more than 2 GiB are checked now and read again when they
+    are needed.
 
     Raises:
       BadDataset: no such folder, a file or a column is missing, no rows, a bad number, a frame
@@ -63,16 +66,9 @@ def load_pairs(folder: str | os.PathLike) -> Pairs:
     """
     folder = Path(folder)
     camera, depth_unit = _read_camera(folder)
-    rows = _read_table(folder / TABLE, camera)
-    # One frame first: a camera.json of absurd size is refused before memory is asked for.
-    _read_frame(folder, rows[0], "prior", camera)
-    try:
-        prior, posterior = np.empty((2, len(rows), *camera.shape), np.uint16)
-    except MemoryError:
-        raise BadDataset(f"{folder}: {len(rows)} pairs do not fit into memory") from None
-    for k, row in enumerate(rows):
-        prior[k] = _read_frame(folder, row, "prior", camera)
-        posterior[k] = _read_frame(folder, row, "posterior", camera)
+    table = read_table(folder / TABLE, COLUMNS)
+    rows = _read_rows(table, folder / TABLE, camera)
+    prior, posterior = _read_frames(folder, rows, camera)
 
     def names(column: str) -> np.ndarray:
         return np.array([row.texts[column] for row in rows])
@@ -89,6 +85,11 @@ def load_pairs(folder: str | os.PathLike) -> Pairs:
         size=np.array([row.size for row in rows], np.int32),
         id=names("id"),
         strength=np.array([row.strength for row in rows], np.float32),
+        extra={
+            name: np.array([cells[name] for cells in table.rows], object)
+            for name in table.header
+            if name not in (*COLUMNS, STRENGTH)
+        },
     )
 
 
@@ -119,7 +120,8 @@ def row_of(pairs: Pairs, k: int) -> dict[str, Any]:
     names = {name: str(getattr(pairs, name)[k]) for name in _NAMES}
     frames = {"prior": pairs.prior[k], "posterior": pairs.posterior[k]}
     numbers = {"u": u, "v": v, "width": w, "height": h, "strength": float(pairs.strength[k])}
-    return {**names, **frames, **numbers}
+    extra = {name: str(cells[k]) for name, cells in pairs.extra.items()}
+    return {**names, **frames, **numbers, "extra": extra}
 
 
 @contextmanager
@@ -164,6 +166,8 @@ class Adder:
     camera: Camera
     rows: list[dict[str, Any]] = field(default_factory=list)
     ids: set[str] = field(default_factory=set)
+    extra: dict[str, None] = field(default_factory=dict)
+    """Names of the pairs' own columns, in order."""
 
     def __call__(
         self,
@@ -179,8 +183,11 @@ class Adder:
         width: int,
         height: int,
         strength: float = 1.0,
+        extra: Mapping[str, str] | None = None,
     ) -> None:
         """Write the two frames of a pair, (H, W) uint16 counts, and remember its row.
+
+        `extra` are columns of one's own: any text, by name.
 
         Raises:
           BadDataset: a name, number or frame that could not be read again.
@@ -189,8 +196,12 @@ class Adder:
         where = f"{self.where}: pair {quoted(id)}"
         texts = {"id": id, "action": action, "agent": agent, "material": material}
         for column, text in texts.items():
-            if not isinstance(text, str) or not text.strip() or _UNPRINTABLE.search(text):
-                raise BadDataset(f"{where}: {column} is {quoted(text)}; it must be a line of text")
+            _check_text(text, column, where)
+        check_action(action, where)
+        own = dict(extra or {})
+        taken = [name for name in own if name in (*COLUMNS, STRENGTH)]
+        if taken:
+            raise BadDataset(f"{where}: {taken[0]} is a column of every data set, not one's own")
         numbers = {"u": u, "v": v, "width": width, "height": height}
         for column, number in numbers.items():
             if isinstance(number, bool) or not isinstance(number, int | np.integer):
@@ -213,18 +224,16 @@ class Adder:
         paths = {c: f"{FRAMES}/{len(self.ids):05d}_{c}.png" for c in ("prior", "posterior")}
         for column, counts in (("prior", prior), ("posterior", posterior)):
             write_counts_png(self.folder / paths[column], counts)
-        self.rows.append(texts | paths | numbers | {STRENGTH: _decimal(strength)})
+        self.rows.append(texts | paths | numbers | {STRENGTH: _decimal(strength)} | own)
+        self.extra |= dict.fromkeys(own)
         self.ids.add(id)
 
     def table(self) -> str:
         """The text of pairs.csv."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
         all_one = all(row[STRENGTH] == "1" for row in self.rows)
-        columns = COLUMNS if all_one else (*COLUMNS, STRENGTH)
-        writer.writerow(columns)
-        writer.writerows([row[column] for column in columns] for row in self.rows)
-        return text.getvalue()
+        header = [*COLUMNS, *([] if all_one else [STRENGTH]), *self.extra]
+        rows = [{name: row.get(name, "") for name in header} for row in self.rows]
+        return Table(header, rows, []).text()
 
 
 def _decimal(number: float) -> str:
@@ -254,40 +263,17 @@ def _read_camera(folder: Path) -> tuple[Camera, float]:
         raise BadDataset(str(problem)) from None
 
 
-def _read_table(path: Path, camera: Camera) -> list[_Row]:
-    try:
-        text = read_bytes(path, limit=TABLE_LIMIT).decode("utf-8-sig")
-        lines = csv.reader(io.StringIO(text, newline=""), strict=True)
-        header = [name.strip() for name in next(lines, [])]
-        missing = [name for name in COLUMNS if name not in header]
-        if missing:
-            raise BadDataset(
-                f"{path}: the header lacks {', '.join(missing)}; expected {','.join(COLUMNS)}"
-            )
-        twice = [name for name in (*COLUMNS, STRENGTH) if header.count(name) > 1]
-        if twice:
-            raise BadDataset(f"{path}: the header names {', '.join(twice)} twice")
-        rows, seen = [], {}
-        for cells in lines:
-            if not any(cell.strip() for cell in cells):
-                continue
-            where = f"{path}: line {lines.line_num}"
-            if len(cells) != len(header):
-                raise BadDataset(f"{where}: has {len(cells)} columns; the header has {len(header)}")
-            row = _parse_row(dict(zip(header, cells, strict=True)), where, camera)
-            name = row.texts["id"]
-            if name in seen:
-                raise BadDataset(f"{where}: id {quoted(name)} is already on line {seen[name]}")
-            seen[name] = lines.line_num
-            rows.append(row)
-    except BadFile as problem:
-        raise BadDataset(str(problem)) from None
-    except UnicodeDecodeError:
-        raise BadDataset(f"{path}: is not UTF-8 text") from None
-    except csv.Error as problem:
-        raise BadDataset(f"{path}: not CSV that can be read: {one_line(problem)}") from None
-    if not rows:
+def _read_rows(table: Table, path: Path, camera: Camera) -> list["_Row"]:
+    if not table.rows:
         raise BadDataset(f"{path}: has no rows, so there are no pairs")
+    rows, seen = [], {}
+    for line, cells in zip(table.lines, table.rows, strict=True):
+        row = _parse_row(cells, f"{path}: line {line}", camera)
+        name = row.texts["id"]
+        if name in seen:
+            raise BadDataset(f"{row.where}: id {quoted(name)} is already on line {seen[name]}")
+        seen[name] = line
+        rows.append(row)
     return rows
 
 
@@ -296,10 +282,8 @@ def _parse_row(cells: dict[str, str], where: str, camera: Camera) -> _Row:
     for column in (*_NAMES, "prior", "posterior"):
         if not texts[column]:
             raise BadDataset(f"{where}: {column} is empty")
-        if _UNPRINTABLE.search(texts[column]):
-            raise BadDataset(
-                f"{where}: {column} is {quoted(texts[column])}; it must be a line of text"
-            )
+        _check_text(texts[column], column, where)
+    check_action(texts["action"], where)
     numbers = []
     for column in _NUMBERS:
         if not _WHOLE.fullmatch(texts[column]):
@@ -315,9 +299,22 @@ def _parse_row(cells: dict[str, str], where: str, camera: Camera) -> _Row:
 def _parse_strength(cells: dict[str, str], where: str) -> float:
     """1 where there is no such column."""
     text = cells.get(STRENGTH, "1").strip()
-    strength = float(text) if _DECIMAL.fullmatch(text) else np.nan
-    _check_strength(strength, repr(text), where)
+    strength = float(text.replace(",", ".")) if _DECIMAL.fullmatch(text) else np.nan
+    _check_strength(strength, quoted(text), where)
     return strength
+
+
+def _check_text(text: Any, column: str, where: str) -> None:
+    if (
+        not isinstance(text, str)
+        or not text.strip()
+        or len(text) > NAME_LIMIT
+        or _UNPRINTABLE.search(text)
+    ):
+        raise BadDataset(
+            f"{where}: {column} is {quoted(text)}; it must be a line of text, "
+            f"at most {NAME_LIMIT} characters"
+        )
 
 
 def _check_strength(strength: float, said: str, where: str) -> None:
@@ -336,6 +333,42 @@ def _check_roi(camera: Camera, centre: tuple[int, int], size: tuple[int, int], w
             f"{where}: the {size[0]}x{size[1]} ROI at {centre} leaves the "
             f"{camera.width}x{camera.height} image"
         )
+
+
+def _read_frames(
+    folder: Path, rows: list[_Row], camera: Camera
+) -> tuple[np.ndarray | Frames, np.ndarray | Frames]:
+    """Frames before and after, (N, H, W); several rows may name the same file."""
+    first: dict[str, tuple[_Row, str, int]] = {}
+    which = np.array([
+        [first.setdefault(row.texts[column], (row, column, len(first)))[2] for row in rows]
+        for column in ("prior", "posterior")
+    ])  # fmt: skip
+    files, frame = list(first.values()), 2 * camera.width * camera.height
+    # One frame first: a camera.json of absurd size is refused before memory is asked for.
+    _read_frame(folder, *files[0][:2], camera)
+    if frame * which.size <= IN_MEMORY:
+        try:
+            read = np.empty((2, len(rows), *camera.shape), np.uint16)
+        except MemoryError:
+            raise BadDataset(f"{folder}: {len(rows)} pairs do not fit into memory") from None
+        there: dict[int, tuple[int, ...]] = {}
+        for place in np.ndindex(which.shape):
+            k = int(which[place])
+            known = k in there
+            read[place] = read[there[k]] if known else _read_frame(folder, *files[k][:2], camera)
+            there.setdefault(k, place)
+        return read[0], read[1]
+
+    @lru_cache(IN_MEMORY // frame)
+    def read_one(k: int) -> np.ndarray:
+        counts = _read_frame(folder, *files[k][:2], camera)
+        counts.flags.writeable = False
+        return counts
+
+    for k in range(len(files)):  # so that a damaged one is named now
+        read_one(k)
+    return Frames(read_one, which[0], camera.shape), Frames(read_one, which[1], camera.shape)
 
 
 def _read_frame(folder: Path, row: _Row, column: str, camera: Camera) -> np.ndarray:

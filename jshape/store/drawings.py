@@ -10,6 +10,17 @@ from jshape.errors import BadImage, one_line
 from jshape.store.files import read_bytes
 from jshape.store.formats import FILE_LIMIT, PIXEL_LIMIT, read_array
 
+_TURNS = {
+    1: lambda a: a,
+    2: np.fliplr,
+    3: lambda a: np.rot90(a, 2),
+    4: np.flipud,
+    5: np.transpose,
+    6: lambda a: np.rot90(a, -1),
+    7: lambda a: np.rot90(a, 2).T,
+    8: np.rot90,
+}
+"""What makes an image upright, by its EXIF orientation.  OpenCV does it for TIFF only."""
 _PAINTED = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM")
 
 
@@ -17,17 +28,18 @@ def read_drawing(path: str | os.PathLike) -> np.ndarray:
     """A drawing as (rows, columns) of numbers: as stored if it is grey, else its brightness.
 
     PNG, TIFF, EXR and NPY of one channel keep their numbers; colour PNG, JPEG and BMP become 8-bit
-    grey, on black where they are transparent.
+    grey, on black where they are transparent.  What a camera or phone turned (EXIF) is upright.
 
     Raises:
       BadFile: the file cannot be read.
       BadImage: it is no image.
     """
     path = Path(path)
+    data = read_bytes(path, limit=FILE_LIMIT)
     try:
-        return read_array(path)
+        drawn = read_array(path)
+        return _TURNS[_orientation(data)](drawn) if data.startswith(_PAINTED) else drawn
     except BadImage as problem:
-        data = read_bytes(path, limit=FILE_LIMIT)
         if not data.startswith(_PAINTED):
             raise
         grey = _brightness(data)
@@ -36,11 +48,22 @@ def read_drawing(path: str | os.PathLike) -> np.ndarray:
         return grey
 
 
+def _orientation(data: bytes) -> int:
+    from PIL import ExifTags, Image
+
+    try:
+        with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
+            found = image.getexif().get(ExifTags.Base.Orientation, 1)
+    except Exception:  # Pillow promises no type; the pixels have been read
+        return 1
+    return found if found in _TURNS else 1
+
+
 def _brightness(data: bytes) -> np.ndarray | str:
     """Grey levels of a painted image, or why there are none."""
     import warnings
 
-    from PIL import Image
+    from PIL import Image, ImageOps
 
     try:
         with warnings.catch_warnings():
@@ -48,7 +71,7 @@ def _brightness(data: bytes) -> np.ndarray | str:
             with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "BMP")) as image:
                 if image.width * image.height > PIXEL_LIMIT:
                     return f"{image.width}x{image.height} pixels; at most {PIXEL_LIMIT:,} are read"
-                colour = image.convert("RGBA")
+                colour = ImageOps.exif_transpose(image).convert("RGBA")
     except Exception as problem:  # Pillow promises no type for a damaged file
         return one_line(f"{type(problem).__name__}: {problem}", 100)
     black = Image.new("RGBA", colour.size, (0, 0, 0, 255))

@@ -5,6 +5,8 @@ import json
 import math
 import os
 import secrets
+import stat
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -16,6 +18,8 @@ from jshape.errors import BadFile, one_line, quoted
 
 JSON_LIMIT = 64 * 2**20
 """Default largest JSON file that is read, bytes."""
+JSON_VALUES = 1_000_000
+"""Most values of a JSON text: they take up to 200 bytes each in memory."""
 
 
 def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
@@ -80,21 +84,44 @@ def read_bytes(path: str | os.PathLike, *, limit: int, start: int | None = None)
     """
     path = Path(path)
     try:
-        if path.is_dir():
-            raise BadFile(f"{path}: is a folder, not a file")
-        if not path.exists():
-            raise BadFile(f"{path}: no such file")
-        if not path.is_file():
-            raise BadFile(f"{path}: is not a regular file")
-        size = path.stat().st_size
-        if size == 0:
-            raise BadFile(f"{path}: the file is empty")
-        if size > limit:
-            raise BadFile(f"{path}: {size:,} bytes; at most {limit:,} are read")
-        with path.open("rb") as file:
+        with open(path, "rb", opener=regular) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size == 0:
+                raise BadFile(f"{path}: the file is empty")
+            if size > limit:
+                raise BadFile(f"{path}: {size:,} bytes; at most {limit:,} are read")
             return file.read(limit if start is None else start)
     except (OSError, ValueError) as problem:
         refuse(path, "cannot be read", problem)
+
+
+def regular(path: str, flags: int) -> int:
+    """An `opener` for `open` that takes regular files only, and never waits for one.
+
+    A FIFO would wait until somebody writes to it, and some devices never end or act when opened.
+
+    Raises:
+      BadFile: it is missing, a folder, or something else than a file.
+    """
+    try:
+        if not (flags & os.O_CREAT and not os.path.lexists(path)):
+            _check_regular(os.stat(path), path)
+        handle = os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
+    except FileNotFoundError:
+        raise BadFile(f"{path}: no such file") from None
+    try:
+        _check_regular(os.fstat(handle), path)  # which may have become another file since
+    except BadFile:
+        os.close(handle)
+        raise
+    return handle
+
+
+def _check_regular(found: os.stat_result, path: str) -> None:
+    if stat.S_ISDIR(found.st_mode):
+        raise BadFile(f"{path}: is a folder, not a file")
+    if not stat.S_ISREG(found.st_mode):
+        raise BadFile(f"{path}: is not a regular file")
 
 
 def sha256(path: str | os.PathLike) -> str:
@@ -105,7 +132,7 @@ def sha256(path: str | os.PathLike) -> str:
     """
     path = Path(path)
     try:
-        with path.open("rb") as file:
+        with open(path, "rb", opener=regular) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except (OSError, ValueError) as problem:
         refuse(path, "cannot be read", problem)
@@ -130,6 +157,9 @@ def parse_json(text: bytes | str, where: str) -> dict[str, Any]:
     try:
         if isinstance(text, bytes):
             text = text.decode("utf-8-sig")
+        values = sum(map(text.count, "[{,"))
+        if values > JSON_VALUES:
+            raise BadFile(f"{where}: holds {values:,} values; at most {JSON_VALUES:,} are read")
         found = json.loads(
             text,
             object_pairs_hook=_unique,
@@ -252,8 +282,7 @@ def sync_folder(folder: Path) -> None:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
+        ((twice, _),) = Counter(name for name, _ in pairs).most_common(1)
         raise ValueError(f"{quoted(twice)} is there twice")
     return found
 
@@ -265,7 +294,7 @@ def _no_constant(name: str) -> NoReturn:
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"{one_line(text, 80)} is too large for a number")
+        raise ValueError(f"{one_line(text, 40)} is too large for a number")
     return value
 
 

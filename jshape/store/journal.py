@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jshape.errors import BadFile
-from jshape.store.files import json_text, parse_json, read_bytes, refuse
+from jshape.store.files import json_text, parse_json, read_bytes, refuse, regular
 
 try:
     import fcntl
@@ -28,7 +28,7 @@ def note(path: Path, event: Mapping[str, Any]) -> None:
     """
     line = json_text(dict(event), str(path), indent=None)
     try:
-        with path.open("ab") as file:
+        with open(path, "ab", opener=regular) as file:
             file.write(line.encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
@@ -55,7 +55,7 @@ def alone(folder: Path) -> Iterator[None]:
     """
     path = folder / LOCK
     try:
-        file = path.open("ab")
+        file = open(path, "ab", opener=regular)
     except OSError as problem:
         refuse(path, "cannot be written", problem)
     with file:

@@ -1,4 +1,4 @@
-"""PCD, the point cloud format of PCL: header and points, ASCII or binary."""
+"""PCD, the point cloud format of PCL: header and points, ASCII, binary or compressed."""
 
 from pathlib import Path
 
@@ -12,6 +12,8 @@ _TYPES = {
     ("I", "1"): "<i1", ("I", "2"): "<i2", ("I", "4"): "<i4", ("I", "8"): "<i8",
     ("U", "1"): "<u1", ("U", "2"): "<u2", ("U", "4"): "<u4", ("U", "8"): "<u8",
 }  # fmt: skip
+UNPACKED_LIMIT = 2**27
+"""Most bytes that a compressed PCD may unpack to: some 8 million points."""
 _KEYS = ("FIELDS", "SIZE", "TYPE", "COUNT", "POINTS", "DATA")
 
 
@@ -20,13 +22,13 @@ def parse_pcd(path: Path, data: bytes) -> Float[np.ndarray, "P 3"]:
 
     Args:
       path: what the file is called in errors.
-      data: its content; DATA ascii or binary, x y z as float32 or float64.
+      data: its content; DATA ascii, binary or binary_compressed, x y z as float32 or float64.
 
     Returns:
       (P, 3) floating point, metres; may hold NaN.
 
     Raises:
-      BadFile: a damaged header, too few points, no x y z, or compressed.
+      BadFile: a damaged header, too few points, or no x y z.
     """
     header, start = _header(path, data)
     names, dtype = _layout(path, header)
@@ -45,8 +47,63 @@ def parse_pcd(path: Path, data: bytes) -> Float[np.ndarray, "P 3"]:
     if kind == "ascii":
         return _ascii(path, data[start:], names, dtype, count)
     if kind == "binary_compressed":
-        raise BadFile(f"{path}: compressed PCD is not read; save it as DATA binary or ascii")
-    raise BadFile(f"{path}: DATA of the PCD is {quoted(kind)}; allowed: ascii, binary")
+        return _compressed(path, data[start:], names, dtype, count)
+    raise BadFile(
+        f"{path}: DATA of the PCD is {quoted(kind)}; allowed: ascii, binary, binary_compressed"
+    )
+
+
+def _compressed(
+    path: Path, data: bytes, names: list[str], dtype: np.dtype, count: int
+) -> np.ndarray:
+    """Points that LZF packed field by field: all of x, then all of y, ..."""
+    packed, unpacked = (int.from_bytes(data[k : k + 4], "little") for k in (0, 4))
+    if unpacked != count * dtype.itemsize or len(data) < 8 + packed:
+        raise BadFile(f"{path}: the PCD is cut off: {count:,} points expected")
+    if unpacked > UNPACKED_LIMIT:
+        raise BadFile(f"{path}: unpacks to {unpacked:,} bytes; at most {UNPACKED_LIMIT:,} are read")
+    try:
+        plain = _unpack_lzf(data[8 : 8 + packed], unpacked)
+    except (IndexError, ValueError):
+        raise BadFile(f"{path}: the PCD is damaged: it does not unpack") from None
+    columns, at = {}, 0
+    for k, name in enumerate(names):
+        field = dtype[k]
+        columns[name] = np.frombuffer(plain, field.base, count * field.shape[0], at)
+        at += count * field.itemsize
+    return np.stack([columns[axis] for axis in "xyz"], -1)
+
+
+def _unpack_lzf(data: bytes, size: int) -> bytearray:
+    """What LZF packed: runs of new bytes, and copies of what stands up to 8 KiB before.
+
+    Raises:
+      IndexError, ValueError: it is damaged.
+    """
+    out, at = bytearray(), 0
+    while at < len(data):
+        first = data[at]
+        at += 1
+        if first < 32:
+            out += data[at : at + first + 1]
+            at += first + 1
+            continue
+        length = first >> 5
+        if length == 7:
+            length += data[at]
+            at += 1
+        length += 2
+        back = ((first & 31) << 8) + data[at] + 1
+        at += 1
+        if back > len(out):
+            raise ValueError("a copy of what is not there")
+        piece = out[len(out) - back :][:length]
+        out += (piece * (length // len(piece) + 1))[:length]  # it may reach into itself
+        if len(out) > size:
+            raise ValueError("more than was said")
+    if len(out) != size:
+        raise ValueError("less than was said")
+    return out
 
 
 def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], int]:

@@ -6,6 +6,7 @@ columns, Y along the rows, Z along the optical axis.
 
 import io
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,12 @@ SUFFIXES = (".ply", ".pcd")
 SOLIDS = (*SUFFIXES, ".stl", ".obj")
 """Files that `read_mesh` reads."""
 
+_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+_VERTEX = re.compile(
+    rb"^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.IGNORECASE | re.MULTILINE
+)
+_GROUPS = re.compile(rb"^[ \t]*(?:usemtl|mtllib|o|g|s)\b[^\n]*$", re.MULTILINE)
+
 
 def read_points(path: str | os.PathLike) -> Float[np.ndarray, "P 3"]:
     """The points of a PLY or PCD file (of a mesh: its vertices), metres.
@@ -35,7 +42,7 @@ def read_points(path: str | os.PathLike) -> Float[np.ndarray, "P 3"]:
     Points with a coordinate that is not finite are dropped.
 
     Args:
-      path: .ply (ASCII or binary) or .pcd (ASCII or binary, not compressed).
+      path: .ply (ASCII or binary) or .pcd (ASCII, binary or compressed).
 
     Returns:
       (P, 3) float32, P >= 1.
@@ -159,11 +166,14 @@ def read_mesh(
     suffix = path.suffix.lower()
     if suffix not in allowed:
         kinds = f"{', '.join(allowed[:-1])} or {allowed[-1]}"
-        raise BadFile(f"{path}: point clouds are {kinds}, not {quoted(suffix or 'this')}")
+        raise BadFile(
+            f"{path}: point clouds are {kinds}, not {quoted(suffix) if suffix else 'this'}"
+        )
     data = read_bytes(path, limit=FILE_LIMIT)
-    points, faces = (
-        (parse_pcd(path, data), None) if suffix == ".pcd" else _parse(path, data, suffix[1:])
-    )
+    if suffix == ".pcd":
+        points, faces = parse_pcd(path, data), None
+    else:
+        points, faces = _stl(path, data) if suffix == ".stl" else _parse(path, data, suffix[1:])
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise BadFile(f"{path}: holds no points")
@@ -180,8 +190,26 @@ def read_mesh(
     return points[finite], faces
 
 
+def _stl(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Corners and faces of an STL: of all its solids, whatever stands behind them."""
+    count = int.from_bytes(data[80:84], "little")
+    if 0 < 50 * count <= len(data) - 84:  # a text's bytes 80 to 84 would say half a billion faces
+        corners = np.frombuffer(data, _FACE, count, 84)["corners"].reshape(-1, 3)
+    else:
+        words = _VERTEX.findall(data) if data.lstrip()[:5].lower() == b"solid" else []
+        if not words or len(words) % 3:
+            raise BadFile(
+                f"{path}: the STL is damaged, cut off or holds no points (it has no face)"
+            )
+        try:
+            corners = np.array(words).astype(np.float64)
+        except ValueError as problem:
+            raise BadFile(f"{path}: the STL is damaged ({one_line(problem, 100)})") from None
+    return corners, np.arange(len(corners)).reshape(-1, 3)
+
+
 def _parse(path: Path, data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray | None]:
-    """Points and faces of a PLY, STL or OBJ."""
+    """Points and faces of a PLY or OBJ."""
     name = kind.upper()
     try:
         import trimesh
@@ -189,13 +217,14 @@ def _parse(path: Path, data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray |
         raise BadFile(f"{path}: reading {name} needs trimesh: pip install trimesh") from None
     if kind == "ply" and not data.startswith(b"ply"):
         raise BadFile(f"{path}: is not a PLY file")
-    whole: dict[str, Any] = {"group_material": False} if kind == "obj" else {}
+    if kind == "obj":  # one mesh: trimesh makes one of each material, of thousands in minutes
+        data = _GROUPS.sub(b"", data)
     try:
         # From memory and without a resolver: a texture that the file names is not looked for.
         found: Any = trimesh.load(
-            io.BytesIO(data), file_type=kind, process=False, skip_materials=True, **whole
+            io.BytesIO(data), file_type=kind, process=False, skip_materials=True
         )
-        if isinstance(found, trimesh.Scene):  # what an STL without faces becomes
+        if isinstance(found, trimesh.Scene):
             raise BadFile("it has no face")
         points, faces = np.asarray(found.vertices), getattr(found, "faces", None)
         faces = None if faces is None else np.asarray(faces)

@@ -17,8 +17,15 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.errors import BadFile, one_line, quoted
-from jshape.robot.calibration import MOST, PAIR_TOLERANCE, TARGET, Calibration, Residuals
-from jshape.robot.rigid import BadPose, check_rigid, nearest_rigid, pose_at, quaternion_of
+from jshape.robot.calibration import MOST, NEAR_HAND, PAIR_TOLERANCE, TARGET, Calibration, Residuals
+from jshape.robot.rigid import (
+    BadPose,
+    check_far,
+    check_rigid,
+    nearest_rigid,
+    pose_at,
+    quaternion_of,
+)
 from jshape.store.files import JSON_LIMIT, parse_json, read_bytes, read_json, write_json
 
 FORMAT = "jshape-pose"
@@ -82,7 +89,9 @@ def read_gripper(path: str | os.PathLike) -> Float[np.ndarray, "4 4"]:
       BadFile: the file cannot be read, or holds no such pose.
       BadPose: a pose that is not rigid, or not in metres.
     """
-    return _pose_in(read_json(path), "base_gripper", str(path))
+    pose = _pose_in(read_json(path), "base_gripper", str(path))
+    check_far(pose, NEAR_HAND, f"{path}: base_gripper: the gripper", "the base")
+    return pose
 
 
 def write_pose(path: str | os.PathLike, pose: CameraPose) -> None:
@@ -133,8 +142,11 @@ def read_pose(path: str | os.PathLike) -> CameraPose:
     ):  # fmt: skip
         if not isinstance(fields.get(name, kind()), kind):
             raise BadFile(f"{where}: {name} is {quoted(fields[name])}; expected {word}")
+    matrix = _matrix(fields[_name(parent, where)], f"{where}: {_name(parent, where)}")
+    if parent == "base" and matrix[:3, 3].any():  # a camera's frame may be taken for the base
+        check_far(matrix, NEAR_HAND, f"{where}: T_base_camera: the camera", "the base")
     return CameraPose(
-        _matrix(fields[_name(parent, where)], f"{where}: {_name(parent, where)}"),
+        matrix,
         parent,
         **{name: fields[name] for name in ("camera", "found", "residuals") if name in fields},
     )
@@ -214,7 +226,7 @@ def _pose_in(fields: Any, name: str, where: str) -> np.ndarray:
     if set(value) != {"xyz_mm", "quat"}:
         raise BadFile(
             f"{where}: has {one_line(', '.join(map(repr, value)), 60) or 'nothing'}; "
-            "expected 'xyz_mm' and 'quat' (x, y, z, w)"
+            "expected 'xyz_mm' and 'quat' (x, y, z, w); metres go into a 4x4 matrix"
         )
     position, quaternion = (
         _numbers(value[part], count, f"{where}: {part}")

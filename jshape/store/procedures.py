@@ -13,7 +13,7 @@ from jshape.robot.procedure import IN_THE_AIR, NAMES, Hand, Limits, Operation, P
 from jshape.store.files import read_bytes
 
 LIMITS = "limits.yaml"
-FILE_LIMIT = 2**20
+FILE_LIMIT = 2**16
 """Largest file that is read, bytes."""
 REACH_MM = 2000.0
 """No arm's tool is farther than this from anything, mm."""
@@ -27,18 +27,41 @@ MOST = {
 """Greatest numbers of an operation: beyond them somebody mistook a unit."""
 
 
+LEAST = {"height_mm": 1.0, "depth_mm": 0.1, "speed_mm_s": 1.0}
+"""Least sizes of those: what is smaller and not 0 is metres where mm are meant."""
+TOOL_MM, ROOM_MM = 1.0, 20.0
+"""The same for the distance of a tool's point from its flange and for the room of the limits."""
+
+
 class _Strict(yaml.SafeLoader):
-    """A safe loader that refuses a name that is given twice."""
+    """A safe loader that refuses aliases, and a name that is given twice.
+
+    A few nested aliases stand for more values than any memory holds.
+    """
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """As the safe loader, unless it is an alias."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()
+            raise yaml.composer.ComposerError(
+                None, None, "aliases (*name) are not read; write the value out", event.start_mark
+            )
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict:
         """As the safe loader, unless a key is there already."""
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]  # pyright: ignore
-        twice = [key for k, key in enumerate(keys) if key in keys[:k]]
-        if twice:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"{quoted(twice[0])} is given twice", node.start_mark
-            )
+        seen = set()
+        for key, _ in node.value:
+            name = key.tag, str(key.value)
+            if isinstance(key, yaml.ScalarNode) and name in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"{quoted(key.value)} is given twice", key.start_mark
+                )
+            seen.add(name)
         return super().construct_mapping(node, deep)
+
+
+_METRES = "less than {:g} mm looks like metres: times 1000"
 
 
 def load_hand(folder: str | os.PathLike | None = None) -> Hand:
@@ -56,9 +79,13 @@ def load_hand(folder: str | os.PathLike | None = None) -> Hand:
     if not (folder / LIMITS).is_file():
         raise BadFile(f"{folder}: holds no {LIMITS}, so nothing says what the arm must not exceed")
     limits = _limits(folder / LIMITS)
-    other = sorted(path.name for path in folder.glob("*.yml"))
+    other = sorted(
+        path.name
+        for path in folder.glob("*")
+        if path.suffix.lower() in (".yml", ".yaml") and path.suffix != ".yaml"
+    )
     if other:
-        raise BadFile(f"{folder}: {other[0]} would not be read; name it {other[0][:-4]}.yaml")
+        raise BadFile(f"{folder}: {other[0]} would not be read; name it {Path(other[0]).stem}.yaml")
     found = [read_procedure(path) for path in sorted(folder.glob("*.yaml")) if path.name != LIMITS]
     if not found:
         raise BadFile(f"{folder}: no action in it; expected files like knock.yaml")
@@ -87,11 +114,14 @@ def read_procedure(path: str | os.PathLike) -> Procedure:
     ) else None  # fmt: skip
     if names != list(NAMES):
         raise BadFile(
-            f"{path}: operations are {quoted(names, 200)}; expected {', '.join(NAMES)}, "
+            f"{path}: operations are {one_line(names, 120)}; expected {', '.join(NAMES)}, "
             "in this order"
         )
     made = [_operation(one, f"{path}: {one['name']}") for one in several or ()]
     tool = _three(content.get("tool_mm", [0, 0, 0]), f"{path}: tool_mm")
+    length = sum(x * x for x in tool) ** 0.5
+    if 0 < length < TOOL_MM:
+        raise BadFile(f"{path}: tool_mm is {length:g} mm long; {_METRES.format(TOOL_MM)}")
     return Procedure(action, tuple(made), tool)
 
 
@@ -110,6 +140,9 @@ def _operation(content: dict[str, Any], where: str) -> Operation:
     for name, most in MOST.items():
         if abs(read.get(name, 0.0)) > most:
             raise BadFile(f"{where}: {name} is {read[name]:g}; at most {most:g}")
+    for name, least in LEAST.items():
+        if 0 < abs(read.get(name, 0.0)) < least:
+            raise BadFile(f"{where}: {name} is {read[name]:g}; {_METRES.format(least)}")
     if content["name"] == "clear" and len(content) > 1:
         raise BadFile(f"{where}: the arm goes home, there is nothing else to say of it")
     if content["name"] in IN_THE_AIR and not read.get("height_mm", 0.0) > 0:
@@ -128,6 +161,15 @@ def _limits(path: Path) -> Limits:
     made = Limits(**read)
     if not all(low < high for low, high in zip(made.low_mm, made.high_mm, strict=True)):
         raise BadFile(f"{path}: low_mm {made.low_mm} is not below high_mm {made.high_mm}")
+    room = max(high - low for low, high in zip(made.low_mm, made.high_mm, strict=True))
+    if room < ROOM_MM:
+        raise BadFile(
+            f"{path}: low_mm to high_mm is {room:g} mm at most; {_METRES.format(ROOM_MM)}"
+        )
+    if made.speed_mm_s < LEAST["speed_mm_s"]:
+        raise BadFile(
+            f"{path}: speed_mm_s is {made.speed_mm_s:g}; {_METRES.format(LEAST['speed_mm_s'])}"
+        )
     for name in ("speed_mm_s", "effort_nm"):
         if not 0 < getattr(made, name) <= MOST[name]:
             raise BadFile(
@@ -140,7 +182,9 @@ def _limits(path: Path) -> Limits:
 def _parsed(path: Path) -> Any:
     try:
         return yaml.load(read_bytes(path, limit=FILE_LIMIT).decode(), _Strict)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as problem:
+    except BadFile:
+        raise
+    except Exception as problem:  # PyYAML promises no type for a damaged file
         raise BadFile(f"{path}: not a YAML file: {one_line(problem)}") from None
 
 

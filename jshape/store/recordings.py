@@ -4,8 +4,6 @@ Frames are (H, W) uint16 counts of `depth_unit` metres, 0 = no reading, in `fram
 `camera.json`; their order is that of the numbers at the end of their names: 000007, 100.033333.
 """
 
-import csv
-import io
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,9 +20,10 @@ from jshape.camera import Camera
 from jshape.data.depth import wrong_shape
 from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
 from jshape.store.cameras import read_camera, write_camera
-from jshape.store.files import read_bytes, write_atomic, write_json
+from jshape.store.files import write_atomic, write_json
 from jshape.store.folders import atomic_folder
 from jshape.store.images import read_counts, write_counts_png
+from jshape.store.tables import check_action, read_table
 
 CAMERA = "camera.json"
 FRAMES = "frames"
@@ -39,7 +38,6 @@ _NUMBERED = re.compile(r"(.*?)([0-9]{1,30})(?:\.([0-9]{1,30}))?", re.DOTALL)
 _COUNTED = 10**9
 """Numbers from here on are times (seconds since 1970 and finer), between which nothing lacks."""
 _SUFFIXES = (".png", ".tif", ".tiff", ".npy")
-_TABLE_LIMIT = 2**24
 
 
 class Label(NamedTuple):
@@ -258,32 +256,19 @@ def read_labels(
     Raises:
       BadDataset: it cannot be read, has no rows or unknown columns, a name is missing or twice.
     """
-    path = Path(path)
-    try:
-        text = read_bytes(path, limit=_TABLE_LIMIT).decode("utf-8-sig")
-        rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text))]
-    except BadFile as problem:
-        raise BadDataset(str(problem)) from None
-    except UnicodeDecodeError:
-        raise BadDataset(f"{path}: is not UTF-8 text") from None
-    except csv.Error as problem:
-        raise BadDataset(f"{path}: not CSV that can be read: {one_line(problem)}") from None
-    header, *rows = rows or [[]]
     needed = ["name", "action"] if named else ["action"]
-    allowed = {*needed, *Label._fields}
-    if not set(needed) <= set(header) <= allowed or len(set(header)) < len(header):
+    table = read_table(path, needed)
+    other = [name for name in table.header if name not in (*needed, *Label._fields)]
+    if other:
         raise BadDataset(
-            f"{path}: the header is {quoted(','.join(header))}; expected "
+            f"{path}: the header is {quoted(','.join(table.header))}; expected "
             f"{','.join(needed)}, and if need be agent and material"
         )
     labels: dict[str, Label] = {}
-    for line, cells in enumerate(rows, 2):
-        if not any(cells):
-            continue
+    for line, cells in zip(table.lines, table.rows, strict=True):
         where = f"{path}: line {line}"
-        if len(cells) != len(header):
-            raise BadDataset(f"{where}: has {len(cells)} columns; the header has {len(header)}")
-        row = {"agent": agent, "material": material} | dict(zip(header, cells, strict=True))
+        cells = {name: text.strip() for name, text in cells.items()}
+        row = {"agent": agent, "material": material} | cells
         lacking = [name for name in (*needed, *Label._fields) if not row.get(name)]
         if lacking:
             hint = "" if lacking[0] in needed else f"; give a column or --{lacking[0]}"
@@ -291,6 +276,8 @@ def read_labels(
         name = str(row["name"]) if named else str(len(labels) + 1)
         if name in labels:
             raise BadDataset(f"{where}: {quoted(name)} is there twice")
+        if row["action"] != LEAVE_OUT:
+            check_action(str(row["action"]), f"{where} ('{LEAVE_OUT}' leaves it out)")
         labels[name] = Label(*(str(row[field]) for field in Label._fields))
     if not labels:
         raise BadDataset(f"{path}: has no rows, so there are no labels")

@@ -22,6 +22,7 @@ from jshape.store.files import (
     read_bytes,
     read_json,
     refuse,
+    regular,
     write_atomic,
     write_json,
 )
@@ -181,7 +182,7 @@ class Run:
     def _write(self, path: Path, line: bytes) -> None:
         """Put a line after the complete ones; a torn one behind them is cut off first."""
         try:
-            with path.open("r+b") as file:
+            with open(path, "r+b", opener=regular) as file:
                 if file.seek(0, os.SEEK_END) != self._end:
                     raise BadFile(f"{path}: has changed; another program is writing to the run")
                 self._end = file.truncate(self._size)

@@ -43,7 +43,7 @@ def check_target(path: str | os.PathLike, overwrite: bool) -> Path:
       BadFile: as for `write_recording`.
     """
     path = Path(path)
-    if path.suffix != SUFFIX:
+    if path.suffix.lower() != SUFFIX:
         raise BadFile(f"{path}: a Rerun recording ends in {SUFFIX}")
     if os.path.lexists(path) and not overwrite:
         raise BadFile(

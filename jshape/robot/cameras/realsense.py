@@ -216,7 +216,7 @@ def played(file: str | Path) -> Source:
     file = Path(file)
     if not file.is_file():
         raise BadFile(f"{file}: {'is not a file' if file.exists() else 'no such file'}")
-    if file.suffix not in SUFFIXES:
+    if file.suffix.lower() not in SUFFIXES:
         raise BadFile(f"{file}: the SDK's recordings are {' or '.join(SUFFIXES)}")
     pipe, config = rs.pipeline(), rs.config()
     try:

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import pickle
 from dataclasses import replace
 
 import cv2
@@ -283,6 +284,8 @@ def test_many_rows_of_the_same_frames_do_not_fill_the_memory(folder, monkeypatch
         frames = getattr(asked.select(few), name)
         np.testing.assert_array_equal(np.asarray(frames), getattr(held, name)[few])
     np.testing.assert_array_equal(asked.prior[7], held.prior[7])
+    sent = pickle.loads(pickle.dumps(asked.prior[few]))
+    np.testing.assert_array_equal(sent, held.prior[few])
     monkeypatch.setattr(datasets, "IN_MEMORY", 0)
     (folder / "frames" / "00001_posterior.png").unlink()
     refused(folder, "line 3: posterior: ")

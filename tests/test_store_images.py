@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from PIL import Image
 
 from jshape import D435_BAZAR, PAPER_BOX, Camera
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
@@ -392,3 +393,34 @@ def test_frames_of_sequences(shared_data):
     for folder in sorted(shared_data.glob("mpm/seqs*/*")):
         depth = read_depth(folder / "0.png", depth_unit=1e-4, camera=PAPER_BOX)
         assert depth.shape == PAPER_BOX.shape
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6])
+@pytest.mark.parametrize("ending", ["png", "tif"])
+def test_a_depth_image_that_lies_turned_is_refused(tmp_path, ending, orientation):
+    counts = np.full((30, 40), 4500, np.uint16)
+    exif, more = Image.Exif(), {"tiffinfo": {0x0112: orientation}}
+    exif[0x0112] = orientation
+    path = tmp_path / f"a.{ending}"
+    Image.fromarray(counts).save(path, **(more if ending == "tif" else {"exif": exif}))
+    if orientation == 1:
+        np.testing.assert_array_equal(read_counts(path), counts)
+        return
+    with pytest.raises(BadImage, match=f"lies turned .EXIF orientation {orientation}.; a depth"):
+        read_counts(path)
+
+
+def test_an_exr_that_claims_to_be_huge_is_refused_before_it_is_decoded(tmp_path):
+    head = b"v/1\x01\x02\0\0\0channels\0chlist\0" + struct.pack("<i", 19) + b"Y\0"
+    head += struct.pack("<4i", 2, 0, 1, 1) + b"\0dataWindow\0box2i\0"
+    head += struct.pack("<5i", 16, 0, 0, 29_999, 29_999) + bytes(60)
+    (tmp_path / "a.exr").write_bytes(head)
+    with pytest.raises(BadImage, match="30000x30000 pixels; at most 67,108,864 are read"):
+        read_depth(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize(("magic", "said"), [(b"\x1f\x8b", "gzip"), (b"\x28\xb5\x2f\xfd", "Zst")])
+def test_a_packed_file_is_named(tmp_path, magic, said):
+    (tmp_path / "a.png").write_bytes(magic + bytes(30))
+    with pytest.raises(BadImage, match=f"packed by {said}.*; unpack it; allowed: PNG"):
+        read_depth(tmp_path / "a.png")

@@ -63,6 +63,9 @@ class Frames:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.stack([self._read(int(k)) for k in self._which]).astype(dtype or self.dtype)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return np.asarray, (np.asarray(self),)  # another process may not have the files
+
 
 @dataclass(frozen=True, eq=False)
 class Pairs:

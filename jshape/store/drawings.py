@@ -8,7 +8,7 @@ import numpy as np
 
 from jshape.errors import BadImage, one_line
 from jshape.store.files import read_bytes
-from jshape.store.formats import FILE_LIMIT, PIXEL_LIMIT, read_array
+from jshape.store.formats import FILE_LIMIT, PIXEL_LIMIT, orientation, read_array
 
 _TURNS = {
     1: lambda a: a,
@@ -37,8 +37,8 @@ def read_drawing(path: str | os.PathLike) -> np.ndarray:
     path = Path(path)
     data = read_bytes(path, limit=FILE_LIMIT)
     try:
-        drawn = read_array(path)
-        return _TURNS[_orientation(data)](drawn) if data.startswith(_PAINTED) else drawn
+        drawn = read_array(path, turned=True)
+        return _TURNS[orientation(data)](drawn) if data.startswith(_PAINTED) else drawn
     except BadImage as problem:
         if not data.startswith(_PAINTED):
             raise
@@ -46,17 +46,6 @@ def read_drawing(path: str | os.PathLike) -> np.ndarray:
         if isinstance(grey, str):
             raise BadImage(f"{problem}; as a painting: {grey}") from None
         return grey
-
-
-def _orientation(data: bytes) -> int:
-    from PIL import ExifTags, Image
-
-    try:
-        with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
-            found = image.getexif().get(ExifTags.Base.Orientation, 1)
-    except Exception:  # Pillow promises no type; the pixels have been read
-        return 1
-    return found if found in _TURNS else 1
 
 
 def _brightness(data: bytes) -> np.ndarray | str:

@@ -24,28 +24,37 @@ ALLOWED = "PNG, TIFF, EXR or NPY"
 _PNG = b"\x89PNG\r\n\x1a\n"
 _NPY = b"\x93NUMPY"
 _EXR = b"v/1\x01"
+_EXR_SIZE = b"dataWindow\0box2i\0"
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _OTHERS = {
     b"\xff\xd8\xff": "a JPEG, which cannot hold a depth image",
     b"GIF8": "a GIF, which cannot hold a depth image",
     b"BM": "a BMP, which cannot hold a depth image",
     b"PK\x03\x04": "a ZIP or NPZ archive",
+    b"\x1f\x8b": "packed by gzip; unpack it",
+    b"\x28\xb5\x2f\xfd": "packed by Zstandard; unpack it",
     b"ply": "a point cloud (PLY), not an image",
 }
 _COLOURS = {2: "colour (RGB)", 3: "colour (palette)", 4: "grey with alpha", 6: "colour (RGBA)"}
 
 
-def read_array(path: str | os.PathLike) -> np.ndarray:
+def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
     """The array of an image file as it is stored, whatever its type: (H, W), one channel.
 
     A TIFF of several pages gives its first.
 
     Raises:
       BadFile: the file is missing, a folder, empty, too large or unreadable.
-      BadImage: it is not a whole PNG, TIFF, EXR or NPY, or has more than one channel.
+      BadImage: it is not a whole PNG, TIFF, EXR or NPY, has more than one channel, or says that it
+        lies turned (unless `turned`: then a TIFF is made upright, a PNG is as it is stored).
     """
     path = Path(path)
     data = read_bytes(path, limit=FILE_LIMIT)
+    if not turned and (how := orientation(data)) != 1:
+        raise BadImage(
+            f"{path}: says that it lies turned (EXIF orientation {how}); a depth image lies as its "
+            "camera saw it: save it without the orientation"
+        )
     if data.startswith(_PNG):
         image = read_png(path, data)
     elif data.startswith(_NPY):
@@ -67,6 +76,25 @@ def read_array(path: str | os.PathLike) -> np.ndarray:
         raise BadImage(f"{path}: has shape {image.shape}; a depth image is (rows, columns)")
     _check_size(path, image.shape[1], image.shape[0])
     return image
+
+
+def orientation(data: bytes) -> int:
+    """How a PNG or TIFF says that it lies: 1 is upright, up to 8 as EXIF counts."""
+    if not (data.startswith(_TIFF) or data.startswith(_PNG) and b"eXIf" in data):
+        return 1
+    import io
+    import warnings
+
+    from PIL import ExifTags, Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
+                found = image.getexif().get(ExifTags.Base.Orientation, 1)
+    except Exception:  # Pillow promises no type; what is damaged fails where it is decoded
+        return 1
+    return found if found in range(1, 9) else 1
 
 
 def encode_png(counts: np.ndarray) -> bytes:
@@ -210,6 +238,11 @@ def _decode(path: Path, data: bytes, kind: str) -> np.ndarray:
     # OpenCV reads this once, when it meets its first EXR; importing cv2 earlier does no harm.
     os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
     import cv2
+
+    at = data.find(_EXR_SIZE)
+    if kind == "EXR" and 0 < at < len(data) - 40:
+        left, top, right, bottom = struct.unpack_from("<4i", data, at + len(_EXR_SIZE) + 4)
+        _check_size(path, right - left + 1, bottom - top + 1)
 
     log: Any = cv2.utils.logging
     level = log.getLogLevel()

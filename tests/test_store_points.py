@@ -123,6 +123,13 @@ def test_points_that_are_not_finite_are_dropped(tmp_path, cloud):
         np.testing.assert_allclose(read_points(put(tmp_path, name, content)), kept, atol=1e-6)
 
 
+def packed_pcd(packed, count):
+    """A compressed PCD that claims so many points of three numbers."""
+    head = pcd(ONE, "binary_compressed").split(b"_compressed\n")[0] + b"_compressed\n"
+    head = head.replace(b"POINTS 1", b"POINTS %d" % count)
+    return head + struct.pack("<II", len(packed), 12 * count) + packed
+
+
 ONE = np.array([[0.0, 0.0, 0.45]])
 PLY_HEAD = "ply\nformat ascii 1.0\nelement vertex {}\n"
 XYZ = "property float x\nproperty float y\nproperty float z\nend_header\n"
@@ -147,10 +154,10 @@ BAD = {
     "nan.pcd": (pcd(ONE * np.nan), "none of its 1 points is finite"),
     "zero.pcd": (pcd(ONE[:0]), "no points"),
     "packed.pcd": (pcd(ONE, "binary_compressed")[:-1], "cut off"),
-    "damaged.pcd": (pcd(ONE, "binary_compressed").replace(b"fff", b"\xfffff"), "does not unpack"),
+    "damaged.pcd": (packed_pcd(b"\xe0\xff\xff", 1), "does not unpack"),
+    "more.pcd": (packed_pcd(b"\1ab\xe0\xff\0", 1), "does not unpack"),
     "claims.pcd": (
-        pcd(ONE, "binary_compressed").replace(b"POINTS 1", b"POINTS 99999999")[:-20]
-        + struct.pack("<II", 3, 12 * 99_999_999) + b"\0\0\0",
+        packed_pcd(b"\0\0\0", 99_999_999),
         "unpacks to 1,199,999,988 bytes; at most 134,217,728 are read",
     ),
     "data.pcd": (pcd(ONE, "base64"), "'base64'; allowed: ascii, binary"),

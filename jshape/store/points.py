@@ -203,8 +203,8 @@ def _stl(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
             )
         try:
             corners = np.array(words).astype(np.float64)
-        except ValueError as problem:
-            raise BadFile(f"{path}: the STL is damaged ({one_line(problem, 100)})") from None
+        except ValueError:
+            raise BadFile(f"{path}: the STL is damaged: a corner is not a number") from None
     return corners, np.arange(len(corners)).reshape(-1, 3)
 
 

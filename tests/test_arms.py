@@ -1,12 +1,18 @@
 """What every arm must obey, whoever built it: a new row of `KINDS` inherits these."""
 
 import importlib.util
+import os
+import signal
+import threading
+import time
 
 import numpy as np
 import pytest
 
 from jshape.camera import PAPER_BOX
-from jshape.robot.arms.base import Arm, ArmError, Doing, Moved
+from jshape.closing import SIGNALS
+from jshape.robot.arms.base import Arm, ArmError, ArmLost, Doing, EffortLimit, Moved, stop_arm
+from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.arms.names import KINDS, open_arm
 from jshape.robot.procedure import NAMES, perform, pose_of
 from jshape.store.procedures import load_hand
@@ -75,3 +81,282 @@ def test_an_action_is_six_operations_and_ends_at_home(opened):
 def test_an_action_that_is_none_is_refused(opened):
     with pytest.raises(ArmError, match="cannot stroke"):
         perform(opened.arm, load_hand(), "stroke", _surface(opened), _base(opened))
+
+
+TURNED = np.array([[0.0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]])
+"""Where the test's arm is."""
+
+
+class Plain:
+    """An arm that does as it is told; a test replaces a method."""
+
+    name = "plain arm"
+
+    def __init__(self, **methods):
+        self.at, self.told, self.freed = TURNED, [], threading.Event()
+        self.__dict__ |= methods
+
+    def limit(self, *, effort, speed):
+        self.told.append("limit")
+
+    def check(self, poses, postures, tool):
+        self.told.append("check")
+
+    def begin(self, doing, tool):
+        self.told.append("begin")
+
+    def move(self, pose, *, speed, threshold):
+        self.at = pose
+        return Moved(False, 0.0, pose)
+
+    def posture(self, name, *, seconds, threshold):
+        return Moved(False, 0.0, self.at)
+
+    def home(self):
+        self.told.append("home")
+        return Moved(False, 0.0, self.at)
+
+    def effort(self):
+        return 0.0
+
+    def pose(self):
+        return self.at
+
+    def stop(self):
+        self.told.append("stop")
+
+    def close(self):
+        self.told.append("close")
+
+
+CALLS = {
+    "limit": lambda arm: arm.limit(effort=1.0, speed=0.1),
+    "check": lambda arm: arm.check([TURNED], [], TURNED),
+    "begin": lambda arm: arm.begin(Doing("poke", "above", 1.0, 0.0), TURNED),
+    "move": lambda arm: arm.move(TURNED, speed=1e3, threshold=1.0),
+    "posture": lambda arm: arm.posture("fist", seconds=0.001, threshold=1.0),
+    "home": lambda arm: arm.home(),
+    "effort": lambda arm: arm.effort(),
+    "pose": lambda arm: arm.pose(),
+}
+
+
+@pytest.fixture
+def hung():
+    """What never returns, until the test ends."""
+    end = threading.Event()
+    yield lambda *given, **named: end.wait(30)
+    end.set()
+
+
+def fast(arm, **more):
+    """Guarded, with waits that a test can afford; home is given no more than the rest."""
+    guard = GuardedArm(arm, **{"floor": 0.05, "stopping": 0.1, "closing": 0.05} | more)
+    guard._fastest = 1e3
+    return guard
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_call_that_hangs_is_given_up_and_the_arm_is_stopped(call, hung):
+    arm = Plain(**{call: hung})
+    guard, began = fast(arm), time.monotonic()
+    with pytest.raises(ArmLost, match=f"plain arm: {call} has not ended after 0.0.* told to stop"):
+        CALLS[call](guard)
+    assert stop_arm(guard) is None and time.monotonic() - began < 1
+    assert "stop" in arm.told
+    with pytest.raises(ArmLost, match=f"{call} has not ended"):  # nothing is told behind it
+        guard.limit(effort=1.0, speed=1.0)
+    assert "limit" not in arm.told or call == "limit"
+
+
+def test_a_deadline_is_longer_for_a_long_way_at_a_low_speed():
+    """0.2 m at 0.5 m/s may take 1.6 s and the floor, at 1,000 m/s not even 0.2 s."""
+
+    def move(pose, *, speed, threshold):
+        time.sleep(0.2)
+        return Moved(False, 0.0, pose)
+
+    there = TURNED.copy()
+    there[0, 3] += 0.2
+    guard = fast(Plain(move=move))
+    guard.home()
+    assert guard.move(there, speed=0.5, threshold=1.0).pose[0, 3] == there[0, 3]
+    with pytest.raises(ArmLost, match="move has not ended after 0.05"):
+        guard.move(TURNED, speed=1e3, threshold=1.0)
+    slow = Plain(move=move)
+    slow.slowness = 20.0
+    guard = fast(slow)
+    guard.home()
+    guard.move(there, speed=1e3, threshold=1.0)
+
+
+def test_stop_returns_at_once_whatever_the_arm_does(hung):
+    """Before, during and after a motion, as often as one likes, with a `stop` that hangs."""
+    arm = Plain(move=hung, stop=hung)
+    guard, ended = fast(arm, floor=20.0), []
+
+    def mover():
+        with pytest.raises(ArmError, match="plain arm: stopped by a person"):
+            CALLS["move"](guard)
+        ended.append(time.monotonic())
+
+    thread = threading.Thread(target=mover)
+    thread.start()
+    while guard._worker.busy is None:
+        time.sleep(0.001)
+    began = time.monotonic()
+    for _ in range(20):
+        guard.interrupt()
+    assert time.monotonic() - began < 0.05 and guard.trouble is None
+    thread.join(1.0)
+    assert ended and ended[0] - began < 0.1  # whoever waited for the motion goes on
+    with pytest.raises(ArmError, match="stopped by a person"):
+        guard.home()
+    assert "did not stop: no answer for" in stop_arm(guard)
+    assert time.monotonic() - began < 0.5
+    fresh = fast(Plain())
+    fresh.interrupt()  # before the first call
+    with pytest.raises(ArmError, match="stopped by a person"):
+        fresh.home()
+    fresh.allow()
+    assert fresh.home().contact is False and fresh.trouble is None
+
+
+def test_a_stop_that_came_before_the_motion_is_repeated():
+    """A command that was on its way to the arm as somebody pressed STOP moves it after `stop`."""
+    entered, told = threading.Event(), []
+
+    def move(pose, **how):
+        entered.set()
+        time.sleep(0.05)  # the stop is told; only then the arm begins to move
+        told.append("moves")
+        until = time.monotonic() + 5
+        while told[-1] != "stop" and time.monotonic() < until:
+            time.sleep(0.001)
+        raise ArmError("stopped")
+
+    guard = fast(Plain(move=move, stop=lambda: told.append("stop")), floor=20.0)
+    thread = threading.Thread(target=lambda: pytest.raises(ArmError, CALLS["move"], guard))
+    thread.start()
+    entered.wait(5)
+    guard.interrupt()
+    thread.join(5)
+    until = time.monotonic() + 5
+    while guard._worker.busy is not None and time.monotonic() < until:
+        time.sleep(0.001)
+    assert told[:3] == ["stop", "moves", "stop"]
+
+
+def test_what_waits_behind_a_call_that_hangs_is_never_told():
+    """A motion that nobody waits for any more must not begin later."""
+    arm, end = Plain(), threading.Event()
+    arm.effort = lambda: end.wait(30) and 0.0
+    guard = fast(arm)
+    for call in ("effort", "home"):
+        with pytest.raises(ArmLost, match="effort has not ended"):
+            CALLS[call](guard)
+    end.set()
+    guard.close()
+    assert "home" not in arm.told and arm.told[-1] == "close"
+
+
+def test_a_close_that_hangs_does_not_keep_the_program(hung):
+    with pytest.raises(ArmLost, match="close has not ended after 0.05 s"):
+        fast(Plain(close=hung)).close()
+    assert all(one.daemon for one in threading.enumerate() if one.name in ("plain arm", "stop"))
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_second_interruption_does_not_cut_a_stop_short(number):
+    ended = []
+
+    def stop():
+        time.sleep(0.1)
+        ended.append(True)
+
+    arm = Plain(stop=stop)
+    for guard in (GuardedArm(arm), arm):  # the arm itself likewise
+        before = signal.signal(number, signal.default_int_handler)
+        try:
+            timer = threading.Timer(0.03, os.kill, (os.getpid(), number))
+            timer.start()
+            assert stop_arm(guard) is None and ended.pop()
+            timer.join()
+            with pytest.raises(KeyboardInterrupt):  # and is heard again afterwards
+                os.kill(os.getpid(), number)
+                time.sleep(1)
+        finally:
+            signal.signal(number, before)
+
+
+def test_ctrl_c_tells_the_arm_to_stop_while_its_motion_hangs(hung):
+    arm = Plain(home=hung)
+    guard = GuardedArm(arm)
+    timer = threading.Timer(0.05, signal.raise_signal, (signal.SIGINT,))
+    timer.start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        guard.home()
+    assert stop_arm(guard) is None and "stop" in arm.told and time.monotonic() - began < 1
+
+
+NONE = np.eye(4)
+WRONG = {
+    "nothing": (None, ArmError, "returned None; expected Moved"),
+    "a pair": ((False, 0.0), ArmError, "expected Moved"),
+    "negative": ((False, -50.0, NONE), EffortLimit, "effort -50 Nm; it is a magnitude"),
+    "-inf": ((False, -np.inf, NONE), EffortLimit, "effort -inf Nm"),
+    "inf": ((False, np.inf, NONE), EffortLimit, "effort inf Nm"),
+    "NaN": ((False, np.float32("nan"), NONE), EffortLimit, "effort nan Nm"),
+    "a text": ((False, "3", NONE), EffortLimit, "effort '3' Nm"),
+    "six joints": ((False, np.zeros(6), NONE), EffortLimit, "effort array"),
+    "contact": (("no", 0.0, NONE), ArmError, "contact is 'no'; it is True or False"),
+    "zeros": ((False, 0.0, np.zeros((4, 4))), ArmError, "the last row is"),
+    "no numbers": ((False, 0.0, np.full((4, 4), np.nan)), ArmError, "holds NaN or infinity"),
+    "infinite": ((False, 0.0, np.diag([1, 1, np.inf, 1])), ArmError, "holds NaN or infinity"),
+    "sheared": ((False, 0.0, np.diag([1, 1, 1.01, 1])), ArmError, "is not rigid"),
+    "mirrored": ((False, 0.0, np.diag([1.0, 1, -1, 1])), ArmError, "det R is -1"),
+    "3x4": ((False, 0.0, np.eye(4)[:3]), ArmError, "has shape \\(3, 4\\)"),
+    "a list of texts": ((False, 0.0, [["x"]]), ArmError, "no array of numbers"),
+    "millimetres": ((False, 0.0, NONE + 450 * np.eye(4, k=3)), ArmError, "are these mm"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("call", ["move", "posture", "home"])
+def test_what_an_arm_cannot_have_done_is_refused(wrong, call):
+    value, error, said = WRONG[wrong]
+    guard = fast(Plain(**{call: lambda *given, **named: value}), floor=5.0)
+    with pytest.raises(error, match=f"^plain arm: {call}.*{said}"):
+        CALLS[call](guard)
+
+
+def test_readings_are_checked_where_they_come_in():
+    with pytest.raises(EffortLimit, match="plain arm: effort: effort -0.5 Nm"):
+        fast(Plain(effort=lambda: -0.5)).effort()
+    with pytest.raises(ArmError, match="plain arm: pose: the tool's pose: the last row"):
+        fast(Plain(pose=lambda: np.zeros((4, 4)))).pose()
+    guard = fast(Plain(effort=lambda: np.float32(2.5), pose=lambda: NONE.astype(np.float32)))
+    assert guard.effort() == 2.5 and guard.pose().dtype == np.float64
+    with pytest.raises(ArmError, match="Nothing: an arm has .*stop"):
+        GuardedArm(type("Nothing", (), {})())
+    with pytest.raises(ArmError, match="plain arm: pose: OSError: \\[Errno 5\\] lost"):
+        fast(Plain(pose=lambda: (_ for _ in ()).throw(OSError(5, "lost")))).pose()
+
+
+def test_a_pose_that_stays_the_same_while_the_tool_moves_is_noticed():
+    there = TURNED.copy()
+    there[0, 3] += 0.1
+    guard = fast(Plain(move=lambda pose, **how: Moved(False, 0.0, TURNED)), floor=5.0)
+    guard.home()
+    with pytest.raises(ArmError, match="same to 0.01 mm after a way of 100 mm without contact"):
+        guard.move(there, speed=1.0, threshold=1.0)
+    far = TURNED.copy()
+    far[1, 3] += 2.0
+    guard = fast(Plain(move=lambda pose, **how: Moved(False, 0.0, far)), floor=5.0)
+    guard.home()
+    with pytest.raises(ArmError, match="2002 mm from where it was to go, after a way of 100 mm"):
+        guard.move(there, speed=1.0, threshold=1.0)
+    touched = fast(Plain(move=lambda pose, **how: Moved(True, 9.0, TURNED)), floor=5.0)
+    touched.home()
+    assert touched.move(there, speed=1.0, threshold=1.0).contact  # it may stand at once

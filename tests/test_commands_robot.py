@@ -1,6 +1,9 @@
 """`jshape mold` and `jshape execute` at the command line, with the simulated arm."""
 
 import json
+import signal
+import subprocess
+import sys
 
 import jax
 import numpy as np
@@ -11,6 +14,7 @@ from jshape.cli import main
 from jshape.robot.arms.names import bed_of, open_arm
 from jshape.robot.simulated import SimulatedWorld
 from jshape.store.cameras import write_camera
+from tests.conftest import ROOT
 
 QUICK = ["--bank", "flour-robot", "--frames", "3"]
 TRIED = ["--stride", "24", "--strengths", "1", "--max-steps", "1"]
@@ -96,3 +100,42 @@ def test_every_arm_by_name_acts(capsys):
 
     for name in ("dry", "sim:1"):
         assert isinstance(open_arm(name, PAPER_BOX).arm, Arm)
+
+
+HUNG = """
+import sys, threading
+from jshape.cli import main
+from jshape.robot.arms.simulated import SimulatedArm
+
+def hang(*given, **named):
+    print("hangs", file=sys.stderr, flush=True)
+    threading.Event().wait()
+
+for name in {hangs}:
+    setattr(SimulatedArm, name, hang)
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_an_arm_that_hangs_in_everything_does_not_keep_the_program(goal, tmp_path):
+    """Its way home, `stop` and `close`; SIGTERM twice, the second while it is being stopped."""
+    out = tmp_path / "run"
+    words = ["mold", str(goal), "--arm", "sim:3", "--yes", "--out", str(out), *QUICK, *TRIED]
+    code = HUNG.format(hangs=["home", "stop", "close"])
+    program = subprocess.Popen(
+        [sys.executable, "-c", code, *words], cwd=ROOT, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert "hangs" in program.stderr.readline()
+        program.send_signal(signal.SIGTERM)
+        assert "hangs" in program.stderr.readline()  # it is told to stop, and does not answer
+        program.send_signal(signal.SIGTERM)
+        said = program.communicate(timeout=60)[1]
+    finally:
+        program.kill()
+    assert program.returncode == 130
+    assert "interrupted; the arm was told to stop" in said
+    assert "simulated arm: did not stop: no answer for 2 s" in said
+    assert f"jshape mold --resume --out {out} goes on" in said
+    assert "simulated arm: close has not ended after 5 s" in said
+    assert json.loads((out / "summary.json").read_text())["state"] == "interrupted"

@@ -1,8 +1,14 @@
 """A run with a robot: written as it happens, stopped by whatever goes wrong, gone on with after."""
 
 import json
+import os
+import resource
+import shutil
+import signal
 import subprocess
 import sys
+import threading
+import time
 from contextlib import suppress
 from dataclasses import replace
 
@@ -10,15 +16,20 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, JShapeError
+from jshape.closing import SIGNALS
 from jshape.errors import BadCamera, BadFile, MissingDepth
-from jshape.robot.arms.base import ArmError, EffortLimit, PoseRefused
+from jshape.robot.arms.base import ArmError, ArmLost, EffortLimit, Moved, PoseRefused
+from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import CameraLost
+from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.checks import BedMoved, Occluded, check_still, moved_mm, touched_by
 from jshape.robot.procedure import NAMES
+from jshape.robot.robot import Robot
 from jshape.robot.session import Session
 from jshape.store import journal, runs
+from jshape.store.procedures import load_hand
 from tests.conftest import ROOT
-from tests.stage import mold, robot_of
+from tests.stage import Arm, Eye, mold, robot_of
 
 
 def quiet(line):
@@ -329,6 +340,250 @@ def test_a_disk_that_fills_up_keeps_what_was_done(small_disk, bank, molded):
     assert len(runs.Run.open(session.run.folder)) == 0  # the step's line was not whole
     assert session.done == 1  # but what was done is known
     _goes_on(session, bank, robot)
+
+
+def _fill(folder):
+    """Fill a disk up to its last byte."""
+    with suppress(OSError), (folder / "rest").open("wb", buffering=0) as file:
+        for size in (2**20, 2**12, 1):
+            with suppress(OSError):
+                while file.write(bytes(size)) == size:
+                    pass
+
+
+def test_a_disk_that_is_full_at_any_write_leaves_what_goes_on_or_nothing(
+    small_disk, bank, molded, monkeypatch
+):
+    """After each of the syncs of a run of one action; `--resume` or the same command goes on."""
+    subprocess.run(["mount", "-o", "remount,size=8m", str(small_disk)], check=True)
+    folder, sync, count = small_disk / "run", os.fsync, 0
+    pictures = {"steps.png": bytes(9000), "result.png": bytes(9000)}
+    few = {"max_steps": 1, "draw": lambda result: pictures}
+    failed, resumed = [], 0
+
+    def synced(handle):
+        nonlocal count
+        sync(handle)
+        count += 1
+        if count == number:
+            _fill(small_disk)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    for number in range(1, 99):
+        count, session = 0, None
+        try:
+            with robot_of(bank, molded[0]) as robot:
+                session = Session.start(folder, molded[1], {"bank": "fixture"}, say=quiet)
+                mold(session, robot, bank, **few)
+        except BadFile as problem:
+            failed.append(str(problem))
+            assert "No space left" in str(problem) and robot.arm.stops
+            notes = getattr(problem, "__notes__", [])
+            (small_disk / "rest").unlink()
+            if session is None:  # nothing is there: the same command again
+                assert not notes and not folder.exists()
+                session = Session.start(folder, molded[1], {"bank": "fixture"}, say=quiet)
+            else:
+                assert notes == [f"jshape mold --resume --out {folder} goes on"]
+                session, resumed = Session.resume(folder, say=quiet), resumed + 1
+            with robot_of(bank, robot.eye.image) as again:
+                if session.done > len(session.run):  # done, and not looked at any more
+                    with pytest.raises(JShapeError, match="are done; --overwrite replaces it"):
+                        mold(session, again, bank, **few)
+                    mold(session, again, bank, **few | {"max_steps": 2})
+                else:
+                    mold(session, again, bank, **few)
+        last = not (small_disk / "rest").exists() and count < number
+        (small_disk / "rest").unlink(missing_ok=True)
+        assert _summary(session)["state"] == "finished" and _events(session)
+        Session.start(folder, molded[1], {"bank": "fixture"}, overwrite=True, say=quiet)
+        shutil.rmtree(folder)
+        if last:
+            break
+    kinds = {text.split(":")[0].rsplit("/", 1)[1] for text in failed}
+    names = {"goal.npy", "start.png", "000.png", "log.jsonl", "steps.jsonl"}
+    assert names | {"plan.json", "summary.json"} <= kinds and resumed > 5
+
+
+def test_a_torn_line_of_the_log_is_cut_off(tmp_path):
+    path, line = tmp_path / journal.NAME, b'{"event": "looked"}\n'
+    path.write_bytes(line + b'{"event": "pla')
+    journal.note(path, {"event": "resumed"})
+    assert [one["event"] for one in journal.events(path)] == ["looked", "resumed"]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    whole = path.stat().st_size
+    resource.setrlimit(resource.RLIMIT_FSIZE, (whole + 9, hard))  # nine bytes of the next line
+    try:
+        with pytest.raises(BadFile, match="File too large"):
+            journal.note(path, {"event": "acting"})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.stat().st_size == whole
+    (tmp_path / "made").touch()
+    assert journal.events(tmp_path / "made") == []
+
+
+HANG = ["frame", "home", "begin", "move", "posture", "pose", "stop", "close", "eye.close"]
+
+
+@pytest.mark.parametrize("what", HANG)
+def test_whatever_hangs_the_run_ends_and_goes_on_later(session, bank, molded, what):
+    """In the second action; a `stop` that hangs, once the camera failed too."""
+    end, count = threading.Event(), 0
+
+    def hangs(*given, **named):
+        end.wait(20)
+
+    def second(operation):
+        nonlocal count
+        count += operation == "clear"
+        if count == 1 and operation == "clear":
+            if what == "frame":
+                robot.eye.spoil = hangs
+            elif what == "stop":
+                arm.stop = hangs
+                _unplugged(robot)
+            elif what not in ("close", "eye.close"):
+                setattr(arm, what, hangs)
+
+    eye = Eye(molded[0].copy())
+    arm = Arm(bank, eye, second)
+    guards = (
+        GuardedCamera(eye, hangs=0.3, closing=0.1),
+        GuardedArm(arm, floor=0.3, stopping=0.2, closing=0.1),
+    )
+    arm.slowness = 1.0
+    robot = Robot(*guards, load_hand(), bank.camera, frames=3)
+    robot.guard._fastest = 1e3
+    if what == "close":
+        arm.close = hangs
+    if what == "eye.close":
+        eye.close = hangs
+    closing = what in ("close", "eye.close")
+    error = CameraLost if what in ("frame", "stop", "eye.close") else ArmLost
+    began = time.monotonic()
+    try:
+        with pytest.raises(error) as raised, robot:
+            mold(session, robot, bank)
+    finally:
+        end.set()
+    assert time.monotonic() - began < 20
+    said = {"stop": "nothing came for 5 s"}.get(what, f"{what.split('.')[-1]} has not ended after")
+    assert said in str(raised.value)
+    summary = _summary(session)
+    if closing:
+        assert summary["state"] == "finished"
+        return
+    assert summary["state"] == "aborted" and summary["stop"] == error.__name__
+    assert said in summary["why"] and _events(session)[-1] == "aborted"
+    assert ("did not stop: no answer" in summary["why"]) == (what == "stop")
+    assert arm.stops or what == "stop"
+    _goes_on(session, bank, robot)
+
+
+EVENTS = ["started", "homing", "looked", "planned", "acting", "operation", "stopped"]
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("where", [*EVENTS, "frame", "home", "move", "append", "ask"])
+def test_ctrl_c_in_any_phase_stops_the_arm_and_the_run_goes_on(
+    session, bank, molded, monkeypatch, where, number
+):
+    """And once more while the arm is being stopped, and the run written down."""
+    if number != signal.SIGINT and where not in ("planned", "move", "append"):
+        pytest.skip("one mechanism for all of them")
+    noted, appended, interrupted = journal.note, runs.Run.append, 0
+
+    def press(at):
+        nonlocal interrupted
+        if at == where and not interrupted:
+            interrupted += 1
+            os.kill(os.getpid(), number)
+            time.sleep(0.05)
+
+    def note(path, event):
+        noted(path, event)
+        press(event["event"])
+        if event["event"] == "aborted":
+            os.kill(os.getpid(), number)
+
+    def append(run, step, depth=None):
+        index = appended(run, step, depth)
+        press("append")
+        return index
+
+    def stop():
+        os.kill(os.getpid(), number)
+        time.sleep(0.02)
+        robot.arm.stops += 1
+
+    def ask(ahead):
+        press("ask")
+        return True
+
+    monkeypatch.setattr(journal, "note", note)
+    monkeypatch.setattr(runs.Run, "append", append)
+    robot = robot_of(bank, molded[0])
+    moved, homed = robot.arm.move, robot.arm.home
+    robot.eye.spoil = lambda counts: press("frame") or counts
+    robot.arm.move = lambda pose, **how: press("move") or moved(pose, **how)
+    robot.arm.home = lambda: press("home") or homed()
+    robot.arm.stop = stop
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        if where == "stopped":  # it has ended by itself: nothing is lost
+            with robot:
+                assert mold(session, robot, bank, confirm=ask)["state"] == "finished"
+            return
+        with pytest.raises(KeyboardInterrupt), robot:
+            mold(session, robot, bank, confirm=ask)
+    finally:
+        signal.signal(number, before)
+    assert robot.arm.stops and robot.arm.closed == 1 and robot.eye.closed == 1
+    assert _summary(session)["state"] == "interrupted"
+    assert _events(session)[-1] == "aborted"
+    monkeypatch.setattr(journal, "note", noted)
+    monkeypatch.setattr(runs.Run, "append", appended)
+    _goes_on(session, bank, robot)
+
+
+BAD = {
+    "NaN": np.full((4, 4), np.nan),
+    "infinite": np.diag([1.0, 1.0, np.inf, 1.0]),
+    "zeros": np.zeros((4, 4)),
+}
+
+
+@pytest.mark.parametrize("pose", BAD)
+@pytest.mark.parametrize("reading", ["move", "pose", "home"])
+def test_a_pose_that_cannot_be_ends_the_run_and_blames_the_arm(
+    session, bank, molded, pose, reading
+):
+    robot = robot_of(bank, molded[0])
+    wrong = BAD[pose] if reading == "pose" else Moved(False, 0.0, BAD[pose])
+    setattr(robot.arm, reading, lambda *given, **named: wrong)
+    with robot, pytest.raises(ArmError, match=f"test arm: {reading}: the tool's pose"):
+        mold(session, robot, bank)
+    assert robot.arm.stops and _events(session)[-1] == "aborted"
+    why = _summary(session)["why"]
+    assert "the tool's pose" in why and "JSON" not in why and "written" not in why
+
+
+@pytest.mark.parametrize("effort", [-50.0, -np.inf, np.nan])
+def test_an_effort_that_cannot_be_ends_the_run(session, bank, molded, effort):
+    robot = robot_of(bank, molded[0])
+    robot.arm.posture = lambda name, **how: Moved(False, effort, robot.arm.at)
+    with robot, pytest.raises(EffortLimit, match=f"test arm: posture: effort {effort:g} Nm"):
+        mold(session, robot, bank)
+    assert robot.arm.stops and _summary(session)["stop"] == "EffortLimit"
+
+
+def test_an_arm_that_does_not_stop_at_the_end_is_said_to(session, bank, molded):
+    robot = robot_of(bank, molded[0])
+    robot.arm.stop = lambda: (_ for _ in ()).throw(OSError("no answer"))
+    with robot:
+        summary = mold(session, robot, bank)
+    assert summary["stop"] == "CONVERGED" and "did not stop: OSError" in summary["why"]
 
 
 def test_a_run_that_is_none_is_not_resumed(tmp_path, session, bank, molded):

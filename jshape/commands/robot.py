@@ -73,7 +73,10 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
         try:
             yield robot
         except BaseException as problem:
-            broken = stop_arm(arm)
+            with uninterrupted():
+                broken = stop_arm(arm)
+                for said in getattr(problem, "__notes__", ()):  # how the run goes on
+                    print(one_line(said, 2000), file=sys.stderr)
             if robot.moved:
                 _offer_home(robot, options, problem, broken)
             raise
@@ -112,11 +115,11 @@ def _offer_home(
     robot: Robot, options: argparse.Namespace, problem: BaseException, broken: str | None
 ) -> None:
     """Say why the arm was stopped, and ask whether it should go home; nobody there: it stays."""
-    why = (
-        "interrupted" if isinstance(problem, KeyboardInterrupt) else " ".join(str(problem).split())
+    why = "interrupted" if isinstance(problem, KeyboardInterrupt) else one_line(problem, 2000)
+    print(
+        f"{why}; the arm {'is stopped where it is' if broken is None else 'was told to stop'}",
+        file=sys.stderr,
     )
-    print(f"{why}; the arm is stopped where it is", file=sys.stderr)
-    print(f"jshape {options.command} --resume --out {options.out} goes on", file=sys.stderr)
     if broken is not None:
         print(broken, file=sys.stderr)
     if options.yes or not sys.stdin.isatty():

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import check_same_camera
-from jshape.errors import BadFile, JShapeError
+from jshape.closing import uninterrupted
+from jshape.errors import BadFile, JShapeError, one_line
 from jshape.planned import Plan
 from jshape.predict.bank import Bank
 from jshape.robot.arms.base import stop_arm
-from jshape.robot.loop import Molding, Step, mold
+from jshape.robot.loop import Molding, Step, Stop, mold
 from jshape.robot.procedure import NAMES, Done
 from jshape.robot.robot import Robot
 from jshape.store import files, formats, images, journal, plans, runs
@@ -67,10 +68,10 @@ class Session:
         Raises:
           BadFile: the folder holds something and `overwrite` is False, or cannot be written.
         """
-        run = runs.Run.create(folder, meta, overwrite=overwrite, contents=CONTENTS)
         content = io.BytesIO()
         np.save(content, np.asarray(goal, np.float32), allow_pickle=False)
-        files.write_atomic(folder / GOAL, content.getvalue())
+        more = {GOAL: content.getvalue()}  # a run without its goal could not be resumed
+        run = runs.Run.create(folder, meta, overwrite=overwrite, contents=CONTENTS, more=more)
         return cls(run, goal, say, False)
 
     @classmethod
@@ -132,6 +133,7 @@ class Session:
 
         Raises:
           JShapeError: what ended the run; the arm is stopped, and `summary.json` says so too.
+            A note of the error says how the run goes on.
           KeyboardInterrupt: likewise.
         """
         with journal.alone(self.run.folder):
@@ -156,7 +158,7 @@ class Session:
             plan = plan.rest(min(done, len(plan)))
         left = max_steps - done
         if left <= 0:
-            raise JShapeError(f"{self.run.folder}: all {max_steps} actions of the run are done")
+            return self._all_done(max_steps)
         robot.told, robot.looked = self._operation, self._looked
         operations: list[dict[str, Any]] = []
         self._operations = operations
@@ -199,11 +201,16 @@ class Session:
                 replan=plan is None and not blind, patience=None if blind else PATIENCE,
                 watch=True, confirm=ask, on_step=report, **options,
             )  # fmt: skip
+            with uninterrupted():  # it is over: what came of it is written down
+                summary = self._finish(result, stop_arm(robot.guard))
         except BaseException as problem:
-            self._aborted(problem, stop_arm(robot.guard))
+            with uninterrupted():
+                self._aborted(problem, stop_arm(robot.guard))
+            what, folder = self.run.meta.get("what", "mold"), self.run.folder
+            problem.add_note(f"jshape {what} --resume --out {folder} goes on")
             raise
-        stop_arm(robot.guard)
-        return self._finish(result, draw)
+        self._draw(result, draw)
+        return summary
 
     def _same_plan(self, plan: Plan) -> None:
         """Keep what a plan does, or compare it with what was kept.
@@ -237,7 +244,7 @@ class Session:
     def _aborted(self, problem: BaseException, broken: str | None) -> None:
         """Say what ended the run, as far as the disk still takes it; and what went on breaking."""
         interrupted = isinstance(problem, KeyboardInterrupt)
-        why = "interrupted" if interrupted else " ".join(str(problem).split())
+        why = "interrupted" if interrupted else one_line(problem, 2000)
         summary = {
             "state": "interrupted" if interrupted else "aborted",
             "stop": type(problem).__name__,
@@ -249,22 +256,58 @@ class Session:
         with contextlib.suppress(JShapeError):
             files.write_json(self.run.folder / SUMMARY, summary)
 
-    def _finish(self, result: Molding, draw: Draw | None) -> dict[str, Any]:
-        self._note("stopped", stop=result.stop.name)
-        measured, steps = result.distances_mm, list(self.run.steps)
+    def _finish(self, result: Molding, broken: str | None) -> dict[str, Any]:
+        """The plan, and last the summary: a run that has one which says "finished" is whole."""
+        self._note("stopped", stop=result.stop.name, broken=broken)
+        if not (self.run.folder / PLAN).is_file():
+            plans.write_plan(self.run.folder / PLAN, result.first_plan)
+        measured = result.distances_mm.tolist()
+        predicted = float(result.first_plan.distances_mm[-1])
+        return self._summed_up(result.stop, measured[0], predicted, measured[-1], broken)
+
+    def _all_done(self, max_steps: int) -> dict[str, Any]:
+        """Sum up a run that was ended after its last action, as by a full disk.
+
+        Raises:
+          JShapeError: it was summed up: there is nothing to go on with.
+        """
+        path = self.run.folder / SUMMARY
+        finished = path.is_file() and files.read_json(path).get("state") == "finished"
+        if finished or len(self.run) < self.done or not self.run.steps:
+            raise JShapeError(
+                f"{self.run.folder}: all {max_steps} actions of the run are done; --overwrite "
+                "replaces it"
+            )
+        last = self.run.steps[-1]
+        obtained = last["obtained_mm"]
+        return self._summed_up(Stop.MAX_STEPS, obtained, last["predicted_mm"], obtained, None)
+
+    def _summed_up(
+        self,
+        stop: Stop,
+        before_mm: float,
+        predicted_mm: float,
+        obtained_mm: float,
+        broken: str | None,
+    ) -> dict[str, Any]:
+        steps = list(self.run.steps)
         summary = {
             "state": "finished",
-            "stop": result.stop.name,
-            "why": str(result.stop),
-            "before_mm": float(steps[0]["before_mm"] if steps else measured[0]),
-            "predicted_mm": float(result.first_plan.distances_mm[-1]),
-            "obtained_mm": float(measured[-1]),
+            "stop": stop.name,
+            "why": str(stop) if broken is None else f"{stop}; {broken}",
+            "before_mm": float(steps[0]["before_mm"]) if steps else before_mm,
+            "predicted_mm": predicted_mm,
+            "obtained_mm": obtained_mm,
             "steps": steps,
             "out": str(self.run.folder),
         }
         files.write_json(self.run.folder / SUMMARY, summary)
-        if not (self.run.folder / PLAN).is_file():
-            plans.write_plan(self.run.folder / PLAN, result.first_plan)
-        for name, picture in (draw(result) if draw else {}).items():
-            files.write_atomic(self.run.folder / name, picture)
         return summary
+
+    def _draw(self, result: Molding, draw: Draw | None) -> None:
+        """The pictures; one that cannot be written takes nothing from the run."""
+        for name, picture in (draw(result) if draw else {}).items():
+            try:
+                files.write_atomic(self.run.folder / name, picture)
+            except BadFile as problem:
+                self._say(f"without its picture: {problem}")

@@ -6,11 +6,15 @@ daemons, since a program must be able to end while a driver hangs.
 """
 
 import threading
+import time
 from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any
 
 from jshape.errors import JShapeError, one_line
+
+SLICE = 0.1
+"""Seconds within which Ctrl-C is heard by whoever waits."""
 
 
 class Call:
@@ -49,8 +53,16 @@ class Call:
             return True
 
     def wait(self, seconds: float) -> bool:
-        """Wait at most so long; whether it has ended."""
-        return self._settled.wait(seconds)
+        """Wait at most so long; whether it has ended.
+
+        In slices: on Windows Ctrl-C does not end a wait, nor anywhere a signal that another thread
+        was given.
+        """
+        until = time.monotonic() + seconds
+        while not self._settled.wait(min(max(until - time.monotonic(), 0.0), SLICE)):
+            if time.monotonic() >= until:
+                return False
+        return True
 
     @property
     def problem(self) -> BaseException | None:

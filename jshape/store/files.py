@@ -228,6 +228,27 @@ def inside(folder: str | os.PathLike, relative: Any) -> Path:
     return path
 
 
+def append(path: Path, data: bytes, at: int) -> None:
+    """Write at byte `at` of a file, whose length that is afterwards if it fails: no torn line.
+
+    Raises:
+      OSError: it cannot be written.
+    """
+    # Without a buffer: one that could not be written is written once more at the end.
+    with open(path, "r+b", buffering=0, opener=regular) as file:
+        if file.seek(0, os.SEEK_END) > at:
+            file.truncate(at)
+        file.seek(at)
+        try:
+            while data:
+                data = data[file.write(data) :]
+            os.fsync(file.fileno())
+        except BaseException:
+            with suppress(OSError):
+                file.truncate(at)
+            raise
+
+
 def refuse(path: Path, what: str, problem: Exception) -> NoReturn:
     """Raise BadFile for an error of the operating system."""
     reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else problem

@@ -1,13 +1,12 @@
 """A journal on disk: one JSON line for each thing that happened, on disk before the next begins."""
 
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from jshape.errors import BadFile
-from jshape.store.files import json_text, parse_json, read_bytes, refuse, regular
+from jshape.store.files import append, json_text, parse_json, read_bytes, refuse, regular
 
 try:
     import fcntl
@@ -21,17 +20,20 @@ LIMIT = 256 * 2**20
 
 
 def note(path: Path, event: Mapping[str, Any]) -> None:
-    """Add an event.
+    """Add an event.  A last line that a crash cut off goes.
 
     Raises:
       BadFile: it cannot be written, or JSON cannot hold the event.
     """
     line = json_text(dict(event), str(path), indent=None)
     try:
-        with open(path, "ab", opener=regular) as file:
-            file.write(line.encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
+        with open(path, "a+b", opener=regular) as file:  # made if need be
+            at = file.tell()
+            file.seek(max(at - 1, 0))
+            if at and file.read() != b"\n":
+                file.seek(0)
+                at = file.read().rfind(b"\n") + 1
+        append(path, line.encode() + b"\n", at)
     except OSError as problem:
         refuse(path, "cannot be written", problem)
 
@@ -42,6 +44,8 @@ def events(path: Path) -> list[dict[str, Any]]:
     Raises:
       BadFile: it cannot be read, or is damaged before its last line.
     """
+    if path.stat().st_size == 0:  # it was made, and the disk was full
+        return []
     *lines, _ = read_bytes(path, limit=LIMIT).split(b"\n")
     return [parse_json(line, f"{path}: line {k + 1}") for k, line in enumerate(lines)]
 

@@ -16,6 +16,7 @@ from jshape._typing import Float
 from jshape.errors import BadFile, quoted
 from jshape.store.cameras import check_depth_unit
 from jshape.store.files import (
+    append,
     inside,
     json_text,
     parse_json,
@@ -74,6 +75,7 @@ class Run:
         depth_unit: float = DEPTH_UNIT,
         overwrite: bool = False,
         contents: Sequence[str] = (),
+        more: Mapping[str, bytes] | None = None,
     ) -> "Run":
         """Start a run in a new folder.
 
@@ -84,6 +86,7 @@ class Run:
           overwrite: replace the run that is there.
           contents: names of what the caller puts beside the run, and that goes with an old one;
             a folder that holds anything else is not replaced.
+          more: files that are there from the start, by name.
 
         Raises:
           BadFile: the folder exists or cannot be written, or JSON cannot hold `meta`.
@@ -98,6 +101,8 @@ class Run:
         with atomic_folder(folder, overwrite, contents=own) as temp:
             write_json(temp / DESCRIPTION, content)
             write_atomic(temp / STEPS, "")
+            for name, data in (more or {}).items():
+                write_atomic(temp / name, data)
         return cls.open(folder)
 
     @classmethod
@@ -182,18 +187,10 @@ class Run:
     def _write(self, path: Path, line: bytes) -> None:
         """Put a line after the complete ones; a torn one behind them is cut off first."""
         try:
-            with open(path, "r+b", opener=regular) as file:
-                if file.seek(0, os.SEEK_END) != self._end:
-                    raise BadFile(f"{path}: has changed; another program is writing to the run")
-                self._end = file.truncate(self._size)
-                file.seek(self._size)
-                try:
-                    file.write(line)
-                    file.flush()
-                    os.fsync(file.fileno())
-                except BaseException:
-                    file.truncate(self._size)
-                    raise
+            if path.stat().st_size != self._end:
+                raise BadFile(f"{path}: has changed; another program is writing to the run")
+            self._end = self._size
+            append(path, line, self._size)
         except (OSError, ValueError) as problem:
             refuse(path, "cannot be written", problem)
         self._size = self._end = self._size + len(line)

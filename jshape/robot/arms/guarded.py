@@ -44,7 +44,14 @@ T = TypeVar("T")
 class GuardedArm:
     """An arm behind deadlines and checks; implements `Arm`."""
 
-    def __init__(self, arm: Arm, *, floor: float = FLOOR, stopping: float = STOPPING):
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        floor: float = FLOOR,
+        stopping: float = STOPPING,
+        closing: float = CLOSING,
+    ):
         """Guard an arm: all calls but `stop` come from one thread, one after the other.
 
         An arm that has a `slowness` is given so many times as long: simulations compile, and are
@@ -54,6 +61,7 @@ class GuardedArm:
           arm: nobody else may call it.
           floor: seconds that every call is given.
           stopping: seconds that anybody waits for its `stop`.
+          closing: seconds that anybody waits for its `close`.
 
         Raises:
           ArmError: it lacks a method.
@@ -63,8 +71,9 @@ class GuardedArm:
             raise ArmError(f"{type(arm).__name__}: an arm has {', '.join(missing)}; this has none")
         self.arm = arm
         self.name = one_line(getattr(arm, "name", type(arm).__name__))
-        self._floor, self._wait = floor, stopping
+        self._floor, self._closing = floor, closing
         self._slowness = float(getattr(arm, "slowness", 1.0))
+        self._wait = stopping * self._slowness
         self._worker = Worker(self.name)
         self._lock = threading.Lock()
         self._call: Call | None = None  # the last command
@@ -187,8 +196,9 @@ class GuardedArm:
         call = worker.begin("close", self.arm.close)
         worker.end()
         self._worker.end()
-        call.wait(CLOSING)
-        call.settle(problem=ArmLost(f"{self.name}: close has not ended after {CLOSING:g} s"))
+        call.wait(self._closing)
+        overdue = f"{self.name}: close has not ended after {self._closing:g} s"
+        call.settle(problem=ArmLost(overdue))
         call.result(self.name, ArmError)
 
     def _made(

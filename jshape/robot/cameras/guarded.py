@@ -20,12 +20,12 @@ CLOSING = 5.0
 class GuardedCamera(Closing):
     """Takes a camera's frames on a thread of its own, each within a deadline."""
 
-    def __init__(self, inside: DepthCamera, *, hangs: float = HANGS):
+    def __init__(self, inside: DepthCamera, *, hangs: float = HANGS, closing: float = CLOSING):
         """Guard a camera: all frames are taken from one thread."""
         self.inside = inside
         self.name, self.camera, self.depth_unit = inside.name, inside.camera, inside.depth_unit
         self.still = still(inside)
-        self._hangs = hangs
+        self._hangs, self._closing = hangs, closing
         self._worker = Worker(self.name)
 
     def frame(self) -> Num[np.ndarray, "H W"]:
@@ -44,7 +44,7 @@ class GuardedCamera(Closing):
         """
         worker = self._worker if self._worker.busy is None else Worker(self.name)
         try:
-            self._made(worker, "close", self.inside.close, CLOSING)
+            self._made(worker, "close", self.inside.close, self._closing)
         finally:
             worker.end()
             self._worker.end()

@@ -150,10 +150,9 @@ def hung():
 
 
 def fast(arm, **more):
-    """Guarded, with waits that a test can afford; home is given no more than the rest."""
-    guard = GuardedArm(arm, **{"floor": 0.05, "stopping": 0.1, "closing": 0.05} | more)
-    guard._fastest = 1e3
-    return guard
+    """Guarded, with waits that a test can afford."""
+    waits = {"floor": 0.05, "stopping": 0.1, "closing": 0.05, "homing": 0.0}
+    return GuardedArm(arm, **waits | more)
 
 
 @pytest.mark.parametrize("call", CALLS)

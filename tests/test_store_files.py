@@ -350,6 +350,20 @@ def test_a_folder_with_foreign_files_is_not_replaced(tmp_path, foreign):
     assert os.listdir(tmp_path) == ["folder"]
 
 
+def test_what_a_killed_write_left_in_a_folder_does_not_keep_it(tmp_path):
+    target, names = tmp_path / "folder", ("result", "picture")
+    target.mkdir()
+    (target / "result").write_text("1")
+    (target / ".picture.0123456789ab.tmp").write_text("half")
+    folders.check_target(target, overwrite=True, contents=names)
+    with folders.atomic_folder(target, overwrite=True, contents=names) as temp:
+        (temp / "result").write_text("2")
+    assert os.listdir(target) == ["result"]
+    (target / ".notes.0123456789ab.tmp").write_text("somebody else's")
+    with pytest.raises(BadFile, match="also holds .notes.0123456789ab.tmp"):
+        folders.check_target(target, overwrite=True, contents=names)
+
+
 @pytest.mark.parametrize("before", [False, True])
 def test_what_appears_while_the_new_folder_is_made_is_kept(tmp_path, before):
     target = tmp_path / "folder"

@@ -92,7 +92,9 @@ def check_target(
                 f"{target}: the folder holds no {contents[0]}, so it is not replaced; "
                 "choose another name"
             )
-        foreign = [name for name in names if contents is not None and name not in contents]
+        # A write that was cut short by SIGKILL leaves a temporary file, which is the command's too.
+        meant = {name: re.sub(r"^\.(.+)\.[0-9a-f]{12}\.tmp$", r"\1", name) for name in names}
+        foreign = [name for name in names if contents is not None and meant[name] not in contents]
         if foreign:
             raise BadFile(
                 f"{target}: also holds {one_line(foreign[0], 80)}, which was not written by this "

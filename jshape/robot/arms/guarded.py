@@ -51,6 +51,7 @@ class GuardedArm:
         floor: float = FLOOR,
         stopping: float = STOPPING,
         closing: float = CLOSING,
+        homing: float = HOMING,
     ):
         """Guard an arm: all calls but `stop` come from one thread, one after the other.
 
@@ -62,6 +63,7 @@ class GuardedArm:
           floor: seconds that every call is given.
           stopping: seconds that anybody waits for its `stop`.
           closing: seconds that anybody waits for its `close`.
+          homing: metres that the way home is taken for.
 
         Raises:
           ArmError: it lacks a method.
@@ -71,7 +73,7 @@ class GuardedArm:
             raise ArmError(f"{type(arm).__name__}: an arm has {', '.join(missing)}; this has none")
         self.arm = arm
         self.name = one_line(getattr(arm, "name", type(arm).__name__))
-        self._floor, self._closing = floor, closing
+        self._floor, self._closing, self._homing = floor, closing, homing
         self._slowness = float(getattr(arm, "slowness", 1.0))
         self._wait = stopping * self._slowness
         self._worker = Worker(self.name)
@@ -139,7 +141,7 @@ class GuardedArm:
     def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
         """As the arm's, within `FLOOR` and `SLACK` times the way over the speed."""
         start, target = self._at, pose[:3, 3].copy()
-        way = HOMING if start is None else float(np.linalg.norm(target - start))
+        way = self._homing if start is None else float(np.linalg.norm(target - start))
         moved = self._made(
             "move",
             lambda: self.arm.move(pose, speed=speed, threshold=threshold),
@@ -161,7 +163,7 @@ class GuardedArm:
 
     def home(self) -> Moved:
         """As the arm's, within `FLOOR` and `SLACK` times `HOMING` over the fastest speed."""
-        return self._made("home", self.arm.home, self._moved, HOMING / self._fastest)
+        return self._made("home", self.arm.home, self._moved, self._homing / self._fastest)
 
     def effort(self) -> float:
         """As the arm's."""

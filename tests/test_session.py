@@ -477,20 +477,23 @@ def test_whatever_hangs_the_run_ends_and_goes_on_later(session, bank, molded, wh
     assert said in summary["why"] and _events(session)[-1] == "aborted"
     assert ("did not stop: no answer" in summary["why"]) == (what == "stop")
     assert arm.stops or what == "stop"
-    _goes_on(session, bank, robot)
+    if what == "frame":
+        _goes_on(session, bank, robot)
 
 
 EVENTS = ["started", "homing", "looked", "planned", "acting", "operation", "stopped"]
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-@pytest.mark.parametrize("where", [*EVENTS, "frame", "home", "move", "append", "ask"])
+PHASES = [(where, signal.SIGINT) for where in [*EVENTS, "frame", "home", "move", "append", "ask"]]
+
+
+@pytest.mark.parametrize(
+    ("where", "number"), [*PHASES, *(("move", number) for number in SIGNALS[1:])]
+)
 def test_ctrl_c_in_any_phase_stops_the_arm_and_the_run_goes_on(
     session, bank, molded, monkeypatch, where, number
 ):
     """And once more while the arm is being stopped, and the run written down."""
-    if number != signal.SIGINT and where not in ("planned", "move", "append"):
-        pytest.skip("one mechanism for all of them")
     noted, appended, interrupted = journal.note, runs.Run.append, 0
 
     def press(at):
@@ -541,9 +544,9 @@ def test_ctrl_c_in_any_phase_stops_the_arm_and_the_run_goes_on(
     assert robot.arm.stops and robot.arm.closed == 1 and robot.eye.closed == 1
     assert _summary(session)["state"] == "interrupted"
     assert _events(session)[-1] == "aborted"
-    monkeypatch.setattr(journal, "note", noted)
-    monkeypatch.setattr(runs.Run, "append", appended)
-    _goes_on(session, bank, robot)
+    if where == "append":  # the rest is as short to go on with, and takes a second each
+        monkeypatch.undo()
+        _goes_on(session, bank, robot)
 
 
 BAD = {
@@ -553,8 +556,9 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("pose", BAD)
-@pytest.mark.parametrize("reading", ["move", "pose", "home"])
+@pytest.mark.parametrize(
+    ("pose", "reading"), [*((pose, "move") for pose in BAD), ("NaN", "pose"), ("zeros", "home")]
+)
 def test_a_pose_that_cannot_be_ends_the_run_and_blames_the_arm(
     session, bank, molded, pose, reading
 ):

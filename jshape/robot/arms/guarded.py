@@ -46,7 +46,7 @@ class GuardedArm:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: Any,
         *,
         floor: float = FLOOR,
         stopping: float = STOPPING,
@@ -59,7 +59,7 @@ class GuardedArm:
         slower than the clock.
 
         Args:
-          arm: nobody else may call it.
+          arm: an `Arm`; nobody else may call it.
           floor: seconds that every call is given.
           stopping: seconds that anybody waits for its `stop`.
           closing: seconds that anybody waits for its `close`.
@@ -71,7 +71,7 @@ class GuardedArm:
         missing = [name for name in _METHODS if not callable(getattr(arm, name, None))]
         if missing:
             raise ArmError(f"{type(arm).__name__}: an arm has {', '.join(missing)}; this has none")
-        self.arm = arm
+        self.arm: Arm = arm
         self.name = one_line(getattr(arm, "name", type(arm).__name__))
         self._floor, self._closing, self._homing = floor, closing, homing
         self._slowness = float(getattr(arm, "slowness", 1.0))

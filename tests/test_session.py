@@ -1,5 +1,6 @@
 """A run with a robot: written as it happens, stopped by whatever goes wrong, gone on with after."""
 
+import errno
 import json
 import os
 import resource
@@ -298,10 +299,11 @@ def test_a_run_belongs_to_one_program(session, bank, molded):
 
 def test_a_full_disk_stops_the_arm(session, bank, molded, monkeypatch):
     """The journal is written before the arm moves: what cannot be kept is not done."""
-    from pathlib import Path
 
-    monkeypatch.setattr(journal, "NAME", "full")
-    (session.run.folder / "full").symlink_to(Path("/dev/full"))
+    def full(path, data, at):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(journal, "append", full)
     with robot_of(bank, molded[0]) as robot, pytest.raises(BadFile, match="No space left"):
         mold(session, robot, bank)
     assert robot.arm.stops and not robot.arm.acted

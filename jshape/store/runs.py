@@ -23,7 +23,6 @@ from jshape.store.files import (
     read_bytes,
     read_json,
     refuse,
-    regular,
     write_atomic,
     write_json,
 )

@@ -58,7 +58,7 @@ class Camera:
     def depth(self, luminance: ArrayLike) -> Float[Array, "..."]:
         """Depth in metres of a luminance.  Eq. depth."""
         scale = (self.z_min - self.z_max) / self.top
-        return scale * jnp.asarray(luminance, jnp.float32) + self.z_max
+        return scale * jnp.asarray(unmasked(luminance), jnp.float32) + self.z_max
 
     def luminance(self, depth: ArrayLike, *, quantize: bool = True) -> Float[Array, "..."]:
         """Luminance of a depth in metres, clipped to [0, 2^b - 1].  Inverse of Eq. depth.
@@ -70,7 +70,7 @@ class Camera:
         Returns:
           float32 of the same shape; NaN where there was no reading.
         """
-        depth = jnp.asarray(depth, jnp.float32)
+        depth = jnp.asarray(unmasked(depth), jnp.float32)
         level = self.top * (self.z_max - depth) / (self.z_max - self.z_min)
         level = jnp.clip(level, 0.0, float(self.top))
         if quantize:
@@ -101,7 +101,7 @@ class Camera:
         """
         if len(np.shape(points)) != 2 or np.shape(points)[1] != 3:
             raise BadImage(_wrong("a point cloud", np.shape(points), "(P, 3)"))
-        px, py, z = jnp.asarray(points, jnp.float32).T
+        px, py, z = jnp.asarray(unmasked(points), jnp.float32).T
         ahead = jnp.isfinite(px) & jnp.isfinite(py) & jnp.isfinite(z) & (z > 0)
         safe_z = jnp.where(ahead, z, 1.0)
         u = jnp.round(self.fx * jnp.where(ahead, px, 0.0) / safe_z + self.u0)
@@ -128,6 +128,17 @@ class Camera:
         return replace(self, width=width, height=height, u0=self.u0 - left, v0=self.v0 - top)
 
 
+def unmasked(values: ArrayLike) -> ArrayLike:
+    """Values as they are, a NumPy masked array with NaN where it is masked.
+
+    NumPy's and JAX's `asarray` drop the mask, and take what it hides for numbers.
+    """
+    if not isinstance(values, np.ma.MaskedArray):
+        return values
+    numbers = values.data.astype(np.promote_types(values.dtype, np.float32))
+    return np.where(np.ma.getmaskarray(values), np.nan, numbers)
+
+
 def _wrong(what: str, came: tuple[int, ...], expected: str) -> str:
     return f"{what} has shape {came}; expected {expected}"
 
@@ -151,7 +162,7 @@ def reproject(
       (h, w) metres of target's size, NaN where `source` did not look; and the place (v, u) in
       source's image that each pixel shows.
     """
-    depth = jnp.asarray(depth, jnp.float32)
+    depth = jnp.asarray(unmasked(depth), jnp.float32)
     x, y = target.rays()
 
     def place(z):

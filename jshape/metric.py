@@ -11,7 +11,7 @@ from jax.core import Tracer
 from scipy.linalg.blas import sasum  # pyright: ignore[reportAttributeAccessIssue]
 
 from jshape._typing import Array, ArrayLike, Float, Int
-from jshape.camera import Camera
+from jshape.camera import Camera, unmasked
 from jshape.errors import BadImage
 
 # Pixels compared at once: two inputs and a buffer of 60k floats are 720 kB, which stay in a core's
@@ -65,7 +65,7 @@ def weigh(luminance: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
             f"luminance has shape {np.shape(luminance)}; this camera makes {camera.shape} "
             "(rows, columns)"
         )
-    return _weigh(jnp.asarray(luminance, jnp.float32), camera)
+    return _weigh(jnp.asarray(unmasked(luminance), jnp.float32), camera)
 
 
 @jax.jit
@@ -83,7 +83,7 @@ def unweigh(image: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
         raise BadImage(
             f"image has shape {np.shape(image)}; this camera makes {camera.shape} (rows, columns)"
         )
-    return jnp.asarray(image, jnp.float32) / r_matrix(camera)
+    return jnp.asarray(unmasked(image), jnp.float32) / r_matrix(camera)
 
 
 def distance(a: ArrayLike, b: ArrayLike) -> Array | np.ndarray | np.float32:
@@ -98,6 +98,7 @@ def distance(a: ArrayLike, b: ArrayLike) -> Array | np.ndarray | np.float32:
       BadImage: fewer than two axes, images of different size or of complex numbers, or leading
         axes that do not broadcast.
     """
+    a, b = unmasked(a), unmasked(b)
     shape_a, shape_b = np.shape(a), np.shape(b)
     try:
         np.broadcast_shapes(shape_a[:-2], shape_b[:-2])

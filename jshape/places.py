@@ -102,7 +102,7 @@ def reachable(
     if mask is None and clearance_mm == 0:
         return None
     try:
-        free = np.ones(camera.shape, bool) if mask is None else np.asarray(mask)
+        free = np.ones(camera.shape, bool) if mask is None else np.ma.filled(mask, 0)
     except ValueError:
         raise BadImage("reach is no (H, W) image: it has rows of different length") from None
     if free.shape != camera.shape or free.dtype.kind not in "buif":

@@ -16,8 +16,8 @@ import numpy as np
 
 from jshape import places, tasks
 from jshape._typing import Array, ArrayLike
-from jshape.camera import Camera
-from jshape.data.depth import to_metres
+from jshape.camera import Camera, unmasked
+from jshape.data.depth import check_unit, to_metres
 from jshape.data.view import image_of_depth, view_of
 from jshape.errors import BadBank, BadImage, JShapeError, UnknownName, quoted
 from jshape.planned import Plan
@@ -240,7 +240,7 @@ def plan_depth(
     bank = _as_bank(bank)
     view = None
     if camera is not None:
-        first = to_metres(np.asarray(z0), depth_unit, names[0])
+        first = check_unit(to_metres(z0, depth_unit, names[0]), camera, names[0])
         view = view_of(camera, bank.camera, first, reproject=reproject)
     now, wanted = (
         image_of_depth(
@@ -267,7 +267,7 @@ def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:
     Raises:
       BadImage: naming what came and what is allowed.
     """
-    array = np.asarray(image)
+    array = np.asarray(unmasked(image))
     if array.dtype.kind != "f":
         raise BadImage(
             f"{where} has type {array.dtype}; a weighed image I has floats in [0, 1] "

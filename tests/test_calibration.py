@@ -451,7 +451,7 @@ def test_a_pose_that_is_none_is_not_written(tmp_path):
 def test_calibrate_prints_and_writes(rng, tmp_path, capsys, eye_in_hand):
     hands, targets, truth = pairs_of(rng, eye_in_hand, mm=0.3, deg=0.05)
     (tmp_path / "pairs.json").write_text(json.dumps(as_json(hands, targets)))
-    write_camera(tmp_path / "camera.json", D435_BAZAR)
+    write_camera(tmp_path / "camera.json", D435_BAZAR, 0.001)
     out = tmp_path / "pose.json"
     command = ["calibrate", str(tmp_path / "pairs.json"), "--out", str(out)]
     command += ["--eye-in-hand"] if eye_in_hand else []

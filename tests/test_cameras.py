@@ -303,7 +303,7 @@ def test_what_is_no_camera_is_said(tmp_path):
     refused("neither camera.json", str(tmp_path))
     (tmp_path / "camera.json").write_text("{}")
     refused("missing width", str(tmp_path), BadCamera)
-    write_camera(tmp_path / "camera.json", SMALL)
+    write_camera(tmp_path / "camera.json", SMALL, 0.001)
     refused("holds no frames", str(tmp_path), BadDataset)
     refused("x.json: no such file", "sim", BadCamera, camera="x.json")
     refused("has a camera of its own", "sim", BadCamera, camera=tmp_path / "camera.json")

@@ -65,6 +65,48 @@ def test_a_recording_is_copied_to_the_bit(folder, tmp_path, capsys):
         np.testing.assert_array_equal(a, b)
 
 
+def test_the_largest_count_is_no_reading(tmp_path, watched, rng, capsys):
+    frames = noisy(rng, 12)
+    frames[:, :12, :] = 65535
+    watched(iter(frames), count=12)
+    code, out, _ = run(capsys, "camera", "check", "watched", "--frames", 6)
+    assert code == 0 and "BAD 75.0% of the pixels have a reading" in out
+    assert "pixels without depth in all frames: 4608 (of them 4,608 at 65535 (the largest" in out
+    watched(iter(frames), count=12)
+    code, out, _ = run(capsys, "record", "watched", "--out", tmp_path / "rec")
+    assert "75.0% of the pixels have a reading (of them 9,216 at 65535 (the largest uint1" in out
+    recording = open_recording(tmp_path / "rec")
+    assert (recording.frame(0)[:12] == 0).all()
+    kept = cv2.imread(str(recording.files[0]), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(kept, frames[0])  # to the bit
+
+
+def test_a_wrong_unit_is_refused_with_the_one_that_fits(folder, tmp_path, capsys):
+    fields = json.loads((folder / "camera.json").read_text())
+    for unit, said in (
+        (
+            {"depth_unit": 1e-3},
+            ("depth_unit 0.0001 instead of 0.001 would fit it", "; 0.0001 would fit"),
+        ),
+        ({}, ("depth_unit is missing: metres per count of 16-bit frames; 0.0001 would fit",)),
+    ):
+        text = json.dumps({k: v for k, v in fields.items() if k != "depth_unit"} | unit)
+        (folder / "camera.json").write_text(text)
+        segment = ["dataset", "segment", folder, tmp_path / "set", "--action", "poke",
+                   "--agent", "human", "--material", "flour"]  # fmt: skip
+        picture = folder / "frames" / "000000.png"
+        for words in (
+            ["record", folder, "--out", tmp_path / "rec"],
+            ["camera", "check", folder],
+            ["camera", "check", picture, "--camera-file", folder / "camera.json"],
+            segment,
+        ):
+            code, _, err = run(capsys, *words)
+            # A camera.json knows its frames beside it and one folder below.
+            assert code == 2 and any(one in err for one in said) and err.count("\n") == 1
+    assert not (tmp_path / "rec").exists() and not (tmp_path / "set").exists()
+
+
 def test_frames_windows_and_json(folder, tmp_path, capsys):
     code, out, _ = run(capsys, "record", folder, "--out", tmp_path / "rec", "--frames", 2,
                        "--window", "10,20,30x25", "--depth-range", "0.3,1", "--json")  # fmt: skip

@@ -184,7 +184,7 @@ def test_actions_are_what_the_bank_predicts(folder, capsys):
 def test_another_camera_keeps_its_own_pixels_and_format(folder, capsys):
     depth = np.asarray(sim.render(sim.flat_bed(), OTHER))
     np.save("other.npy", depth)
-    write_camera("other.json", OTHER)
+    write_camera("other.json", OTHER, 0.001)
     said = made(capsys, "other.npy", "--camera-file", "other.json", "--actions", "knock 100,90")
     change = change_mm(folder, "npy")
     v, u = np.unravel_index(np.argmin(cv2.blur(change, (15, 15))), change.shape)

@@ -407,3 +407,18 @@ def test_odd_changes_are_refused(flat):
     for options in ({"steepest": 0.0}, {"steepest": 1.0, "floor": -1.0}):
         with pytest.raises(JShapeError, match="a number above 0"):
             Limits(**options)
+
+
+def test_no_data_of_a_height_map_is_no_plateau():
+    heights = np.linspace(0, 30, 200, dtype=np.float32).reshape(10, 20)
+    marked = heights.copy()
+    marked[:3] = -9999
+    left_out = relief_of_heights(np.ma.masked_equal(marked, -9999), 0.0, 0.012).heights
+    assert np.isnan(left_out[:3]).all()
+    np.testing.assert_allclose(
+        left_out[3:], 0.012 * (heights[3:] - heights[3, 0]) / np.ptp(heights[3:]), atol=1e-8
+    )
+    with pytest.raises(
+        BadImage, match="60 pixels hold -9999, the others 9.045.* to 30: .*GDAL_NODATA"
+    ):
+        relief_of_heights(marked, 0.0, 0.012)

@@ -239,6 +239,35 @@ def one_of(folder, name, state):
                 if p.exists())  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    "unit, said",
+    [
+        (None, "depth_unit is missing: metres per count of 16-bit frames; 0.0001 would fit: the "),
+        (0.001, "depth_unit 0.0001 instead of 0.001 would fit it"),
+    ],
+)
+def test_no_unit_or_a_wrong_one_is_refused_with_the_one_that_fits(
+    before_after, tmp_path, capsys, unit, said
+):
+    path = before_after / "camera.json"
+    fields = {k: v for k, v in json.loads(path.read_text()).items() if k != "depth_unit"}
+    path.write_text(json.dumps(fields | ({} if unit is None else {"depth_unit": unit})))
+    assert import_frames(before_after, tmp_path / "out", "--action", "poke", *SAID) == 2
+    text = capsys.readouterr().err
+    assert said in text and text.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+def test_pixels_without_depth_are_counted_by_reason(before_after, tmp_path, capsys):
+    path = one_of(before_after, "a", "before")
+    counts = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    counts[:5, :5] = 65535
+    cv2.imwrite(str(path), counts)
+    assert import_frames(before_after, tmp_path / "out", "--action", "poke", *SAID) == 0
+    said = "25 pixels without depth (of them 25 at 65535 (the largest uint16))"
+    assert said in capsys.readouterr().out
+    assert (load_pairs(tmp_path / "out").prior[0, :5, :5] == 0).all()
+
+
 def test_damage_is_named(before_after, tmp_path, capsys):
     path = one_of(before_after, "b", "after")
     good = path.read_bytes()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 
-from jshape.data.missing import fill_missing, missing
+from jshape.data.missing import fill_missing, missing, readings, said
 from jshape.errors import BadImage, MissingDepth
 
 
@@ -128,3 +128,73 @@ def test_what_is_no_image_is_refused(depth):
     with pytest.raises(BadImage) as info:
         fill_missing(depth, where="here")
     assert str(info.value).startswith("here: ") and "\n" not in str(info.value)
+
+
+BED = np.linspace(4000, 5000, 10_000).reshape(100, 100)
+
+
+def marked(kind, values):
+    """A bed (100, 100) of counts, 100 pixels of it without a reading in the given way."""
+    bed = BED.astype(kind) if np.dtype(kind).kind == "u" else (BED * 1e-4).astype(kind)
+    part = bed[10:20, 10:20].reshape(-1)
+    part[:] = np.resize(np.array(values, float).astype(kind), 100)
+    bed[10:20, 10:20] = part.reshape(10, 10)
+    return bed
+
+
+@pytest.mark.parametrize(
+    "kind, values, reasons",
+    [
+        ("u2", [0], {"0": 100}),
+        ("u2", [65535], {"at 65535 (the largest uint16)": 100}),
+        ("u4", [2**32 - 1], {"at 4294967295 (the largest uint32)": 100}),
+        ("u2", [10_000], {"at 10000 (far beyond all others)": 100}),
+        (
+            "u2",
+            [32001, 32002],
+            {"at 32001 (far beyond all others)": 50, "at 32002 (far beyond all others)": 50},
+        ),
+        ("u2", [1], {"at 1 (far beyond all others)": 100}),
+        ("f4", [np.nan, np.inf, -np.inf, -0.5], {"negative": 50, "not finite": 50}),
+        ("f4", [3.4028235e38], {"not finite": 100}),
+        ("f8", [1e300, 65.535], {"not finite": 50, "at 65.535 (far beyond all others)": 50}),
+        ("f4", [0.0, -9999.0], {"0": 50, "negative": 50}),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_each_way_to_say_no_reading_is_left_out_and_said(kind, values, reasons):
+    found = readings(marked(kind, values))
+    expected = np.ones((100, 100), bool)
+    expected[10:20, 10:20] = False
+    np.testing.assert_array_equal(found.there, expected)
+    assert found.left_out == reasons
+
+
+def test_a_mask_says_no_reading():
+    mask = np.zeros(BED.shape, bool)
+    mask[10:20, 10:20] = True
+    for bed in (BED.astype(np.uint16), BED.astype(np.float32) * 1e-4):
+        found = readings(np.ma.array(bed, mask=mask))
+        np.testing.assert_array_equal(found.there, ~mask)
+        assert found.left_out == {"masked or NODATA": 100}
+        assert said(found.left_out) == " (of them 100 masked or NODATA)"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda bed: np.where(BED < 4010, 7900, bed),  # a table far below
+        lambda bed: np.where(np.arange(10_000).reshape(100, 100) < 15, 60_000, bed),  # flying
+        lambda bed: np.where(BED < 4600, 10_000, bed),  # most of the view is the floor
+        lambda bed: np.where(BED < 4010, np.arange(12_000, 22_000).reshape(100, 100), bed),
+    ],
+)
+def test_surroundings_and_flying_pixels_are_readings(change):
+    assert readings(change(BED).astype(np.uint16)).left_out == {}
+
+
+def test_only_what_is_odd_is_said():
+    assert said({"0": 5, "not finite": 7}) == ""
+    assert said({"0": 5, "at 65535 (the largest uint16)": 2262}) == (
+        " (of them 2,262 at 65535 (the largest uint16))"
+    )

@@ -88,6 +88,23 @@ def test_plan_depth_equals_plan_for_metres_and_counts(bank, molded):
     assert counted.actions == metres.actions
 
 
+def test_masks_codes_and_ragged_rows(bank, molded):
+    now, goal, _ = molded
+    z0, zstar = depth_of(now), depth_of(goal)
+    hole = np.zeros(z0.shape, bool)
+    hole[280:310, 60:100] = True
+    truth = plan_depth(np.where(hole, np.nan, z0), zstar, bank=bank, max_steps=1)
+    near = np.where(hole, np.float32(0.3), z0)
+    for marked in (np.ma.array(near, mask=hole), np.where(hole, np.float32(6.5535), z0)):
+        found = plan_depth(marked, zstar, bank=bank, max_steps=1)
+        np.testing.assert_array_equal(found.distances, truth.distances)
+        assert found.filled == (hole.sum(), 0)
+    with pytest.raises(BadImage, match="I0 has 1200 pixels that are NaN"):
+        plan(np.ma.array(now, mask=hole), goal, bank=bank)
+    with pytest.raises(BadImage, match="z0: is no array of numbers"):
+        plan_depth([[1, 2], [3]], zstar, bank=bank)
+
+
 def test_missing_depth_is_filled_and_reported_or_refused(bank, molded, rng):
     now, goal, _ = molded
     z0, zstar = depth_of(now).copy(), depth_of(goal)

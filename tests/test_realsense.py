@@ -185,11 +185,11 @@ def test_a_recording_through_the_filter_is_what_was_live(recorded):
 def test_recordings_by_name_with_a_camera_of_ones_own(recorded, tmp_path):
     path, frames = recorded
     mine = replace(D435_BAZAR, fx=440.0, z_min=0.3, z_max=1.0)
-    write_camera(tmp_path / "mine.json", mine)
+    write_camera(tmp_path / "mine.json", mine, 0.001)
     with open_camera(f"realsense:{path}", camera=tmp_path / "mine.json") as camera:
         assert camera.camera == mine and camera.depth_unit == UNIT
         np.testing.assert_array_equal(camera.frame(), frames[0])
-    write_camera(tmp_path / "small.json", SMALL)
+    write_camera(tmp_path / "small.json", SMALL, 0.001)
     with pytest.raises(BadCamera, match="848x480 pixels; the camera given for it makes 64x48"):
         open_camera(f"realsense:{path}", camera=tmp_path / "small.json")
 

@@ -19,10 +19,11 @@ from jshape.store.cameras import (
     read_camera,
     write_camera,
 )
+from jshape.store.formats import encode_png
 
 GOOD = {
     "width": 480, "height": 395, "fx": 433.0, "fy": 433, "u0": 240, "v0": -3.5,
-    "z_min": 0.42, "z_max": 0.47,
+    "z_min": 0.42, "z_max": 0.47, "depth_unit": 0.0001,
 }  # fmt: skip
 
 
@@ -39,7 +40,7 @@ def test_round_trip(tmp_path, name):
 
 def test_traced_numbers_are_written_short(tmp_path):
     camera = replace(PAPER_BOX, z_min=jnp.float32(0.42), fx=np.float64(433.25))
-    write_camera(tmp_path / "camera.json", camera)
+    write_camera(tmp_path / "camera.json", camera, 0.001)
     assert json.loads((tmp_path / "camera.json").read_text())["z_min"] == 0.42
     found, unit = read_camera(tmp_path / "camera.json")
     assert (found.z_min, found.fx, unit) == (0.42, 433.25, 0.001)
@@ -69,9 +70,9 @@ def test_float32_is_written_short_and_exact(value):
     assert len(repr(written)) <= 12
 
 
-def test_bits_and_depth_unit_are_optional(tmp_path):
+def test_bits_are_optional(tmp_path):
     camera, unit = read_camera(write(tmp_path / "c.json", GOOD))
-    assert (camera.bits, unit, camera.v0) == (8, 0.001, -3.5)
+    assert (camera.bits, unit, camera.v0) == (8, 0.0001, -3.5)
     assert isinstance(camera.fy, float)
     assert set(camera_fields(camera)) == {f.name for f in fields(Camera)}
 
@@ -79,7 +80,7 @@ def test_bits_and_depth_unit_are_optional(tmp_path):
 @pytest.mark.parametrize("name", GOOD)
 def test_a_missing_field_is_named(tmp_path, name):
     path = write(tmp_path / "c.json", {k: v for k, v in GOOD.items() if k != name})
-    with pytest.raises(BadCamera, match=f"missing {name}") as info:
+    with pytest.raises(BadCamera, match=f"missing {name}|{name} is missing") as info:
         read_camera(path)
     assert str(path) in str(info.value)
 
@@ -123,6 +124,31 @@ def test_a_bad_camera_is_not_written(tmp_path):
         with pytest.raises(BadCamera):
             write_camera(path, camera, unit)
     assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    "counts, said",
+    [
+        (None, "16-bit frames$"),
+        (
+            4450,
+            "; 0.0001 would fit: the frames then lie at 0.445 to 0.445 m, within .* 0.42 to 0.47",
+        ),
+        (445, "; 0.001 would fit"),
+        (44_500, "; 1e-05 would fit"),
+        (700, "counts around 700, which no power of ten brings within the camera's 0.42 to 0.47 m"),
+    ],
+)
+def test_without_a_unit_the_one_that_fits_the_frames_is_named(tmp_path, counts, said):
+    path = write(tmp_path / "c.json", {k: v for k, v in GOOD.items() if k != "depth_unit"})
+    if counts is not None:
+        frame = np.full((395, 480), counts, np.uint16)
+        frame[:9] = 65535
+        (tmp_path / "before").mkdir()
+        (tmp_path / "before" / "0.png").write_bytes(encode_png(frame))
+    with pytest.raises(BadCamera, match=f"depth_unit is missing: metres per count of .*{said}"):
+        read_camera(path)
+    assert read_camera(path, 0.5)[1] == 0.5
 
 
 def test_no_file(tmp_path):

@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import pickle
+from collections import Counter
 from dataclasses import replace
 
 import cv2
@@ -17,6 +18,8 @@ from jshape.errors import BadCamera, BadDataset, BadFile, BadImage, JShapeError,
 from jshape.store import datasets
 from jshape.store.annotations import boxes_by_hand, write_boxes
 from jshape.store.datasets import COLUMNS, dataset_writer
+from jshape.store.formats import encode_png
+from jshape.store.images import read_counts
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 FIELDS = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id", "strength")
@@ -440,6 +443,39 @@ def test_a_bad_frame_is_named_by_line_and_column(folder, content, match):
         path.write_bytes(content)
     refused(folder, match)
     refused(folder, "line 4: posterior: ")
+
+
+@pytest.mark.parametrize(
+    "change, match",
+    [
+        ({"depth_unit": None}, "depth_unit is missing.*; 0.0001 would fit: the frames then lie at"),
+        ({"depth_unit": 0.001}, "depth_unit 0.0001 instead of 0.001 would fit it"),
+    ],
+)
+def test_a_set_of_no_or_the_wrong_unit_is_refused(folder, change, match):
+    fields = json.loads((folder / "camera.json").read_text()) | change
+    text = json.dumps({k: v for k, v in fields.items() if v is not None})
+    (folder / "camera.json").write_text(text)
+    with pytest.raises(JShapeError, match=match):
+        load_pairs(folder)
+
+
+def test_pairs_beyond_the_range_are_no_examples(folder):
+    fields = json.loads((folder / "camera.json").read_text()) | {"z_min": 0.6, "z_max": 0.7}
+    (folder / "camera.json").write_text(json.dumps(fields))
+    with pytest.raises(BadDataset, match="pairs of poke: 100% of their readings lie beyond .* 0.6"):
+        load_pairs(folder).rois("poke")
+
+
+def test_why_pixels_are_no_readings_is_added_up(folder):
+    path = folder / "frames/00001_prior.png"
+    counts = read_counts(path)
+    counts[5, :7] = 65535
+    path.write_bytes(encode_png(counts))
+    left_out = Counter()
+    pairs = load_pairs(folder, left_out)
+    assert left_out == {"0": 8 * 3 * 40, "at 65535 (the largest uint16)": 7}
+    assert (pairs.prior[1, 5, :7] == 0).all()
 
 
 def test_an_absurd_camera_asks_for_no_memory(folder):

@@ -4,6 +4,7 @@ import io
 import os
 import struct
 import zlib
+from collections import Counter
 from pathlib import Path
 
 import cv2
@@ -15,8 +16,11 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from jshape import D435_BAZAR, PAPER_BOX, Camera
+from jshape.data.missing import only_readings
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
 from jshape.store import images
+from jshape.store.drawings import read_drawing
+from jshape.store.formats import read_array
 from jshape.store.images import check_depth, depth_of_array, read_counts, read_depth
 
 SMALL = Camera(12, 9, 15.0, 15.0, 5.5, 4.0, 0.4, 0.5)
@@ -45,6 +49,35 @@ def npy_of_shape(shape):
     header = {"descr": "<f8", "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(stream, header)
     return stream.getvalue() + bytes(64)
+
+
+def tiff(*bands, bits=None, packed=1, kind=1, planes=False, size=None, nodata=None, order="<"):
+    """An uncompressed TIFF of bands (H, W), whatever its tags say of it."""
+    first = bands[0]
+    (height, width), deep = first.shape, bits or 8 * first.itemsize
+    data = np.stack(bands, 0 if planes else -1).astype(first.dtype.newbyteorder(order)).tobytes()
+    wide, high = size or (width, height)
+    sample = {"u": 1, "i": 2, "f": 3}[first.dtype.kind]
+    count = len(bands)
+    tags = {
+        256: (4, [wide]), 257: (4, [high]), 258: (3, [deep] * count), 259: (3, [packed]),
+        262: (3, [kind]), 273: (4, [8]), 277: (3, [count]), 278: (4, [high]),
+        279: (4, [len(data)]), 284: (3, [1 + planes]), 339: (3, [sample] * count),
+    }  # fmt: skip
+    if nodata is not None:
+        tags[42113] = (2, nodata.encode() + b"\0")
+    out = bytearray((b"II" if order == "<" else b"MM") + struct.pack(order + "HI", 42, 8)) + data
+    entries = b""
+    for tag, (code, values) in tags.items():
+        form = f"{order}{len(values)}{'s' if code == 2 else 'H' if code == 3 else 'I'}"
+        raw = struct.pack(form, *([values] if code == 2 else values))
+        if len(raw) > 4:
+            at = len(out)
+            out += raw
+            raw = struct.pack(order + "I", at)
+        entries += struct.pack(order + "HHI", tag, code, len(values)) + raw.ljust(4, b"\0")
+    struct.pack_into(order + "I", out, 4, len(out))
+    return bytes(out) + struct.pack(order + "H", len(tags)) + entries + bytes(4)
 
 
 def put(folder, name, content):
@@ -110,6 +143,42 @@ def test_no_reading_has_many_signs(tmp_path):
     depth[0] = 0, -1, np.nan, np.inf
     found = read_depth(put(tmp_path, "a.npy", npy(depth)))
     assert np.isnan(found[0]).all() and not np.isnan(found[1:]).any()
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("kind", ["u2", "i2", "i4", "f4", "f8"])
+def test_a_tiff_of_one_channel_keeps_its_numbers_and_says_what_is_no_data(tmp_path, kind, order):
+    numbers = np.arange(108).reshape(9, 12).astype(kind)
+    content = tiff(numbers, order=order)
+    found = read_array(put(tmp_path, "a.tif", content))
+    assert found.dtype == numbers.dtype and not np.ma.isMaskedArray(found)
+    np.testing.assert_array_equal(found, numbers)
+    found = read_array(put(tmp_path, "b.tif", tiff(numbers, order=order, nodata="7")))
+    np.testing.assert_array_equal(np.ma.getmaskarray(found), numbers == 7)
+    np.testing.assert_array_equal(np.ma.getdata(found), numbers)
+    for odd in ("nan", "text", "1e300"):
+        found = read_array(put(tmp_path, "c.tif", tiff(numbers, order=order, nodata=odd)))
+        np.testing.assert_array_equal(found, numbers)
+        assert not np.ma.isMaskedArray(found)
+
+
+def test_no_data_and_the_largest_count_are_no_readings_and_are_counted(tmp_path, counts):
+    counts[0, :4], counts[1, :3] = 65535, 4321
+    left_out = Counter()
+    path = put(tmp_path, "a.tif", tiff(counts, nodata="4321"))
+    depth = read_depth(path, depth_unit=1e-4, camera=SMALL, left_out=left_out)
+    assert np.isnan(depth[0, :4]).all() and np.isnan(depth[counts == 4321]).all()
+    assert left_out == {
+        "0": 2, "masked or NODATA": (counts == 4321).sum(), "at 65535 (the largest uint16)": 4
+    }  # fmt: skip
+    cleaned = read_counts(path)
+    np.testing.assert_array_equal(cleaned == 0, np.isnan(depth))
+    # A PNG says it as GDAL writes it: by the grey that is transparent.
+    content = encoded(".png", counts)
+    chunk = b"tRNS" + struct.pack(">H", 4321)
+    chunk = struct.pack(">I", 2) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    path = put(tmp_path, "a.png", content[:33] + chunk + content[33:])
+    np.testing.assert_array_equal(read_depth(path, depth_unit=1e-4), depth)
 
 
 def test_8_bits_are_luminance_and_clipped_is_not_missing(tmp_path):
@@ -205,6 +274,20 @@ BAD = {
     "body.png": (GOOD["png"][:-12], "cut off or damaged"),
     "rgb.tiff": (encoded(".tiff", COLOUR), "3 channels"),
     "rgb.exr": (encoded(".exr", COLOUR.astype(np.float32)), "3 channels (B, G, R)"),
+    "alpha.tiff": (tiff(GREY, GREY), "2 channels of 16 bits"),
+    "bands.tiff": (tiff(GREY, GREY, GREY, planes=True), "3 channels of 16 bits"),
+    "12.tiff": (tiff(GREY, bits=12), "holds uint12; read are uint8, uint16, int8"),
+    "u4.tiff": (tiff(GREY.astype(np.uint32)), "holds uint32"),
+    "half.tiff": (tiff(GREY.astype(np.float16)), "holds float16"),
+    "zstd.tiff": (tiff(GREY, packed=50000), "holds uint16, compression 50000"),
+    "palette.tiff": (tiff(GREY.astype(np.uint8), kind=3), "palette"),
+    "wide.tiff": (tiff(GREY, size=(60_000, 60_000)), "60000x60000 pixels; at most"),
+    "tags.tiff": (tiff(GREY)[:-40], "the TIFF is cut off or damaged"),
+    "i2.tiff": (tiff(GREY.astype(np.int16)), "holds int16; raw depth is uint16"),
+    "uint.exr": (
+        encoded(".exr", GREY.astype(np.float32)).replace(b"Y\0\2\0\0\0", b"Y\0\0\0\0\0"),
+        "whole numbers (UINT)",
+    ),
     "int.tiff": (encoded(".tiff", GREY.astype(np.int32)), "int32"),
     "photo.jpg": (encoded(".jpg", COLOUR), "JPEG"),
     "a.bmp": (encoded(".bmp", COLOUR), "BMP"),
@@ -230,6 +313,7 @@ BAD = {
     "large.npy": (npy(np.ones((2, 2))).replace(b"(2, 2), }  ", b"(99999, 9)}"), "cut off"),
     "minus.npy": (npy_of_shape((-2, 2)), "its shape is (-2, 2)"),
     "minuses.npy": (npy_of_shape((-2, -2)), "its shape is (-2, -2)"),
+    "true.npy": (npy_of_shape((True, 4)), "its shape is (True, 4)"),
     "deep.npy": (npy_of_shape((1,) * 99), "its shape is (1, 1"),
     "archive.npz": (b"PK\x03\x04" + bytes(50), "NPZ archive"),
     "cloud.png": (b"ply\nformat ascii 1.0\n", "point cloud"),
@@ -334,10 +418,17 @@ def test_check_depth(rng):
 
 
 @settings(max_examples=50)
-@given(hnp.arrays(np.uint16, hnp.array_shapes(min_dims=2, max_dims=2, max_side=20)))
+@given(
+    hnp.arrays(
+        np.uint16,
+        hnp.array_shapes(min_dims=2, max_dims=2, max_side=20),
+        elements=st.sampled_from([0, 1, 33_000, 65_534]) | st.integers(33_000, 65_534),
+    )
+)
 def test_counts_survive_the_disk(tmp_path_factory, counts):
     path = tmp_path_factory.getbasetemp() / "counts.png"
     images.write_counts_png(path, counts)
+    counts = only_readings(counts)  # a far code is none: a 1 that is there 16 times
     if counts.any():
         np.testing.assert_array_equal(read_counts(path), counts)
     else:
@@ -358,6 +449,7 @@ def test_write_depth_png(tmp_path, rng):
     "depth, match",
     [
         (np.full((3, 4), 6.6), "66000 counts"),
+        (np.full((3, 4), 6.5535), "65535 counts .* at most 65534"),
         (np.full((3, 4), 1e-6), "less than half a count"),
         (np.full((3, 4, 1), 0.5), "shape"),
         (np.zeros((0, 4)), "shape"),
@@ -424,3 +516,35 @@ def test_a_packed_file_is_named(tmp_path, magic, said):
     (tmp_path / "a.png").write_bytes(magic + bytes(30))
     with pytest.raises(BadImage, match=f"packed by {said}.*; unpack it; allowed: PNG"):
         read_depth(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize(
+    "raw, unit, said",
+    [
+        (
+            np.full(SMALL.shape, 4500, np.uint16),
+            1e-3,
+            "depth_unit 0.0001 instead of 0.001 would fit",
+        ),
+        (np.full(SMALL.shape, 450.0), 1e-3, "0.001 times those numbers .* millimetres"),
+        (np.full(SMALL.shape, 0.00045), 1e-3, "1000 times those numbers would fit"),
+    ],
+)
+def test_a_wrong_unit_is_named_where_depths_may_leave_the_range(raw, unit, said):
+    with pytest.raises(BadImage, match=said):
+        depth_of_array(raw, depth_unit=unit, camera=SMALL, check_range=False)
+
+
+@pytest.mark.parametrize("metres", [0.15, 0.45, 1.4, 2.0])
+def test_a_bed_at_another_distance_has_no_wrong_unit(metres):
+    raw = np.full(SMALL.shape, metres)
+    assert (depth_of_array(raw, camera=SMALL, check_range=False) == np.float32(metres)).all()
+
+
+def test_a_painting_of_16_bits_is_not_cut_to_8(tmp_path):
+    grey = np.arange(108, dtype=np.uint16).reshape(9, 12) * 600
+    path = put(tmp_path, "a.png", encoded(".png", np.dstack([grey, grey, grey])))
+    with pytest.raises(BadImage, match="colour .RGB.*; a painting has 8 bits, a height map of 16"):
+        read_drawing(path)
+    found = read_drawing(put(tmp_path, "b.png", encoded(".png", grey)))
+    np.testing.assert_array_equal(found, grey)

@@ -347,7 +347,10 @@ def test_a_goal_may_be_an_image(tmp_path):
     np.testing.assert_allclose(read_goal(path, SMALL, 1e-4), 0.45, rtol=1e-6)
     with pytest.raises(BadImage, match="depth_unit"):
         read_goal(path, SMALL)
-    np.testing.assert_allclose(read_goal(path, SMALL, check_range=False), 4.5, rtol=1e-6)
+    with pytest.raises(BadImage, match="depth_unit 0.0001 instead of 0.001"):
+        read_goal(path, SMALL, check_range=False)
+    found = read_goal(path, SMALL, 2e-4, check_range=False)
+    np.testing.assert_allclose(found, 0.9, rtol=1e-6)
 
 
 def test_nothing_that_a_ply_names_is_opened(tmp_path, cloud, monkeypatch):

@@ -22,7 +22,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         *pairs,
         eye_in_hand=options.eye_in_hand,
         method=options.method,
-        camera=None if options.camera is None else described(options.camera)[0],
+        camera=None if options.camera is None else described(options.camera, 1.0)[0],
     )
     name = options.name or (Path(options.camera).name if options.camera else "")
     pose = poses.pose_of_calibration(found, name)

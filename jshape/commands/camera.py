@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,9 @@ import numpy as np
 from jshape.commands import COMMANDS, arguments, cameras
 from jshape.commands.tables import print_table, progress
 from jshape.data import camera_check
+from jshape.data.missing import said as said_of
 from jshape.errors import BadFile
-from jshape.robot.cameras.base import EndOfFrames, still
+from jshape.robot.cameras.base import EndOfFrames, next_frame, still
 from jshape.store import files
 from jshape.store.cameras import camera_fields
 
@@ -20,11 +22,11 @@ def check(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape camera check CAMERA`: measures the set-up and says whether it will do."""
     if options.out is not None and options.out.exists() and not options.overwrite:
         raise BadFile(f"{options.out}: exists; choose another name, or --overwrite")
-    frames = []
+    frames, left_out = [], Counter()
     with cameras.opened(options) as camera:
         try:
             for _ in progress(range(options.frames), options.frames, "looking"):
-                frames.append(camera.frame())
+                frames.append(next_frame(camera, left_out))
         except EndOfFrames:  # a recording may be shorter
             if not frames:
                 raise
@@ -37,6 +39,7 @@ def check(options: argparse.Namespace) -> dict[str, Any]:
         "camera": camera.name,
         "intrinsics": camera_fields(camera.camera) | {"depth_unit": camera.depth_unit},
         **{name: _plain(value) for name, value in measured.setup._asdict().items()},
+        "left_out": left_out,
         "good": good,
         "verdict": [{"good": fine, "says": sentence} for fine, sentence in said],
     }
@@ -64,6 +67,8 @@ def _print(result: dict[str, Any]) -> None:
     print(f"{result['camera']}: {c['width']}x{c['height']} pixels, fx {c['fx']:g}, fy {c['fy']:g}, "
           f"u0 {c['u0']:g}, v0 {c['v0']:g}; {c['depth_unit']:g} m per count; "
           f"{result['frames']} frame{'s' * (result['frames'] > 1)}")  # fmt: skip
+    if gaps := sum(result["left_out"].values()):
+        print(f"pixels without depth in all frames: {gaps}{said_of(result['left_out'])}")
     for line in result["verdict"]:
         print(f"  {'ok ' if line['good'] else 'BAD'} {line['says']}")
     bad = sum(not line["good"] for line in result["verdict"])

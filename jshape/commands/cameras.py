@@ -101,8 +101,8 @@ def looking(
     )
 
 
-def described(text: str) -> tuple[Camera, float, bool]:
-    """The camera that a camera.json or the name of a preset describes.
+def described(text: str, depth_unit: float | None = None) -> tuple[Camera, float, bool]:
+    """The camera that a camera.json or the name of a preset describes; `depth_unit` overrides it.
 
     Returns:
       The camera, metres per count, and whether somebody described it (False: a preset).
@@ -116,10 +116,10 @@ def described(text: str) -> tuple[Camera, float, bool]:
                 f"{text}: is a preset and a file here; write ./{text} for the file, or rename it "
                 "for the preset"
             )
-        return PRESETS[text], cameras.DEPTH_UNIT, False
+        return PRESETS[text], depth_unit or cameras.DEPTH_UNIT, False
     if not Path(text).exists():
         raise BadCamera(
             f"{text}: neither a camera.json nor a preset ({', '.join(PRESETS)}) that describes a "
             f"camera{did_you_mean(text, PRESETS)}"
         )
-    return *cameras.read_camera(text), True
+    return *cameras.read_camera(text, depth_unit), True

@@ -1,6 +1,7 @@
 """`jshape dataset simulate` and `jshape dataset info`, and the parsers of the others."""
 
 import argparse
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from jshape.commands import (
     dataset_recording,
 )
 from jshape.commands.tables import print_table, progress
+from jshape.data.missing import said as said_of
 from jshape.store import cameras, datasets
 
 
@@ -61,7 +63,8 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape dataset info DATASET`."""
-    pairs = datasets.load_pairs(options.dataset)
+    left_out: Counter[str] = Counter()
+    pairs = datasets.load_pairs(options.dataset, left_out)
     missing = [
         float(np.mean([(counts == 0).mean() for counts in frames]))
         for frames in (pairs.prior, pairs.posterior)
@@ -83,11 +86,13 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
         "camera": cameras.camera_fields(pairs.camera),
         "depth_unit": pairs.depth_unit,
         "missing_share": {"prior": missing[0], "posterior": missing[1]},
+        "left_out": left_out,
         "groups": rows,
     }
     if not options.json:
         _print_camera(pairs.camera, pairs.depth_unit)
-        print(f"without depth: {missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels")
+        print(f"without depth: {missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels"
+              f"{said_of(left_out)}")  # fmt: skip
         several = any(row["strength"] != [1.0, 1.0] for row in rows)
         print_table(
             ("action", "agent", "material", "pairs", "ROI (w x h)", "strength")[: 5 + several],

@@ -1,6 +1,7 @@
 """`jshape dataset import` and `jshape dataset merge`."""
 
 import argparse
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from jshape.commands import arguments
 from jshape.commands.tables import progress
+from jshape.data.missing import said as said_of
 from jshape.errors import BadDataset, one_line, quoted
 from jshape.store import annotations, authors, cameras, datasets, folders, imports, recordings
 from jshape.store.recordings import LEAVE_OUT, Label
@@ -31,7 +33,9 @@ def _authors(options: argparse.Namespace) -> dict[str, Any]:
     given = [n for n in ("action", "agent", "labels") if getattr(options, n) is not None]
     if given:
         raise BadDataset(f"--{given[0]} is not needed: the authors' folders say it")
-    camera = D435_BAZAR if options.camera is None else cameras.read_camera(options.camera)[0]
+    camera = (
+        D435_BAZAR if options.camera is None else cameras.read_camera(options.camera, 1.0)[0]
+    )  # luminance
     total = len(authors.authors_instances(options.source))
     unit, clipped, groups = authors.depth_unit_for(camera), [], {}
     with datasets.dataset_writer(options.out, camera, unit, overwrite=options.overwrite) as add:
@@ -58,9 +62,9 @@ def _before_after(options: argparse.Namespace) -> dict[str, Any]:
     camera, unit = imports.before_after_camera(options.source, options.camera)
     labels = _labels(options, list(found))
     kept = {name: paths for name, paths in found.items() if labels[name].action != LEAVE_OUT}
-    still = []
+    still, left_out = [], Counter()
     with annotations.found_writer(options.out, camera, unit, overwrite=options.overwrite) as add:
-        pairs = imports.before_after_pairs(kept, camera, unit)
+        pairs = imports.before_after_pairs(kept, camera, unit, left_out)
         for pair in progress(pairs, len(kept), "importing"):
             (left, top, w, h), label = pair.box, labels[pair.name]
             if (w, h) == (camera.width, camera.height):
@@ -71,10 +75,14 @@ def _before_after(options: argparse.Namespace) -> dict[str, Any]:
                 u=left + w // 2, v=top + h // 2, width=w, height=h,
             )  # fmt: skip
     said = [f"{len(kept)} pairs"]
+    if gaps := sum(left_out.values()):
+        said.append(f"{gaps} pixels without depth{said_of(left_out)}")
     if still:
         said.append(f"no single place that changed in {one_line(', '.join(still), 80)}")
     said.append("next: jshape dataset annotate")
-    return {"pairs": len(kept), "without_effect": still, "say": said}
+    return {
+        "pairs": len(kept), "without_effect": still, "left_out": left_out, "say": said,
+    }  # fmt: skip
 
 
 def _labels(options: argparse.Namespace, names: list[str]) -> dict[str, Label]:

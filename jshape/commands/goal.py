@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ from jshape.camera import Camera, check_camera, window_of
 from jshape.commands import arguments
 from jshape.commands.goal_sources import NAMES, wanted_of
 from jshape.commands.plan import source_of
+from jshape.data.missing import said as said_of
 from jshape.data.simulate import DEPTH_UNIT
 from jshape.errors import BadCamera, BadImage, UnknownName, quoted
 from jshape.goals import Goal, Limits, bed_map, make_goal, report
@@ -41,6 +43,8 @@ class Bed(NamedTuple):
     depth_unit: float
     said: str
     """How we know the camera, for people."""
+    left_out: Counter[str]
+    """Why pixels are no readings."""
 
 
 def goal(options: argparse.Namespace) -> dict[str, Any]:
@@ -75,6 +79,7 @@ def goal(options: argparse.Namespace) -> dict[str, Any]:
         "window": None if window is None else list(window),
         "level_m": bed.level,
         "filled": bed.filled,
+        "left_out": now.left_out,
         **report(made, material),
     }
     if options.out is not None:
@@ -99,14 +104,16 @@ def _bed(options: argparse.Namespace, bank: Bank) -> Bed:
         depth = np.asarray(sim.render(sim.flat_bed(), bank.camera))
         raw = images.to_counts(depth, DEPTH_UNIT)
         said = "the bundled bank's, above a simulated level bed"
-        return Bed(raw, raw * np.float32(DEPTH_UNIT), bank.camera, DEPTH_UNIT, said)
+        return Bed(raw, raw * np.float32(DEPTH_UNIT), bank.camera, DEPTH_UNIT, said, Counter())
     raw = formats.read_array(path)
-    source = source_of(path, raw.shape, options.camera, bank)
-    camera, unit = check_camera(source.camera), options.depth_unit or source.depth_unit
+    source = source_of(path, raw.shape, options.camera, bank, options.depth_unit)
+    camera, unit = check_camera(source.camera), source.depth_unit
+    left_out: Counter[str] = Counter()
     depth = images.depth_of_array(
-        raw, options.bed, depth_unit=unit, camera=camera, check_range=source.stated
-    )
-    return Bed(raw, depth, camera, unit, source.said)
+        raw, options.bed, depth_unit=unit, camera=camera, check_range=source.stated,
+        left_out=left_out,
+    )  # fmt: skip
+    return Bed(raw, depth, camera, unit, source.said, left_out)
 
 
 def _steepest(options: argparse.Namespace, stands: bool) -> float:
@@ -130,7 +137,7 @@ def _reach(path: Path | None, camera: Camera) -> np.ndarray | None:
         raise BadImage(f"{path}: has {mask.shape} (rows, columns); the camera makes {camera.shape}")
     if mask.dtype.kind == "f" and not np.isfinite(mask).all():
         raise BadImage(f"{path}: has pixels that are NaN or infinite")
-    return mask != 0
+    return np.ma.filled(mask, 0) != 0
 
 
 def _write(
@@ -167,6 +174,10 @@ def _print(said: dict[str, Any]) -> None:
     if said["size_mm"] is not None:
         (w, h), (u, v) = said["size_mm"], said["at"]
         print(f"{w:.0f} x {h:.0f} mm around ({u:g}, {v:g})")
+    if said["filled"]:
+        print(
+            f"{said['filled']} pixels of the bed without depth, filled{said_of(said['left_out'])}"
+        )
     for line in (*said["assumed"], *said["says"]):
         print(line)
     for line in said["warnings"]:

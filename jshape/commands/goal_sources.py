@@ -3,6 +3,7 @@
 import argparse
 import math
 import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from scipy import ndimage
 from jshape import metric
 from jshape.camera import Camera, check_same_camera, window_of
 from jshape.data.missing import fill_missing
+from jshape.data.missing import said as said_of
 from jshape.data.view import View, image_of_depth, view_of
 from jshape.errors import BadFile, BadPosition, JShapeError, quoted
 from jshape.goals import (
@@ -155,9 +157,13 @@ def _mesh(options: argparse.Namespace, bed: BedMap) -> Wanted:
 
 
 def _frame(options: argparse.Namespace, bed: BedMap, camera: Camera, depth_unit: float) -> Wanted:
-    found = points.read_goal(options.frame, camera, depth_unit, check_range=False)
+    left_out: Counter[str] = Counter()
+    found = points.read_goal(
+        options.frame, camera, depth_unit, check_range=False, left_out=left_out
+    )
     frame, filled = fill_missing(found, limit=options.max_missing, where=options.frame)
-    said = [f"{filled} pixels of {options.frame} without depth, filled"] if filled else []
+    gaps = f"{filled} pixels of {options.frame} without depth, filled{said_of(left_out)}"
+    said = [gaps] if filled else []
     change = bed.heights_of(frame) - bed.height
     return Wanted(f"frame {Path(options.frame).name}", change, said, frame=frame, stands=True)
 
@@ -316,7 +322,7 @@ def _drawing(path: str, options: argparse.Namespace) -> np.ndarray:
     drawn = drawings.read_drawing(path)
     if not options.invert:
         return drawn
-    return np.nanmax(drawn) - drawn
+    return np.nanmax(np.ma.compressed(drawn)) - drawn
 
 
 _DRAWN: dict[str, Callable[[argparse.Namespace, BedMap], Wanted]] = {

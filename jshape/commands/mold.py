@@ -74,9 +74,10 @@ def goal_of(path: Path, robot: Robot, bank: Bank, options: argparse.Namespace) -
     if path.suffix.lower() in points.SUFFIXES:
         source = Source(robot.eye.camera, robot.eye.depth_unit, robot.eye.name, True)
     else:
-        source = source_of(path, formats.read_array(path).shape, options.camera_file, bank)
+        shape = formats.read_array(path).shape
+        source = source_of(path, shape, options.camera_file, bank, options.depth_unit)
     depth = points.read_goal(
-        path, check_camera(source.camera), options.depth_unit or source.depth_unit,
+        path, check_camera(source.camera), source.depth_unit,
         check_range=source.stated or not options.reproject,
     )  # fmt: skip
     return image_of_depth(

@@ -1,6 +1,7 @@
 """`jshape plan INITIAL DESIRED`."""
 
 import argparse
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from jshape.camera import PRESETS, Camera, check_camera, window_of
 from jshape.commands import arguments
 from jshape.commands.cameras import described
 from jshape.commands.tables import print_table
+from jshape.data.missing import said as said_of
 from jshape.data.view import View, view_of
 from jshape.devices import over_devices
 from jshape.errors import BadImage, BadPosition
@@ -34,18 +36,19 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=CONTENTS)
     raw = formats.read_array(options.initial)
-    source = source_of(options.initial, raw.shape, options.camera, bank)
+    source = source_of(options.initial, raw.shape, options.camera, bank, options.depth_unit)
     reading = {
         "camera": check_camera(source.camera),
-        "depth_unit": options.depth_unit or source.depth_unit,
+        "depth_unit": source.depth_unit,
         # A guessed camera's range says nothing of a bed at another height; a stated one does, and
         # it is what tells a wrong unit.
         "check_range": source.stated or not options.reproject,
     }
-    first = images.depth_of_array(raw, str(options.initial), **reading)
+    left_out: tuple[Counter[str], Counter[str]] = Counter(), Counter()
+    first = images.depth_of_array(raw, str(options.initial), **reading, left_out=left_out[0])
     found = plan_depth(
         first,
-        points.read_goal(options.desired, **reading),
+        points.read_goal(options.desired, **reading, left_out=left_out[1]),
         bank=bank,
         camera=source.camera,
         reproject=options.reproject,
@@ -67,14 +70,14 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
         names=(str(options.initial), str(options.desired)),
     )
     said = {"bank": str(bank_name), "source": source.said, "planner": options.planner}
-    result = said | plans.plan_fields(found)
+    result = said | plans.plan_fields(found) | {"left_out": left_out}
     if options.out is not None:
         with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
             plans.write_plan(folder / "plan.json", found)
             _draw(folder, found, bank.rois)
         result["out"] = str(options.out)
     if not options.json:
-        _print(found, said)
+        _print(found, said, left_out)
         if options.out is not None:
             print(f"plan and pictures: {options.out}")
     return result
@@ -92,23 +95,32 @@ class Source(NamedTuple):
     """Somebody described the camera; False: it was guessed."""
 
 
-def source_of(initial: Path, shape: tuple[int, ...], given: str | None, bank: Bank) -> Source:
+def source_of(
+    initial: Path,
+    shape: tuple[int, ...],
+    given: str | None,
+    bank: Bank,
+    depth_unit: float | None = None,
+) -> Source:
     """The camera of the images: named, found beside them, or guessed from their size.
+
+    Its unit is `depth_unit`, else what its camera.json says; only a guess or a preset needs none.
 
     Raises:
       BadCamera: neither a preset nor a camera.json.
       BadImage: nothing says whose size this is.
     """
+    assumed = "" if depth_unit else f", {cameras.DEPTH_UNIT:g} m per count (--depth-unit)"
     if given is not None:
-        camera, unit, stated = described(given)
-        return Source(camera, unit, given if stated else f"preset {given}", stated)
+        camera, unit, stated = described(given, depth_unit)
+        return Source(camera, unit, given if stated else f"preset {given}{assumed}", stated)
     beside = initial.parent / "camera.json"
     if beside.is_file():
-        return Source(*cameras.read_camera(beside), str(beside), True)
+        return Source(*cameras.read_camera(beside, depth_unit), str(beside), True)
     for name, camera in {"the bank's own": bank.camera, **PRESETS}.items():
         if shape == camera.shape and window_of(bank.camera, camera) is not None:
             said = f"{name}, guessed from the size {shape[1]}x{shape[0]}; --camera says otherwise"
-            return Source(camera, cameras.DEPTH_UNIT, said, False)
+            return Source(camera, depth_unit or cameras.DEPTH_UNIT, said + assumed, False)
     raise BadImage(
         f"{initial}: has {shape} (rows, columns); the bank's camera makes {bank.camera.shape}; "
         "describe your camera in a camera.json beside the image, or name one with --camera"
@@ -139,9 +151,9 @@ def _reach(
         raise BadImage(f"{options.reach}: has pixels that are NaN or infinite")
     if mask.shape == source.camera.shape:
         view = view_of(source.camera, bank.camera, first, reproject=options.reproject)
-        return _seen(mask != 0, view)
+        return _seen(np.ma.filled(mask, 0) != 0, view)
     if mask.shape == bank.camera.shape:
-        return mask != 0
+        return np.ma.filled(mask, 0) != 0
     raise BadImage(
         f"{options.reach}: has {mask.shape} (rows, columns); the camera makes "
         f"{source.camera.shape}, the bank's {bank.camera.shape}"
@@ -188,10 +200,11 @@ def _draw(folder: Path, found: Plan, rois: dict[str, tuple[int, int]]) -> None:
         files.write_atomic(folder / name, pictures.png(figure))
 
 
-def _print(found: Plan, said: dict[str, Any]) -> None:
+def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]) -> None:
     print(f"bank: {said['bank']}; camera: {said['source']}")
     filled, clamped = found.filled, found.clamped
-    print(f"pixels without depth, filled: {filled[0]} now, {filled[1]} in the goal; "
+    now, goal = (f"{n}{said_of(why)}" for n, why in zip(filled, left_out, strict=True))
+    print(f"pixels without depth, filled: {now} now, {goal} in the goal; "
           f"beyond the depth range: {clamped[0]} now, {clamped[1]} in the goal")  # fmt: skip
     d = found.distances_mm
     head = ("step", "action", "u", "v", "strength", "yaw (°)", "to the goal (mm)", "gain (mm)")

@@ -2,6 +2,7 @@
 
 import argparse
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,9 @@ import numpy as np
 from jshape.commands import arguments, cameras
 from jshape.commands.tables import progress
 from jshape.data.camera_check import VALID_LEAST
+from jshape.data.depth import check_unit
+from jshape.data.missing import only_readings
+from jshape.data.missing import said as said_of
 from jshape.errors import JShapeError
 from jshape.robot.cameras.base import FRAMES, CameraLost, DepthCamera, EndOfFrames, still
 from jshape.store import folders, recordings
@@ -20,7 +24,7 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
     """Record until as many frames or seconds as asked, the end of what is played, or Ctrl-C."""
     folders.check_target(options.out, options.overwrite, contents=recordings.CONTENTS)
     problem: JShapeError | None = None
-    valid = 0.0
+    valid, left_out = 0.0, Counter()
     why = "as many as asked"
     with cameras.opened(options) as camera:
         asked, frames = _frames(camera, options)
@@ -30,8 +34,12 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
         ) as add:
             try:
                 for counts in progress(frames, asked or 0, "recording"):
-                    add(counts)
-                    valid += float((counts > 0).mean())
+                    seen = only_readings(counts, left_out)
+                    valid += float((seen > 0).mean())
+                    if not add.count:
+                        depth = np.float32(camera.depth_unit) * seen
+                        check_unit(depth, camera.camera, camera.name, camera.depth_unit)
+                    add(counts)  # as it came
             except EndOfFrames:
                 why = "the end of the recording"
             except KeyboardInterrupt:
@@ -56,7 +64,7 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
         )
     result = {
         "out": str(options.out), "camera": camera.name, "frames": count, "valid_share": share,
-        "seconds": took, "stopped": why,
+        "seconds": took, "stopped": why, "left_out": left_out,
     }  # fmt: skip
     if not options.json:
         _print(result, camera)
@@ -69,7 +77,7 @@ def _print(result: dict[str, Any], camera: DepthCamera) -> None:
     print(f"{camera.name}: {frames} in {result['seconds']:.1f} s ({result['stopped']}): "
           f"{result['out']}")  # fmt: skip
     share = result["valid_share"]
-    print(f"{share:.1%} of the pixels have a reading", end="")
+    print(f"{share:.1%} of the pixels have a reading{said_of(result['left_out'])}", end="")
     print("" if share >= VALID_LEAST else "; too few: see jshape camera check")
 
 
@@ -88,7 +96,8 @@ def _frames(
         asked = 1  # it would go on for ever, all the same
     elif asked is None and not live:
         asked = getattr(camera, "count", None)
-    return asked, _take(camera, options.frames or (asked if still(camera) else None), options)
+    count = options.frames or (asked if still(camera) else None)
+    return asked, _take(camera, count, options)
 
 
 def _take(

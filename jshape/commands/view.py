@@ -21,7 +21,7 @@ def view(options: argparse.Namespace) -> dict[str, Any]:
 
     if options.save is not None:
         check_target(options.save, options.overwrite)
-    camera = None if options.camera_file is None else read_camera(options.camera_file)[0]
+    camera = None if options.camera_file is None else read_camera(options.camera_file, 1.0)[0]
     story = read_story(options.run_folder, camera=camera)
     if not options.json:
         print("\n".join([story.title, *story.notes]), flush=True)

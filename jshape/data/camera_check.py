@@ -6,7 +6,7 @@ import numpy as np
 
 from jshape._typing import Float, Num
 from jshape.camera import Camera
-from jshape.data.depth import outside_range
+from jshape.data.depth import check_unit, outside_range
 from jshape.data.missing import LIMIT
 from jshape.errors import BadImage, JShapeError
 
@@ -83,13 +83,15 @@ def measure(
       still: the same frame over and over is what this camera should send.
 
     Raises:
-      BadImage: frames of another size, or without enough readings to fit a plane to.
+      BadImage: frames of another size, of another unit, or without enough readings to fit a plane
+        to.
     """
     if stack.shape[1:] != camera.shape:
         raise BadImage(f"frames have {stack.shape[1:]} (rows, columns); expected {camera.shape}")
     seen = stack > 0
     count = seen.sum(0)
     depth, noise = _over_time(stack, count, depth_unit)
+    check_unit(depth, camera, "the frames", depth_unit)
     plane = _plane(depth, camera)
     off, bed = _off(depth, camera, plane)
     near = np.abs(off) < 1e3 * _NEAR  # NaN is not

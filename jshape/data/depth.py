@@ -1,20 +1,30 @@
 """Raw depth: counts or metres in, metres out with NaN for "no reading", and can it be real."""
 
+from collections import Counter
+
 import numpy as np
 
-from jshape._typing import Float
+from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera
-from jshape.data.missing import missing
-from jshape.errors import BadCamera, BadImage, quoted
+from jshape.data.missing import missing, readings
+from jshape.errors import BadCamera, BadImage, one_line, quoted
 
 _HEIGHT_HINT = "; a bed at another distance is seen from the right one with reproject (--reproject)"
 
 
-def to_metres(raw: np.ndarray, depth_unit: float, where: str) -> Float[np.ndarray, "H W"]:
+def to_metres(
+    raw: ArrayLike, depth_unit: float, where: str, left_out: Counter[str] | None = None
+) -> Float[np.ndarray, "H W"]:
     """Depth in metres (NaN = no reading) of counts (uint16) or metres (floating point).
 
+    Args:
+      raw: (H, W); a NumPy mask is honoured.
+      depth_unit: metres per count.
+      where: what the image is called in errors.
+      left_out: adds up why pixels are no readings, see `data.missing.readings`.
+
     Raises:
-      BadImage: another type of number.
+      BadImage: another type of number, or rows of different lengths.
       BadCamera: the unit is not a positive number.
     """
     number = isinstance(depth_unit, int | float | np.number) and not isinstance(depth_unit, bool)
@@ -22,16 +32,22 @@ def to_metres(raw: np.ndarray, depth_unit: float, where: str) -> Float[np.ndarra
         raise BadCamera(
             f"{where}: depth_unit is {quoted(depth_unit)}; it must be a positive number"
         )
-    if raw.dtype == np.uint16:
-        depth = raw.astype(np.float32) * np.float32(depth_unit)
-    elif raw.dtype in (np.float16, np.float32, np.float64):
-        with np.errstate(over="ignore"):
-            depth = raw.astype(np.float32)
-    else:
+    try:
+        raw = np.ma.asarray(raw) if np.ma.isMaskedArray(raw) else np.asarray(raw)
+    except ValueError as problem:  # rows of different lengths
+        raise BadImage(f"{where}: is no array of numbers: {one_line(problem, 100)}") from None
+    if raw.dtype not in (np.uint16, np.float16, np.float32, np.float64):
         raise BadImage(
             f"{where}: holds {raw.dtype}; raw depth is uint16 (counts) or floating point (metres)"
         )
-    return np.where(missing(depth), np.float32(np.nan), depth)
+    found = readings(raw)
+    if left_out is not None:
+        left_out.update(found.left_out)
+    with np.errstate(over="ignore"):
+        depth = np.ma.getdata(raw).astype(np.float32)
+    if raw.dtype == np.uint16:
+        depth *= np.float32(depth_unit)
+    return np.where(found.there, depth, np.float32(np.nan))
 
 
 def outside_range(depth: np.ndarray, camera: Camera) -> np.ndarray:
@@ -81,21 +97,68 @@ def check_depth(
     return depth
 
 
+def check_unit(
+    depth: np.ndarray, camera: Camera, where: str, depth_unit: float | None = None
+) -> np.ndarray:
+    """The depth image itself, unless its unit is surely wrong; much of it may be out of range.
+
+    Refused is a median reading beyond 3 times the camera's range (a factor of ten is 3.2 each
+    way) that a power of ten brings into the range, or within half of it beside.
+
+    Raises:
+      BadImage: with the unit that would fit.
+    """
+    found = depth[~missing(depth)]
+    median = float(np.median(found)) if found.size else float(camera.z_min)
+    low, high = float(camera.z_min), float(camera.z_max)
+    hint = _unit_hint(median, low / 1.5, 1.5 * high, depth_unit)
+    if hint and not low / 3 <= median <= 3 * high:
+        raise BadImage(
+            f"{where}: depths are {found.min():.4g} to {found.max():.4g} m, half of them beyond "
+            f"{median:.4g}; the camera sees {low:g} to {high:g} m{hint}"
+        )
+    return depth
+
+
+def unit_that_fits(counts: np.ndarray, camera: Camera) -> str:
+    """The power of ten that brings counts into a camera's range, as the end of an error."""
+    found = counts[counts > 0].astype(np.float64)
+    low, high = float(camera.z_min), float(camera.z_max)
+    if not found.size:
+        return ""
+    factor = _factor(float(np.median(found)), low, high)
+    near, far = np.percentile(found, (2, 98))
+    if factor is None:
+        return (
+            f"; its frames hold counts around {np.median(found):.0f}, which no power of ten brings "
+            f"within the camera's {low:g} to {high:g} m"
+        )
+    return (
+        f"; {factor:g} would fit: the frames then lie at {near * factor:.3g} to {far * factor:.3g} "
+        f"m, within the camera's {low:g} to {high:g}"
+    )
+
+
 def wrong_shape(where: str, shape: tuple[int, ...], camera: Camera) -> str:
     """The sentence for an image of another size."""
     size = f"{shape[1]}x{shape[0]} pixels" if len(shape) == 2 else f"shape {shape}"
     return f"{where}: has {size}; the camera makes {camera.width}x{camera.height}"
 
 
+def _factor(median: float, low: float, high: float) -> float | None:
+    """The power of ten that brings the median into the range, the likeliest first."""
+    for power in (-3, 3, -1, 1, -2, 2, -4, 4, -5, 5):
+        if low <= median * 10.0**power <= high:
+            return 10.0**power
+    return None
+
+
 def _unit_hint(median: float, low: float, high: float, depth_unit: float | None) -> str:
     """What the unit may have been, if a power of ten brings the median into the range."""
-    for power in (-3, 3, -1, 1, -2, 2, -4, 4):
-        factor = 10.0**power
-        if low <= median * factor <= high:
-            if depth_unit is not None:
-                return (
-                    f"; depth_unit {depth_unit * factor:g} instead of {depth_unit:g} would fit it"
-                )
-            unit = {-3: " (are they millimetres?)"}.get(power, "")
-            return f"; {factor:g} times those numbers would fit it{unit}"
-    return ""
+    factor = _factor(median, low, high)
+    if factor is None:
+        return ""
+    if depth_unit is not None:
+        return f"; depth_unit {depth_unit * factor:g} instead of {depth_unit:g} would fit it"
+    unit = " (are they millimetres?)" * (factor == 1e-3)
+    return f"; {factor:g} times those numbers would fit it{unit}"

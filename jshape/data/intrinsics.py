@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jshape.camera import D435_BAZAR, Camera, check_camera
-from jshape.data.missing import missing
+from jshape.data.missing import readings
 from jshape.errors import BadCamera, BadImage
 
 Z_RANGE = (float(D435_BAZAR.z_min), float(D435_BAZAR.z_max))
@@ -94,7 +94,7 @@ def check_numbers(raw: np.ndarray, unit: float, camera: Camera, where: str) -> b
     due, all of which lie beyond what counts hold.
 
     Args:
-      raw: (H, W), counts or metres; 0, NaN and infinity mean "no reading".
+      raw: (H, W), counts or metres.
       unit: metres that 1 stands for.
       camera: whose range a thousandth of the readings must reach, if the median of them would lie
         in it in another unit.
@@ -106,7 +106,7 @@ def check_numbers(raw: np.ndarray, unit: float, camera: Camera, where: str) -> b
     Raises:
       BadImage: so it is, or the median is out of `REACH`.
     """
-    depth = raw[~missing(raw)].astype(np.float64) * unit
+    depth = np.ma.getdata(raw)[readings(raw).there].astype(np.float64) * unit
     if not depth.size:
         return False
     low, high = float(camera.z_min), float(camera.z_max)
@@ -131,5 +131,5 @@ def counts_of(metres: np.ndarray, unit: float = FLOAT_UNIT) -> np.ndarray:
     """Counts (H, W) uint16 of depths in metres; what is no depth, or beyond 16 bits, becomes 0."""
     with np.errstate(invalid="ignore", over="ignore"):
         counts = np.rint(np.asarray(metres, np.float64) / unit)
-        good = np.isfinite(counts) & (counts > 0) & (counts <= 65535)
+        good = np.isfinite(counts) & (counts > 0) & (counts < 65535)
     return np.where(good, counts, 0.0).astype(np.uint16)

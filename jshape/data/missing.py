@@ -1,21 +1,109 @@
-"""Pixels without a depth reading: counted, filled where they are few, refused where they are many.
+"""What is a depth reading, and what is none: counted, filled where it is few, refused where many.
 
-Depth images are (H, W) in metres; 0, NaN, infinity and negative numbers mean "no reading".
+`readings` decides it where an array comes in.  From there on counts hold 0 and metres NaN where
+there is no reading, and that is all that later steps ask for (`missing`).
 """
+
+from collections import Counter
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from jshape._typing import Bool, Float
+from jshape._typing import ArrayLike, Bool, Float
+from jshape.camera import unmasked
 from jshape.errors import BadImage, MissingDepth
 
 LIMIT = 0.1
 """Default largest share of pixels that is filled."""
+MANY = 16
+"""So many pixels of exactly one value can be a code for "no reading"."""
+FAR = 2.0
+"""A code is at least so many times as far as the farthest other reading, or that much nearer.
+The largest step between two values of 378 frames of the RealSense SR300 and of material point
+simulations is 1.19 times; a raw Kinect v2 frame has steps of 2.9, to single flying pixels."""
+CODES = 4
+"""Most codes on one side: some cameras tell "too dark" from "too bright"."""
+
+
+class Readings(NamedTuple):
+    """Which numbers of an array are readings, and why the others are none."""
+
+    there: Bool[np.ndarray, "*S"]
+    left_out: dict[str, int]
+    """Pixels by reason, for people; reasons without pixels are left out."""
+
+
+def readings(depth: ArrayLike) -> Readings:
+    """Where raw depth, counts or metres, has a reading.
+
+    No reading are: 0, negative numbers, NaN and infinity; what a NumPy mask (or a file's NODATA)
+    hides; of whole numbers the largest of their type (65535 of uint16); and codes: up to `CODES`
+    exact values, held by `MANY` pixels each and by less than half of the readings together, that
+    lie `FAR` times beyond all others.
+    """
+    values = np.ma.getdata(depth)
+    whole = values.dtype.kind in "ui"
+    top = np.iinfo(values.dtype).max if whole else np.finfo(np.float32).max
+    there, left_out = np.ones(values.shape, bool), {}
+
+    def leave_out(reason: str, where: np.ndarray) -> None:
+        count = int(np.count_nonzero(where & there))
+        if count:
+            left_out[reason] = count
+            there[where] = False
+
+    if isinstance(depth, np.ma.MaskedArray):
+        leave_out("masked or NODATA", np.ma.getmaskarray(depth))
+    leave_out("0", values == 0)
+    leave_out("negative", values < 0)
+    if whole:
+        leave_out(f"at {top} (the largest {values.dtype})", values == top)
+    else:
+        leave_out("not finite", ~(np.abs(values) < top))
+    for code in _codes(values[there]):
+        leave_out(f"at {code:g} (far beyond all others)", values == code)
+    return Readings(there, left_out)
+
+
+def _codes(values: np.ndarray) -> list[float]:
+    """Exact values far beyond all others, which some sensors write for "no reading"."""
+    if values.dtype == np.uint16:  # five times as fast as sorting them
+        held = np.bincount(values.reshape(-1))
+        found = np.flatnonzero(held)
+        held = held[found]
+    else:
+        found, held = np.unique(values, return_counts=True)
+    found, codes, most = found.astype(np.float64), [], len(values) / 2
+    for sign in (1, -1):
+        rising = found[::sign] ** sign
+        for k in range(min(CODES, len(found) - 1), 0, -1):
+            counts = held[::sign][-k:]
+            if (rising[-k] >= FAR * rising[-k - 1] and counts.min() >= MANY
+                    and counts.sum() < most):  # fmt: skip
+                codes += found[::sign][-k:].tolist()
+                break
+    return codes
+
+
+def only_readings(counts: np.ndarray, left_out: Counter[str] | None = None) -> np.ndarray:
+    """Counts as they came, with 0 where `readings` finds none; why is added up in `left_out`."""
+    found = readings(counts)
+    if left_out is not None:
+        left_out.update(found.left_out)
+    return np.where(found.there, np.ma.getdata(counts), counts.dtype.type(0))
+
+
+def said(left_out: dict[str, int]) -> str:
+    """What was left out, unless it is plain: " (of them 2,262 at 65535 (the largest uint16))"."""
+    odd = [f"{n:,} {reason}" for reason, n in left_out.items() if reason not in ("0", "not finite")]
+    return f" (of them {', '.join(odd)})" if odd else ""
 
 
 def missing(depth: np.ndarray) -> Bool[np.ndarray, "H W"]:
-    """Where a depth image (H, W) in metres has no reading."""
+    """Where depth in metres that has come through `readings` has none: 0 or NaN."""
+    depth = np.asarray(unmasked(depth))
     return ~(np.isfinite(depth) & (depth > 0))
 
 
@@ -41,7 +129,7 @@ def fill_missing(
       BadImage: not a two-dimensional image of real numbers.
       MissingDepth: more than `limit` is missing, or there is no reading at all.
     """
-    depth = np.asarray(depth)
+    depth = np.asarray(unmasked(depth))
     if depth.ndim != 2 or depth.size == 0 or depth.dtype.kind not in "fui":
         raise BadImage(
             f"{where}: depth has shape {depth.shape} and type {depth.dtype}; "

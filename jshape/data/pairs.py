@@ -8,6 +8,8 @@ import numpy as np
 
 from jshape import actions, metric
 from jshape.camera import Camera
+from jshape.data.depth import outside_range
+from jshape.data.missing import only_readings
 from jshape.errors import BadDataset, UnknownName
 
 
@@ -34,6 +36,9 @@ class Examples(NamedTuple):
         return Examples(*kept, self.strengths[keep])  # pyright: ignore
 
 
+MOST_BEYOND = 0.5
+"""Largest share of readings beyond the camera's range: they are clipped, so that an action that
+nobody sees would be predicted without an error."""
 PER_PAIR = (
     "prior", "posterior", "action", "agent", "material", "centre", "size", "id", "strength"
 )  # fmt: skip
@@ -150,7 +155,7 @@ class Pairs:
             the size of a bank, which the pairs were not recorded for.
 
         Raises:
-          BadDataset: a ROI leaves the image.
+          BadDataset: a ROI leaves the image; most readings lie beyond the camera's range.
         """
         mine = self.of(action=action)
         w, h = size or self.roi_size(action)
@@ -163,17 +168,26 @@ class Pairs:
                 f"{self.camera.width}x{self.camera.height} image"
             )
         weight = np.asarray(metric.r_matrix(self.camera) * self.camera.top, np.float32)
-        found = [], []
+        found, beyond = ([], []), []
         first = actions.first_pixels(mine.centre, (w, h))
         for k, (left, top) in enumerate(first):
             window = np.s_[max(top, 0) : max(top + h, 0), max(left, 0) : max(left + w, 0)]
             for counts, out in zip((mine.prior, mine.posterior), found, strict=True):
-                depth = counts[k][window].astype(np.float32) * np.float32(self.depth_unit)
+                seen = only_readings(counts[k][window])  # pairs need not come from a file
+                depth = seen.astype(np.float32) * np.float32(self.depth_unit)
+                beyond.append(outside_range(depth[depth > 0], self.camera))
                 level = self.camera.luminance(depth, quantize=False)
                 seen = np.asarray(level) / self.camera.top * weight[window]
                 roi = np.full((h, w), np.nan, np.float32)
                 v, u = max(-top, 0), max(-left, 0)
                 roi[v : v + seen.shape[0], u : u + seen.shape[1]] = seen
                 out.append(roi)
+        share = float(np.concatenate(beyond).mean()) if sum(x.size for x in beyond) else 0.0
+        if share > MOST_BEYOND:
+            raise BadDataset(
+                f"pairs of {action}: {share:.0%} of their readings lie beyond the camera's "
+                f"{float(self.camera.z_min):g} to {float(self.camera.z_max):g} m, where no action "
+                "shows: camera.json must say the range that the bed lies in"
+            )
         place = first[:, ::-1].astype(np.int32)
         return Examples(np.stack(found[0]), np.stack(found[1]), place, mine.strength)

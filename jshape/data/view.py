@@ -136,7 +136,7 @@ def image_of_depth(
     """
     if not (np.ndim(max_missing) == 0 and 0 <= max_missing <= 1):
         raise JShapeError(f"max_missing is {quoted(max_missing)}; it must be a share from 0 to 1")
-    metres, hint = to_metres(np.asarray(depth), depth_unit, where), None
+    metres, hint = to_metres(depth, depth_unit, where), None
     if view is not None:
         metres = view.depth(metres, where)
         if view.window is None:

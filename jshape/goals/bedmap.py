@@ -12,7 +12,7 @@ import numpy as np
 
 from jshape._typing import Array, Bool, Float
 from jshape.camera import Camera, check_camera
-from jshape.data.depth import wrong_shape
+from jshape.data.depth import to_metres, wrong_shape
 from jshape.data.missing import LIMIT, fill_missing
 from jshape.errors import BadImage
 from jshape.predict.ground import Ground
@@ -138,7 +138,7 @@ def bed_map(
     check_camera(camera)
     if np.shape(frame) != camera.shape:
         raise BadImage(wrong_shape(where, np.shape(frame), camera))
-    whole, filled = fill_missing(np.asarray(frame), limit=max_missing, where=where)
+    whole, filled = fill_missing(to_metres(frame, 1.0, where), limit=max_missing, where=where)
     left, top, width, height = window or (0, 0, camera.width, camera.height)
     camera = camera.crop(left, top, width, height)
     part = _part(whole, (left, top), camera)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from jshape._typing import Float, Int
-from jshape.camera import Camera
+from jshape.camera import Camera, unmasked
 from jshape.data.relief import top_of_points
 from jshape.errors import BadImage, UnknownName, quoted
 from jshape.store.mesh import depth_of_faces
@@ -123,6 +123,14 @@ def relief_of_heights(
     known = values[np.isfinite(values)]
     if known.size == 0 or np.ptp(known) == 0:
         raise BadImage(f"{name}: all of it is the same: there is no relief")
+    least = known.min()
+    above = known[known > least]
+    if least <= -999 and above.min() - least > 10 * np.ptp(above) and len(known) - len(above) > 1:
+        raise BadImage(
+            f"{name}: {len(known) - len(above):,} pixels hold {least:g}, the others "
+            f"{above.min():g} to {above.max():g}: is that no data? Mark it as NaN or, in a TIFF, "
+            "by the tag GDAL_NODATA"
+        )
     if low is not None and high is not None:
         share = (values - known.min()) / np.ptp(known)
         values = low + (high - low) * share
@@ -208,7 +216,7 @@ def _used(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _numbers(image: np.ndarray, name: str) -> np.ndarray:
-    image = np.asarray(image)
+    image = np.asarray(unmasked(image))
     if image.ndim != 2 or min(image.shape, default=0) < 2 or image.dtype.kind not in "fiub":
         raise BadImage(
             f"{name}: has shape {image.shape} and type {image.dtype}; "

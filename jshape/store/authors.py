@@ -58,7 +58,7 @@ class Annotation(NamedTuple):
 
 def depth_unit_for(camera: Camera) -> float:
     """Metres per count: the finest power of ten that holds the camera's range in 16 bits."""
-    return next(unit for unit in (1e-5, 1e-4, 1e-3, 1e-2, 1.0) if camera.z_max < 65535 * unit)
+    return next(unit for unit in (1e-5, 1e-4, 1e-3, 1e-2, 1.0) if camera.z_max < 65534 * unit)
 
 
 def authors_instances(source: str | os.PathLike) -> list[tuple[str, str, Path, Path]]:

@@ -1,17 +1,22 @@
 """camera.json: the fields of a Camera, and the metres that one count of its frames stands for."""
 
+import itertools
 import math
 import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jshape.camera import Camera, check_camera
-from jshape.errors import BadCamera, quoted
+from jshape.data.depth import unit_that_fits
+from jshape.data.missing import only_readings
+from jshape.errors import BadCamera, JShapeError, quoted
 from jshape.store.files import read_json, write_json
+from jshape.store.formats import read_array
 
 DEPTH_UNIT = 0.001
-"""Metres per count where a file does not say: millimetres."""
+"""Metres per count where no camera.json says it (a guessed camera, a ROS topic): millimetres."""
 
 REQUIRED = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max")
 OPTIONAL = ("bits",)
@@ -19,19 +24,49 @@ _WHOLE = ("width", "height", "bits")
 _MOST = 65_535
 
 
-def read_camera(path: str | os.PathLike) -> tuple[Camera, float]:
-    """A camera and its depth unit (metres per count, 0.001 unless the file says otherwise).
+def read_camera(path: str | os.PathLike, depth_unit: float | None = None) -> tuple[Camera, float]:
+    """A camera and its depth unit, metres per count.
+
+    Args:
+      path: the file.
+      depth_unit: instead of the file's own, which then need not say it.
 
     Raises:
       BadFile: the file cannot be read or is not JSON.
-      BadCamera: a field is missing, unknown or not a number in its range.
+      BadCamera: a field is missing, unknown or not a number in its range.  Without `depth_unit`
+        the error names the one that would fit the frames beside the file.
     """
     fields = read_json(path)
-    unit = check_depth_unit(fields.pop("depth_unit", DEPTH_UNIT), str(path))
-    return camera_from(fields, str(path)), unit
+    own = fields.pop("depth_unit", depth_unit)
+    camera = camera_from(fields, str(path))
+    if own is None:
+        raise BadCamera(
+            f"{path}: depth_unit is missing: metres per count of 16-bit frames"
+            f"{_unit_beside(Path(path), camera)}"
+        )
+    own = check_depth_unit(own, str(path))
+    return camera, own if depth_unit is None else check_depth_unit(depth_unit, str(path))
 
 
-def write_camera(path: str | os.PathLike, camera: Camera, depth_unit: float = DEPTH_UNIT) -> None:
+def _unit_beside(path: Path, camera: Camera) -> str:
+    """What the first frames of the camera's size beside its file, or one folder below, say."""
+    try:
+        found = itertools.chain(path.parent.glob("*.*"), path.parent.glob("*/*.*"))
+        near = sorted(itertools.islice(found, 100))
+    except OSError:
+        return ""
+    frames = (file for file in near if file.suffix.lower() in (".png", ".tif", ".tiff", ".npy"))
+    for file in itertools.islice(frames, 3):
+        try:
+            counts = read_array(file)
+        except JShapeError:
+            continue
+        if counts.dtype == np.uint16 and counts.shape == camera.shape:
+            return unit_that_fits(only_readings(counts), camera)
+    return ""
+
+
+def write_camera(path: str | os.PathLike, camera: Camera, depth_unit: float) -> None:
     """Write camera.json, atomically.
 
     Args:

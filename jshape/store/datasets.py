@@ -6,6 +6,7 @@ and sizes `(w, h)`, pixels.
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ import numpy as np
 
 from jshape import actions
 from jshape.camera import Camera
+from jshape.data.depth import check_unit, to_metres
 from jshape.data.pairs import Frames, Pairs
 from jshape.errors import BadDataset, BadFile, BadImage, quoted
 from jshape.store.cameras import read_camera, write_camera
@@ -51,12 +53,16 @@ _DECIMAL = re.compile(r"[0-9]{1,6}([.,][0-9]{1,17})?")
 _UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f]")
 
 
-def load_pairs(folder: str | os.PathLike) -> Pairs:
+def load_pairs(folder: str | os.PathLike, left_out: Counter[str] | None = None) -> Pairs:
     """All pairs of a data set, in the order of `pairs.csv`.
 
     Columns may come in any order; those of other names are the pairs' `extra`.  Without the column
     `strength` it is 1 for all.  Frames of more than 2 GiB are checked now and read again when they
     are needed.
+
+    Args:
+      folder: the data set's.
+      left_out: adds up why pixels of the frames are no readings.
 
     Raises:
       BadDataset: no such folder, a file or a column is missing, no rows, a bad number, a frame
@@ -68,7 +74,7 @@ def load_pairs(folder: str | os.PathLike) -> Pairs:
     camera, depth_unit = _read_camera(folder)
     table = read_table(folder / TABLE, COLUMNS)
     rows = _read_rows(table, folder / TABLE, camera)
-    prior, posterior = _read_frames(folder, rows, camera)
+    prior, posterior = _read_frames(folder, rows, camera, depth_unit, left_out)
 
     def names(column: str) -> np.ndarray:
         return np.array([row.texts[column] for row in rows])
@@ -336,7 +342,11 @@ def _check_roi(camera: Camera, centre: tuple[int, int], size: tuple[int, int], w
 
 
 def _read_frames(
-    folder: Path, rows: list[_Row], camera: Camera
+    folder: Path,
+    rows: list[_Row],
+    camera: Camera,
+    depth_unit: float,
+    left_out: Counter[str] | None,
 ) -> tuple[np.ndarray | Frames, np.ndarray | Frames]:
     """Frames before and after, (N, H, W); several rows may name the same file."""
     first: dict[str, tuple[_Row, str, int]] = {}
@@ -346,7 +356,11 @@ def _read_frames(
     ])  # fmt: skip
     files, frame = list(first.values()), 2 * camera.width * camera.height
     # One frame first: a camera.json of absurd size is refused before memory is asked for.
-    _read_frame(folder, *files[0][:2], camera)
+    counts, where = _read_frame(folder, *files[0][:2], camera), f"{folder}: {next(iter(first))}"
+    try:
+        check_unit(to_metres(counts, depth_unit, where), camera, where, depth_unit)
+    except BadImage as problem:
+        raise BadDataset(str(problem)) from None
     if frame * which.size <= IN_MEMORY:
         try:
             read = np.empty((2, len(rows), *camera.shape), np.uint16)
@@ -356,7 +370,9 @@ def _read_frames(
         for place in np.ndindex(which.shape):
             k = int(which[place])
             known = k in there
-            read[place] = read[there[k]] if known else _read_frame(folder, *files[k][:2], camera)
+            read[place] = (
+                read[there[k]] if known else _read_frame(folder, *files[k][:2], camera, left_out)
+            )
             there.setdefault(k, place)
         return read[0], read[1]
 
@@ -367,13 +383,19 @@ def _read_frames(
         return counts
 
     for k in range(len(files)):  # so that a damaged one is named now
-        read_one(k)
+        _read_frame(folder, *files[k][:2], camera, left_out)
     return Frames(read_one, which[0], camera.shape), Frames(read_one, which[1], camera.shape)
 
 
-def _read_frame(folder: Path, row: _Row, column: str, camera: Camera) -> np.ndarray:
+def _read_frame(
+    folder: Path,
+    row: _Row,
+    column: str,
+    camera: Camera,
+    left_out: Counter[str] | None = None,
+) -> np.ndarray:
     try:
-        counts = read_counts(inside(folder, row.texts[column]))
+        counts = read_counts(inside(folder, row.texts[column]), left_out)
     except (BadFile, BadImage) as problem:
         raise BadDataset(f"{row.where}: {column}: {problem}") from None
     if counts.shape != camera.shape:

@@ -42,6 +42,10 @@ def read_drawing(path: str | os.PathLike) -> np.ndarray:
     except BadImage as problem:
         if not data.startswith(_PAINTED):
             raise
+        if data.startswith(_PAINTED[0]) and data[24] == 16:  # Pillow keeps 8 of the 16 bits
+            raise BadImage(
+                f"{problem}; a painting has 8 bits, a height map of 16 is grey"
+            ) from None
         grey = _brightness(data)
         if isinstance(grey, str):
             raise BadImage(f"{problem}; as a painting: {grey}") from None

@@ -1,7 +1,9 @@
 """One image file to one array, by what the bytes say and not by the file's name.
 
 PNG, TIFF and EXR are decoded by OpenCV, which prints what it dislikes: so a PNG is checked and
-reduced to its pixels first, and OpenCV's own log is off while the others are decoded.
+reduced to its pixels first, and OpenCV's own log is off while the others are decoded.  It also
+brings what is not a plain grey image into another form without a word (16-bit grey with alpha
+becomes 8 bits, three bands one, 12 bits 16): so what a file holds is read from its header first.
 """
 
 import os
@@ -41,7 +43,8 @@ _COLOURS = {2: "colour (RGB)", 3: "colour (palette)", 4: "grey with alpha", 6: "
 def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
     """The array of an image file as it is stored, whatever its type: (H, W), one channel.
 
-    A TIFF of several pages gives its first.
+    A masked array where the file says which value is no data (GDAL's NODATA in a TIFF, the
+    transparent grey of a PNG).  A TIFF of several pages gives its first.
 
     Raises:
       BadFile: the file is missing, a folder, empty, too large or unreadable.
@@ -62,7 +65,7 @@ def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
     elif data.startswith(_EXR):
         image = _decode(path, _exr_of_one_channel(path, data), "EXR")
     elif data.startswith(_TIFF):
-        image = _decode(path, data, "TIFF")
+        image = _read_tiff(path, data)
     else:
         what = next((w for magic, w in _OTHERS.items() if data.startswith(magic)), "not an image")
         raise BadImage(f"{path}: {what}; allowed: {ALLOWED}")
@@ -123,7 +126,7 @@ def _check_size(path: Path, width: int, height: int) -> None:
 def read_png(path: Path, data: bytes) -> np.ndarray:
     """A grey PNG of 8 or 16 bits; checked so far that the decoder finds nothing to print."""
     broken = BadImage(f"{path}: the PNG is cut off or damaged")
-    header, body, at = b"", [], len(_PNG)
+    header, body, clear, at = b"", [], None, len(_PNG)
     while True:
         if at + 12 > len(data):
             raise broken
@@ -132,12 +135,14 @@ def read_png(path: Path, data: bytes) -> np.ndarray:
             raise broken
         content = data[at + 8 : at + 8 + size]
         (check,) = struct.unpack(">I", data[at + 8 + size : at + 12 + size])
-        if kind in (b"IHDR", b"IDAT") and zlib.crc32(kind + content) != check:
+        if kind in (b"IHDR", b"IDAT", b"tRNS") and zlib.crc32(kind + content) != check:
             raise broken
         if kind == b"IHDR":
             header = content
         elif kind == b"IDAT":
             body.append(content)
+        elif kind == b"tRNS" and len(content) == 2:
+            (clear,) = struct.unpack(">H", content)
         elif kind == b"IEND":
             break
         at += 12 + size
@@ -161,12 +166,80 @@ def read_png(path: Path, data: bytes) -> np.ndarray:
         raise broken
     # Only header and pixels: text, colour profiles and the like can only make the decoder talk.
     chunks = [(b"IHDR", header), (b"IDAT", b"".join(body)), (b"IEND", b"")]
-    return _decode(path, _PNG + b"".join(_png_chunk(*chunk) for chunk in chunks), "PNG")
+    image = _decode(path, _PNG + b"".join(_png_chunk(*chunk) for chunk in chunks), "PNG")
+    return image if clear is None else np.ma.masked_equal(image, clear)
 
 
 def _png_chunk(kind: bytes, content: bytes) -> bytes:
     checked = kind + content
     return struct.pack(">I", len(content)) + checked + struct.pack(">I", zlib.crc32(checked))
+
+
+# What OpenCV reads bit for bit: SampleFormat (1 whole, 2 signed, 3 floating) and bits.
+_SAMPLES = {(1, 8), (1, 16), (2, 8), (2, 16), (2, 32), (3, 32), (3, 64)}
+_PACKING = {1: "", 5: "LZW", 8: "deflate", 32773: "PackBits", 32946: "deflate"}
+_NODATA = 42113
+
+
+def _read_tiff(path: Path, data: bytes) -> np.ndarray:
+    """The first page of a TIFF, if it has one channel of bits that the decoder keeps."""
+    tags = _tiff_tags(path, data)
+
+    def tag(number: int, usual: int) -> int:
+        value = tags.get(number, (usual,))[0]
+        return value if isinstance(value, int) else usual
+
+    channels, bits, sample = tag(277, 1), tag(258, 1), tag(339, 1)
+    kind = {1: "uint", 2: "int", 3: "float"}.get(sample, "an unknown kind of ")
+    if channels != 1:
+        raise BadImage(
+            f"{path}: has {channels} channels of {bits} bits (colour, alpha or several bands); "
+            "a depth image has one"
+        )
+    if tag(262, 1) not in (0, 1):
+        raise BadImage(f"{path}: is colour (palette); a depth image has one grey channel")
+    if (sample, bits) not in _SAMPLES or tag(259, 1) not in _PACKING:
+        packed = _PACKING.get(tag(259, 1), f"compression {tag(259, 1)}")
+        raise BadImage(
+            f"{path}: holds {kind}{bits}{', ' * bool(packed)}{packed}; read are uint8, uint16, "
+            "int8, int16, int32, float32 and float64, plain or packed by LZW, deflate or PackBits"
+        )
+    _check_size(path, tag(256, 0), tag(257, 0))
+    image = _decode(path, data, "TIFF")
+    try:
+        nodata = float(tags.get(_NODATA, ("",))[0])
+    except ValueError:
+        return image
+    with np.errstate(over="ignore"):  # as GDAL, in the type of the pixels; NaN is none as it is
+        code = image.dtype.type(nodata) if image.dtype.kind == "f" else nodata
+    return np.ma.masked_where(image == code, image) if (image == code).any() else image
+
+
+def _tiff_tags(path: Path, data: bytes) -> dict[int, tuple[Any, ...]]:
+    """The tags of a TIFF's (or BigTIFF's) first page that hold whole numbers or text."""
+    order = "<" if data.startswith(b"II") else ">"
+    big = data[2:4] in (b"+\0", b"\0+")
+    offset, count, entry, room = ("Q", "Q", "HHQ", 8) if big else ("I", "H", "HHI", 4)
+    sizes = {1: "B", 2: "s", 3: "H", 4: "I", 16: "Q"}
+    tags = {}
+    try:
+        (at,) = struct.unpack_from(order + offset, data, 8 if big else 4)
+        (entries,) = struct.unpack_from(order + count, data, at)
+        at += struct.calcsize(order + count)
+        for _ in range(min(entries, 1000)):
+            number, kind, length = struct.unpack_from(order + entry, data, at)
+            place = at + struct.calcsize(order + entry)
+            at = place + room
+            if kind not in sizes or length == 0:
+                continue
+            length = min(length, 64)  # all that is asked of: not the places of the strips
+            if length * struct.calcsize(order + sizes[kind]) > room:
+                (place,) = struct.unpack_from(order + offset, data, place)
+            found = struct.unpack_from(f"{order}{length}{sizes[kind]}", data, place)
+            tags[number] = (found[0].rstrip(b"\0 ").decode("latin-1"),) if kind == 2 else found
+    except struct.error:
+        raise BadImage(f"{path}: the TIFF is cut off or damaged") from None
+    return tags
 
 
 def parse_npy(data: bytes, where: str) -> np.ndarray:
@@ -195,7 +268,7 @@ def parse_npy(data: bytes, where: str) -> np.ndarray:
         raise BadImage(
             f"{where}: the NPY holds {dtype}; expected float (metres) or uint16 (counts)"
         )
-    if len(shape) > 32 or any(side < 0 for side in shape):
+    if len(shape) > 32 or any(type(side) is not int or side < 0 for side in shape):
         raise BadImage(f"{where}: not a readable NPY: its shape is {one_line(shape, 60)}")
     count = int(np.prod(shape, dtype=object)) if shape else 1
     if count == 0:
@@ -215,17 +288,22 @@ def _exr_of_one_channel(path: Path, data: bytes) -> bytes:
     at += 16
     (size,) = struct.unpack("<i", data[at : at + 4])
     at, end = at + 4, min(at + 4 + size, len(data))
-    first = at
+    first, whole = at, False
     while at < end and data[at] != 0:
         stop = data.find(b"\0", at, end)
         if stop < 0:
             raise BadImage(f"{path}: the EXR is cut off or damaged")
         channels.append(data[at:stop].decode("latin-1"))
+        whole = whole or data[stop + 1 : stop + 5] == b"\0\0\0\0"
         at = stop + 17
     if len(channels) != 1:
         raise BadImage(
             f"{path}: the EXR has {len(channels)} channels ({', '.join(channels[:6])}); "
             "a depth image has one"
+        )
+    if whole:  # OpenCV makes 8 bits of them
+        raise BadImage(
+            f"{path}: the EXR holds whole numbers (UINT); depth is float or half, metres"
         )
     if len(channels[0]) != 1:
         raise BadImage(

@@ -5,6 +5,7 @@
 """
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +15,7 @@ import numpy as np
 from jshape.camera import Camera
 from jshape.data.annotate import Box, find_effect
 from jshape.data.depth import wrong_shape
+from jshape.data.missing import only_readings
 from jshape.data.segment import provisional_box
 from jshape.errors import BadDataset, BadFile, BadImage
 from jshape.store.cameras import read_camera
@@ -92,15 +94,18 @@ def before_after_camera(
 
 
 def before_after_pairs(
-    files: dict[str, tuple[Path, Path]], camera: Camera, depth_unit: float
+    files: dict[str, tuple[Path, Path]],
+    camera: Camera,
+    depth_unit: float,
+    left_out: Counter[str] | None = None,
 ) -> Iterator[BeforeAfter]:
-    """The frames of every name, one pair at a time.
+    """The frames of every name, one pair at a time; why pixels are no readings adds to `left_out`.
 
     Raises:
       BadDataset: a frame that cannot be read, has another size than the camera, or no reading.
     """
     for name, (before, after) in files.items():
-        prior, posterior = (_counts(path, camera, depth_unit) for path in (before, after))
+        prior, posterior = (_counts(path, camera, depth_unit, left_out) for path in (before, after))
         effect = find_effect(prior, posterior, depth_unit)
         box = provisional_box(effect, camera.shape) if effect.box else (
             0, 0, camera.width, camera.height
@@ -108,14 +113,21 @@ def before_after_pairs(
         yield BeforeAfter(name, prior, posterior, box)
 
 
-def _counts(path: Path, camera: Camera, depth_unit: float) -> np.ndarray:
+def _counts(
+    path: Path, camera: Camera, depth_unit: float, left_out: Counter[str] | None
+) -> np.ndarray:
     try:
         raw = read_array(path)
         if raw.shape != camera.shape:
             raise BadDataset(wrong_shape(str(path), raw.shape, camera))
         depth = depth_of_array(
-            raw, str(path), depth_unit=depth_unit, camera=camera, check_range=False
+            raw, str(path), depth_unit=depth_unit, camera=camera, check_range=False,
+            left_out=left_out,
+        )  # fmt: skip
+        return (
+            only_readings(raw)
+            if raw.dtype == np.uint16
+            else to_counts(depth, depth_unit, str(path))
         )
-        return raw if raw.dtype == np.uint16 else to_counts(depth, depth_unit, str(path))
     except (BadFile, BadImage) as problem:
         raise BadDataset(str(problem)) from None

@@ -7,6 +7,7 @@ columns, Y along the rows, Z along the optical axis.
 import io
 import os
 import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,7 @@ def read_goal(
     depth_unit: float = DEPTH_UNIT,
     *,
     check_range: bool = True,
+    left_out: Counter[str] | None = None,
 ) -> Float[np.ndarray, "H W"]:
     """The depth image that is wanted, from an image or from a point cloud or mesh.
 
@@ -70,6 +72,7 @@ def read_goal(
       camera: the camera that is to see it.
       depth_unit: metres per count, for images.
       check_range: False asks only that something is in view, not that any of it is in range.
+      left_out: adds up why pixels of an image are no readings.
 
     Returns:
       (H, W) float32, metres; NaN where no point falls, or where an image has no reading.
@@ -81,7 +84,9 @@ def read_goal(
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        return read_depth(path, depth_unit=depth_unit, camera=camera, check_range=check_range)
+        return read_depth(
+            path, depth_unit=depth_unit, camera=camera, check_range=check_range, left_out=left_out
+        )
     points, faces = read_mesh(path, SUFFIXES)
     if faces is None or not len(faces):
         return depth_of_points(points, camera, str(path), check_range=check_range)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape.camera import Camera
-from jshape.data.depth import wrong_shape
+from jshape.data.depth import check_unit, to_metres, wrong_shape
 from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
 from jshape.store.cameras import read_camera, write_camera
 from jshape.store.files import write_atomic, write_json
@@ -88,7 +88,7 @@ class Recording:
 
 
 def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Recording:
-    """The recording in a folder; its frames are listed but not read.
+    """The recording in a folder; of its frames only the first is read, to check the unit.
 
     Args:
       folder: with `camera.json` and numbered frames.
@@ -131,7 +131,13 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
         raise BadDataset(
             f"{within}: missing frames: {text}{more}; --allow-gaps takes the others all the same"
         )
-    return Recording(folder, camera, depth_unit, tuple(found.values()))
+    recording = Recording(folder, camera, depth_unit, tuple(found.values()))
+    try:
+        counts, where = recording.frame(0), str(recording.files[0])
+        check_unit(to_metres(counts, depth_unit, where), camera, where, depth_unit)
+    except BadImage as problem:
+        raise BadDataset(str(problem)) from None
+    return recording
 
 
 def in_order(paths: Iterable[Path]) -> dict[Decimal, Path]:

@@ -1,5 +1,6 @@
 """What a depth camera is, and how a look is made of its frames."""
 
+from collections import Counter
 from types import TracebackType
 from typing import Protocol, runtime_checkable
 
@@ -7,6 +8,8 @@ import numpy as np
 
 from jshape._typing import Float, Num
 from jshape.camera import Camera
+from jshape.data.depth import check_unit
+from jshape.data.missing import only_readings
 from jshape.errors import JShapeError
 
 FRAMES = 15
@@ -61,6 +64,17 @@ class DepthCamera(Protocol):
         ...
 
 
+def next_frame(camera: DepthCamera, left_out: Counter[str] | None = None) -> np.ndarray:
+    """The next frame (H, W) of counts, 0 where there is no reading; why is added to `left_out`.
+
+    Whatever a device or a driver of somebody's own writes for "no reading" ends here.
+
+    Raises:
+      CameraLost, EndOfFrames: as `DepthCamera.frame`.
+    """
+    return only_readings(camera.frame(), left_out)
+
+
 def look(camera: DepthCamera, frames: int = FRAMES) -> Float[np.ndarray, "H W"]:
     """Depth in metres: of each pixel the median of its readings over some frames.
 
@@ -72,8 +86,9 @@ def look(camera: DepthCamera, frames: int = FRAMES) -> Float[np.ndarray, "H W"]:
 
     Raises:
       CameraLost: nothing came, or all frames but the first are copies of it: a frozen stream.
+      BadImage: another unit would bring the depths into the camera's range.
     """
-    stack = np.stack([camera.frame() for _ in range(frames)])
+    stack = np.stack([next_frame(camera) for _ in range(frames)])
     if frames > 2 and stack[0].any() and (stack == stack[0]).all() and not still(camera):
         raise CameraLost(f"{camera.name}: {frames} frames are the same to the bit: a frozen stream")
     seen = (stack > 0).sum(0)
@@ -85,7 +100,8 @@ def look(camera: DepthCamera, frames: int = FRAMES) -> Float[np.ndarray, "H W"]:
         for half in ((seen - 1).clip(0) // 2, seen // 2)
     )
     enough = 2 * seen >= frames
-    return (np.where(enough, middle / 2, 0.0) * camera.depth_unit).astype(np.float32)
+    depth = (np.where(enough, middle / 2, 0.0) * camera.depth_unit).astype(np.float32)
+    return check_unit(depth, camera.camera, camera.name, camera.depth_unit)
 
 
 def still(camera: DepthCamera) -> bool:

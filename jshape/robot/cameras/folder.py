@@ -60,7 +60,7 @@ def picture_camera(
     if raw.dtype == np.uint8:
         raise BadImage(f"{path}: holds luminance (8 bits); a camera's frames are 16-bit or metres")
     if camera is None:
-        camera = _beside(path, raw.shape)
+        camera = _beside(path, raw.shape, depth_unit)
     made_by, unit = within(camera[0], z_range), camera[1]
     if raw.shape != made_by.shape:
         raise BadImage(wrong_shape(str(path), raw.shape, made_by))
@@ -69,16 +69,16 @@ def picture_camera(
     if depth_unit is None:
         check_numbers(raw, unit, made_by, str(path))
     if whole:
-        counts = raw
+        counts = np.ma.filled(raw, 0)
     else:
         counts, unit = counts_of(to_metres(raw, unit, str(path)) * unit), FLOAT_UNIT
     again = (counts.copy() for _ in itertools.repeat(None))
     return Played(path.name, made_by, unit, again, still=True)
 
 
-def _beside(path: Path, shape: tuple[int, ...]) -> tuple[Camera, float]:
+def _beside(path: Path, shape: tuple[int, ...], depth_unit: float | None) -> tuple[Camera, float]:
     if (path.parent / CAMERA).is_file():
-        return read_camera(path.parent / CAMERA)
+        return read_camera(path.parent / CAMERA, depth_unit)
     for known in (PAPER_BOX, D435_BAZAR):
         if known.shape == shape:
             return known, DEPTH_UNIT

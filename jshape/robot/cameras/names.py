@@ -70,7 +70,7 @@ def open_camera(
     """
     if camera is not None and not Path(camera).is_file():
         raise BadCamera(f"{camera}: no such file; a {CAMERA} is expected")
-    given = None if camera is None else read_camera(camera)
+    given = None if camera is None else read_camera(camera, depth_unit)
     if given is not None:
         given = within(given[0], z_range), given[1]
     kinds = [kind for kind in KINDS if kind.fits(text)]

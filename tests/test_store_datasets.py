@@ -274,7 +274,9 @@ def test_many_rows_of_the_same_frames_do_not_fill_the_memory(folder, monkeypatch
     rewrite(folder, many)
     read = []
     kept = datasets.read_counts
-    monkeypatch.setattr(datasets, "read_counts", lambda path: read.append(path) or kept(path))
+    monkeypatch.setattr(
+        datasets, "read_counts", lambda path, why=None: read.append(path) or kept(path, why)
+    )
     held = load_pairs(folder)
     assert len(read) == 5, "the first to check the size, then each of four files once"
     monkeypatch.setattr(datasets, "IN_MEMORY", 10_000)

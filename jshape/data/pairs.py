@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 
@@ -58,6 +58,15 @@ class Frames:
     def __len__(self) -> int:
         return len(self._which)
 
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return (self._read(int(k)) for k in self._which)
+
+    @overload
+    def __getitem__(self, key: int) -> np.ndarray: ...
+
+    @overload
+    def __getitem__(self, key: np.ndarray | slice) -> "Frames": ...
+
     def __getitem__(self, key: Any) -> "np.ndarray | Frames":
         """A frame; of a mask or indices, the frames."""
         which = self._which[key]
@@ -66,7 +75,7 @@ class Frames:
         return Frames(self._read, which, self.shape[1:])
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        return np.stack([self._read(int(k)) for k in self._which]).astype(dtype or self.dtype)
+        return np.array(list(self), dtype or self.dtype).reshape(self.shape)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return np.asarray, (np.asarray(self),)  # another process may not have the files

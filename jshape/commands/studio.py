@@ -29,7 +29,7 @@ def studio(options: argparse.Namespace) -> dict[str, Any]:
     from jshape.studio.bench import Bench
     from jshape.studio.desk import Desk
 
-    desk = Desk(options.bank or DEFAULT_BANK, options.material)
+    desk = Desk(options.bank or DEFAULT_BANK, material=options.material)
     options.resume, options.yes, options.overwrite = False, True, False  # the page asks
     if options.initial is not None:
         desk.load_bed(options.initial, options.camera_file, reproject=options.reproject)

@@ -15,7 +15,7 @@ from jshape import metric
 from jshape.camera import Camera, check_same_camera
 from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError, quoted
-from jshape.planning import Plan, check_image, plan
+from jshape.planning import Plan, check_image, plan, rollout
 from jshape.predict.bank import Bank
 from jshape.robot.checks import check_still, touched_by
 
@@ -125,6 +125,7 @@ def mold(
     max_missing: float = 0.1,
     replan: bool = True,
     first: Plan | None = None,
+    afresh: bool = False,
     watch: bool = False,
     confirm: Callable[[Plan], bool] | None = None,
     on_step: Callable[[Step, np.ndarray], None] | None = None,
@@ -150,6 +151,8 @@ def mold(
       max_missing: largest share of a look's pixels that may be filled.
       replan: False applies the first plan to its end, blindly, as the paper does.
       first: the plan to begin with; None makes one from the first look.
+      afresh: after each look, predict anew from it what is left of `first`, so that what an action
+        starts from and what it is predicted to bring come from one look.
       watch: stop where the bed changed beside an action.
       confirm: called before each action with what is left of the plan, the action first; False ends
         the loop.
@@ -182,6 +185,8 @@ def mold(
         patience = 1
     depth, image = look()
     ahead = plan(image, goal, max_steps=max_steps, **options) if first is None else first
+    if afresh:
+        ahead = _seen_anew(ahead, image, goal, bank)
     run = Molding(goal, ahead, [image], [depth])
     obtained = float(metric.to_mm(metric.distance(image, goal), bank.camera))
     next_ = failures = 0
@@ -214,6 +219,9 @@ def mold(
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
+        if afresh:
+            ahead = _seen_anew(ahead.rest(1), image, goal, bank)
+            continue
         if not replan:
             next_ += 1
             continue
@@ -228,3 +236,11 @@ def mold(
             options["most"] = most
         ahead = plan(image, goal, max_steps=steps, **options)
         next_ = 0
+
+
+def _seen_anew(ahead: Plan, image: np.ndarray, goal: np.ndarray, bank: Bank) -> Plan:
+    """The same actions, predicted from another image."""
+    return rollout(
+        image, goal, ahead.actions, ahead.exact_positions, strengths=ahead.strengths,
+        yaws=ahead.yaws, bank=bank,
+    )  # fmt: skip

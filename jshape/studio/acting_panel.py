@@ -8,7 +8,7 @@ from nicegui import ui
 from jshape.errors import JShapeError
 from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
-from jshape.studio.molder import Molder, State, simulated_robot
+from jshape.studio.molder import MIN_GAIN_MM, Molder, State, simulated_robot
 
 POLL = 0.3
 """Seconds between two looks at a run."""
@@ -28,12 +28,14 @@ class ActingPanel:
         with ui.row().classes("items-center gap-2"):
             self._arm = ui.radio(where, value="sim").props("dense inline")
             self._anew = ui.checkbox("plan anew after each look").props("dense")
+            self._anew.tooltip("As jshape mold does; else the plan is gone through as it is")
         with ui.row().classes("items-center gap-2"):
-            ui.button("start", on_click=self._start).props("dense no-caps")
+            start = ui.button("start", on_click=self._start).props("dense no-caps")
+            start.tooltip("Look, then ask before each action")
             self._act = ui.button("act", on_click=lambda: self._answer(True))
-            self._act.props("dense no-caps color=positive")
+            self._act.props("dense no-caps color=positive").tooltip("Do the action that is asked")
             self._end = ui.button("end", on_click=lambda: self._answer(False))
-            self._end.props("dense no-caps outline")
+            self._end.props("dense no-caps outline").tooltip("End the run without it")
             self._state = ui.label("nothing is carried out").classes("text-sm")
             self._state.props("data-name=state")
         self._log = ui.log(max_lines=200).classes("w-full h-32 text-xs").props("data-name=log")
@@ -53,8 +55,8 @@ class ActingPanel:
         desk, bench = self._desk, self._bench
         bed, goal = desk.bed, desk.goal
         if bed is None or goal is None:
-            raise JShapeError("there is no bed yet")
-        if np.array_equal(bed, goal):
+            raise JShapeError("there is no bed yet: load one, or look with a camera")
+        if not desk.changed:
             raise JShapeError("the goal is the bed as it is: draw, write or load one first")
         if not anew and not desk.plan:
             raise JShapeError("there is no plan to carry out: plan first")
@@ -66,7 +68,7 @@ class ActingPanel:
             robot, desk.bank, goal, bench.next_run(),
             meta={"what": "mold", "bank": desk.bank_name, "arm": arm},
             plan=None if anew else desk.plan, ask_first=with_arm, on_look=partial(_seen, desk),
-            hands=bench.hands if with_arm else None,
+            hands=bench.hands if with_arm else None, how=desk.tried(MIN_GAIN_MM),
         )  # fmt: skip
         desk.locked = "a run goes on: end it first"
 

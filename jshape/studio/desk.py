@@ -4,63 +4,64 @@ Everything is in the image of the bank's camera.  No browser here: the page call
 draws what they leave.
 """
 
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jshape import metric
-from jshape._typing import Float
 from jshape.camera import Camera, check_camera
-from jshape.commands.arguments import STRENGTHS, STRIDE
 from jshape.commands.plan import source_of
 from jshape.data.view import image_of_depth, view_of
-from jshape.errors import JShapeError
-from jshape.goals import Limits, bed_map, make_goal, report
+from jshape.errors import JShapeError, quoted
 from jshape.planned import Plan
 from jshape.planning import DEFAULT_BANK, plan, rollout
 from jshape.predict.bank import Bank
-from jshape.sim import MATERIALS, Material
 from jshape.store import banks, folders, formats, images, plans, points
 from jshape.store.cameras import write_camera
-from jshape.studio.drawing import Mark, check_mark, wanted
+from jshape.studio.canvas import Canvas
+from jshape.studio.search import Search
 
-MOST_MARKS = 500
-"""Of a drawing."""
 MIN_GAIN_MM = 0.005
 """What an action of a plan must gain: below it the camera's noise decides."""
+TRIED: dict[str, Any] = {"stride": 12, "strengths": (0.2, 0.5, 1.0, 1.6, 2.3)}
+"""Where and how deep actions are tried: what no hand made needs gentle ones and deep ones."""
+DIRECTIONS = 4
+"""Of the hand, over half a turn.  A stroke 40 mm wide and 140 mm long, 15 mm deep: 0.288 mm become
+0.078 in 3 actions, with one direction 0.179 in 8."""
 DEPTH_UNIT = 0.0001
 """Metres per count of a goal that is written."""
 CONTENTS = ("now.png", "goal.png", "camera.json", "plan.json")
 """What `Desk.save` writes."""
 
 
+class _Act(NamedTuple):
+    """One action of the plan."""
+
+    action: str
+    position: Any
+    """(u, v), pixels."""
+    strength: float
+    yaw: float
+
+
 @dataclass
-class Desk:
+class Desk(Canvas):
     """One person's work."""
 
     bank_name: str = DEFAULT_BANK
-    material: str = "flour"
-    """What the bed is of: walls that are drawn are as steep as it stands."""
     bank: Bank = field(init=False)
-    bed: np.ndarray | None = None
-    """(H, W) image I of the bed now."""
-    came_from: str = ""
-    """Where the bed is from, for people."""
-    marks: tuple[Mark, ...] = ()
-    """What was drawn, in its order."""
     plan: Plan | None = None
+    """From the bed to the goal."""
+    directions: int = DIRECTIONS
+    """Of the hand, that are tried where the bank can turn it."""
+    search: Search | None = None
+    """The search for a plan that goes on now."""
+    advice: str = ""
+    """Why the last plan is empty."""
     selected: int = 0
     """How many of the plan's actions are looked at as done."""
-    locked: str = ""
-    """Why nothing may be changed now: a run goes on.  "" allows it."""
-    version: int = 0
-    """Grows with every change: pages that show another one draw anew."""
-    _base: np.ndarray | None = None  # (H, W) the goal under the drawing; None: the bed
-    _goal: np.ndarray | None = None  # the goal, once it was asked for
-    _told: dict[str, Any] = field(default_factory=dict)  # the report on what was drawn
 
     def __post_init__(self) -> None:
         self.bank = banks.load_bank(self.bank_name)
@@ -79,7 +80,11 @@ class Desk:
         self.check_free()
         bank = banks.load_bank(name)
         if self.bed is not None and bank.camera != self.camera:
-            raise JShapeError(f"bank {name} is for another camera than the bed on the table")
+            raise JShapeError(
+                f"bank {quoted(name)} is for another camera ({bank.camera.width}x"
+                f"{bank.camera.height} pixels) than the bed on the table ({self.camera.width}x"
+                f"{self.camera.height}): start with jshape studio --bank {quoted(name)}"
+            )
         self.bank, self.bank_name = bank, name
         self._no_plan()
 
@@ -93,18 +98,6 @@ class Desk:
         """
         self.check_free()
         self.see(self._read(path, camera, reproject), str(path))
-
-    def see(
-        self, image: Float[np.ndarray, "H W"], came_from: str, *, same_goal: bool = False
-    ) -> None:
-        """Take an image I of the bank's camera for the bed.
-
-        What was drawn is drawn on it; with `same_goal` the goal is what it was before.
-        """
-        if same_goal and self.goal is not None:
-            self._base, self.marks = self.goal, ()
-        self.bed, self.came_from = image, came_from
-        self._changed()
 
     def _read(self, path: Path, camera: str | None, reproject: bool) -> np.ndarray:
         if path.suffix.lower() in points.SUFFIXES:
@@ -121,40 +114,6 @@ class Desk:
 
     # The goal.
 
-    @property
-    def goal(self) -> Float[np.ndarray, "H W"] | None:
-        """(H, W) image I that is wanted; None without a bed.
-
-        What was drawn is held to what the bed can give: its depth, the range, slopes that stand.
-        """
-        if self._goal is None and self.bed is not None:
-            self._goal = self.bed if self._base is None else self._base
-            if self.marks:
-                below = bed_map(self.depth_of(self._goal), self.camera)
-                limits = Limits(math.tan(float(self._material.repose)))  # as loose material lies
-                made = make_goal(below, wanted(below, self.marks), limits)
-                self._told = report(made, self._material)
-                self._goal = self._image(made.depth)
-        return self._goal
-
-    @property
-    def told(self) -> list[str]:
-        """What of the drawing cannot be, and what no action can do about it, in sentences."""
-        found = self._told if self.marks and self.goal is not None else {}
-        lines = [*found.get("says", [])[1:], *found.get("warnings", [])]
-        return [line.split("; --")[0] for line in lines]  # options of the command line
-
-    @property
-    def pixels_per_mm(self) -> float:
-        """On the bed, in its middle; 1 without a bed."""
-        if self.bed is None:
-            return 1.0
-        return float(self.camera.fx) / (1e3 * float(np.median(self.depth_of(self.bed))))
-
-    @property
-    def _material(self) -> Material:
-        return MATERIALS[self.material]
-
     def load_goal(self, path: Path, camera: str | None = None, *, reproject: bool = False) -> None:
         """Take a depth image, PLY or PCD file for the goal; what was drawn is dropped.
 
@@ -164,64 +123,7 @@ class Desk:
         self.check_free()
         self.want(self._read(path, camera, reproject))
 
-    def want(self, image: Float[np.ndarray, "H W"]) -> None:
-        """Take an image I of the bank's camera for the goal; what was drawn is dropped."""
-        self._base, self.marks = image, ()
-        self._changed()
-
-    def draw(self, mark: Mark) -> None:
-        """Draw on the goal.
-
-        Raises:
-          JShapeError: a mark that makes no sense, no bed yet, or more than `MOST_MARKS`.
-        """
-        self.check_free()
-        if self.bed is None:
-            raise JShapeError("there is no bed to draw on yet")
-        if len(self.marks) == MOST_MARKS:
-            raise JShapeError(f"a drawing has at most {MOST_MARKS} marks")
-        before, self.marks = self.marks, (*self.marks, check_mark(mark, self.camera))
-        self._changed()
-        try:
-            _ = self.goal
-        except JShapeError:
-            self.marks = before
-            self._changed()
-            raise
-
-    def undo(self) -> None:
-        """Take the last mark back; without any, the loaded goal."""
-        self.check_free()
-        if self.marks:
-            self.marks = self.marks[:-1]
-        else:
-            self._base = None
-        self._changed()
-
-    def clear(self) -> None:
-        """The goal is the bed as it is."""
-        self.check_free()
-        self._base, self.marks = None, ()
-        self._changed()
-
-    @property
-    def to_move_cm3(self) -> tuple[float, float]:
-        """Volume that the goal takes away, and that it brings, cm3."""
-        if self.bed is None or self.goal is None:
-            return 0.0, 0.0
-        before, after = self.depth_of(self.bed), self.depth_of(self.goal)
-        area = before**2 / (float(self.camera.fx) * float(self.camera.fy))  # of a pixel, m2
-        change = (after - before) * area * 1e6
-        return float(change.clip(0).sum()), float((-change).clip(0).sum())
-
     # The plan.
-
-    @property
-    def distance_mm(self) -> float:
-        """Between the bed and the goal; 0 without a bed."""
-        if self.bed is None or self.goal is None:
-            return 0.0
-        return float(metric.to_mm(metric.distance(self.bed, self.goal), self.camera))
 
     def make_plan(self, **options: Any) -> Plan:
         """Plan from the bed to the goal; `options` are those of `jshape.plan`.
@@ -231,35 +133,41 @@ class Desk:
         """
         self.check_free()
         bed, goal = self._both()
-        if np.array_equal(bed, goal):
+        if not self.changed:
             raise JShapeError("the goal is the bed as it is: draw, write or load one first")
-        usual = {"stride": STRIDE, "strengths": STRENGTHS, "min_gain": self._per_mm * MIN_GAIN_MM}
-        self._keep(plan(bed, goal, bank=self.bank, **(usual | options)))
+        bank, how = self.bank, self.tried(MIN_GAIN_MM) | options
+        self.search = Search(lambda: plan(bed, goal, bank=bank, **how))
+        try:
+            self._keep(self.search.result())
+        finally:
+            self.search = None
         assert self.plan is not None
         return self.plan
 
+    def tried(self, min_gain_mm: float) -> dict[str, Any]:
+        """What is tried where plans are made here, as options of `jshape.plan`."""
+        yaws = self.directions if self.bank.turns else 1
+        return TRIED | {"yaws": yaws, "min_gain": self._per_mm * min_gain_mm}
+
     def drop(self, step: int) -> None:
         """Leave an action out (counted from 0)."""
-        self.check_free()
-        order = [k for k in range(self._count(step)) if k != step]
-        self._again(order, select=min(self.selected, len(order)))
+        acts = self._acts(step)
+        del acts[step]
+        self._predict(acts, select=min(self.selected, len(acts)))
 
     def move(self, step: int, by: int) -> None:
         """Do an action earlier (-1) or later (1)."""
-        self.check_free()
-        count = self._count(step)
-        to = min(max(step + by, 0), count - 1)
-        order = [k for k in range(count) if k != step]
-        order.insert(to, step)
-        self._again(order, select=to + 1)
+        acts = self._acts(step)
+        to = min(max(step + by, 0), len(acts) - 1)
+        acts.insert(to, acts.pop(step))
+        self._predict(acts, select=to + 1)
 
     def put(self, step: int, position: tuple[float, float]) -> None:
         """Move the place of an action to pixel (u, v)."""
-        self.check_free()
-        count = self._count(step)
-        u, v = position
-        inside = (min(max(u, 0.0), self.camera.width - 1), min(max(v, 0.0), self.camera.height - 1))
-        self._again(list(range(count)), {step: {"position": inside}}, select=step + 1)
+        acts = self._acts(step)
+        inside = np.clip(position, 0.0, (self.camera.width - 1, self.camera.height - 1))
+        acts[step] = acts[step]._replace(position=inside)
+        self._predict(acts, select=step + 1)
 
     def deepen(self, step: int, strength: float) -> None:
         """Do an action so many times as deep as trained.
@@ -267,9 +175,9 @@ class Desk:
         Raises:
           JShapeError: no strength that a plan may have.
         """
-        self.check_free()
-        count = self._count(step)
-        self._again(list(range(count)), {step: {"strength": strength}}, select=step + 1)
+        acts = self._acts(step)
+        acts[step] = acts[step]._replace(strength=strength)
+        self._predict(acts, select=step + 1)
 
     def add(self, action: str, position: tuple[float, float], strength: float = 1.0) -> None:
         """Append an action.
@@ -277,17 +185,8 @@ class Desk:
         Raises:
           JShapeError: no such action, place or strength.
         """
-        self.check_free()
-        self._both()
-        if self.plan is None:
-            self._rolled([], [], [], [])
-        found = self.plan
-        assert found is not None
-        self._rolled(
-            [*found.actions, action], [*found.exact_positions.tolist(), list(position)],
-            [*found.strengths.tolist(), strength], [*found.yaws.tolist(), 0.0],
-        )  # fmt: skip
-        self.selected = len(found.actions) + 1
+        acts = [*self._acts(), _Act(action, position, strength, 0.0)]
+        self._predict(acts, select=len(acts))
 
     def select(self, done: int) -> None:
         """Look at the image after so many actions of the plan."""
@@ -316,23 +215,6 @@ class Desk:
 
     # Helpers.
 
-    def check_free(self) -> None:
-        """Whether the desk may be changed.
-
-        Raises:
-          JShapeError: a run goes on.
-        """
-        if self.locked:
-            raise JShapeError(self.locked)
-
-    def depth_of(self, image: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "H W"]:
-        """Metres, of an image I."""
-        return np.asarray(self.camera.depth(metric.unweigh(image, self.camera)))
-
-    def _image(self, depth: np.ndarray) -> np.ndarray:
-        level = self.camera.luminance(depth, quantize=False)
-        return np.asarray(metric.weigh(level, self.camera))
-
     @property
     def _per_mm(self) -> float:
         return 1.0 / float(metric.to_mm(1.0, self.camera))
@@ -343,47 +225,39 @@ class Desk:
             raise JShapeError("there is no bed yet: load one, or look with a camera")
         return bed, goal
 
-    def _count(self, step: int) -> int:
-        count = len(self.plan) if self.plan else 0
-        if not 0 <= step < count:
-            raise JShapeError(f"action {step + 1} of a plan of {count}")
-        return count
+    def _acts(self, step: int | None = None) -> list["_Act"]:
+        """The plan's actions, to be changed; `step` must be one of them.
 
-    def _again(
-        self, order: list[int], changes: dict[int, dict[str, Any]] | None = None, *, select: int
-    ) -> None:
-        """The plan with its actions in another order or changed, predicted anew."""
+        Raises:
+          JShapeError: it is not, or a run goes on.
+        """
+        self.check_free()
         found = self.plan
-        assert found is not None
-        changes = changes or {}
+        columns = (
+            () if found is None else
+            (found.actions, found.exact_positions, found.strengths.tolist(), found.yaws.tolist())
+        )  # fmt: skip
+        acts = [_Act(*row) for row in zip(*columns, strict=True)]
+        if step is not None and not 0 <= step < len(acts):
+            raise JShapeError(f"there is no action {step + 1} of a plan of {len(acts)}")
+        return acts
 
-        def value(k: int, name: str, now: Any) -> Any:
-            return changes.get(k, {}).get(name, now)
-
-        self._rolled(
-            [found.actions[k] for k in order],
-            [value(k, "position", found.exact_positions[k].tolist()) for k in order],
-            [value(k, "strength", float(found.strengths[k])) for k in order],
-            [float(found.yaws[k]) for k in order],
+    def _predict(self, acts: list["_Act"], *, select: int) -> None:
+        """The plan is these actions, with what they are predicted to bring."""
+        bed, goal = self._both()
+        names, positions, strengths, yaws = zip(*acts, strict=True) if acts else [()] * 4
+        self._keep(
+            rollout(bed, goal, names, positions, strengths=strengths, yaws=yaws, bank=self.bank)
         )
         self.selected = select
 
-    def _rolled(
-        self, actions: list[str], positions: list, strengths: list[float], yaws: list[float]
-    ) -> None:
-        bed, goal = self._both()
-        found = rollout(
-            bed, goal, actions, positions, strengths=strengths, yaws=yaws, bank=self.bank
-        )
-        self._keep(found)
-
     def _keep(self, found: Plan) -> None:
-        self.plan, self.selected = found, 0
+        self.plan, self.selected, self.advice = found, 0, ""
         self.version += 1
 
     def _changed(self) -> None:
         """The bed or the goal is another: what was planned for it no longer holds."""
-        self._goal = None
+        super()._changed()
         self._no_plan()
 
     def _no_plan(self) -> None:

@@ -1,11 +1,14 @@
 """Where bed and goal come from: files, the camera."""
 
+import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
+from jshape.errors import JShapeError
 from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.molder import seen
@@ -23,20 +26,19 @@ class LoadingPanel:
         self._where = ui.label().classes("text-sm").props("data-name=where")
         self._told = ui.label().classes("text-xs text-orange-9").props("data-name=told")
         with ui.row().classes("w-full no-wrap items-center gap-2"):
-            path = ui.input("depth image on this computer").props("dense").classes("grow")
-
-            def typed(load: Callable[..., None]) -> Callable[[], Any]:
-                return lambda: self._load(Path(path.value or "."), load)
-
-            ui.button("is the bed", on_click=typed(desk.load_bed)).props("dense no-caps")
-            ui.button("is the goal", on_click=typed(desk.load_goal)).props("dense no-caps")
+            self._path = ui.input("depth image on this computer").props("dense").classes("grow")
+            self._path.tooltip(f"Path of a file: {ACCEPT.replace(',', ' ')}")
+            for words, load in (("is the bed", desk.load_bed), ("is the goal", desk.load_goal)):
+                button = ui.button(words, on_click=partial(self._typed, load))
+                button.props("dense no-caps").style("flex: none")
         with ui.row().classes("w-full no-wrap gap-2"):
-            upload("or drop the bed here", lambda p: self._load(p, desk.load_bed), ACCEPT)
-            upload("or drop the goal here", lambda p: self._load(p, desk.load_goal), ACCEPT)
+            upload("or drop the bed here", partial(self._dropped, desk.load_bed), ACCEPT)
+            upload("or drop the goal here", partial(self._dropped, desk.load_goal), ACCEPT)
         with ui.row().classes("items-center gap-2"):
             if bench.robot is not None:
                 ui.button("look with the camera", on_click=self._look).props("dense no-caps")
-            ui.button("save bed, goal and plan", on_click=self._save).props("dense no-caps outline")
+            save = ui.button("save bed, goal and plan", on_click=self._save)
+            save.props("dense no-caps outline").tooltip(f"In {bench.out / 'desk'}")
 
     def show(self) -> None:
         """Say what may have changed."""
@@ -47,16 +49,33 @@ class LoadingPanel:
             return
         out, into = desk.to_move_cm3
         self._where.text = (
-            f"bed: {desk.came_from}; {desk.distance_mm:.3f} mm from the goal, which takes "
-            f"{out:.0f} cm³ away and brings {into:.0f} cm³"
+            f"bed: {desk.came_from}; {desk.distance_mm:.3f} mm from the goal on average, which "
+            f"takes {out:.0f} cm³ away and brings {into:.0f} cm³"
         )
         self._told.text = "; ".join(desk.told)
 
-    async def _load(self, path: Path, load: Callable[..., None]) -> None:
-        bench = self._bench
-        await bench.guard(
-            "reading", lambda: load(path, bench.camera, reproject=bench.reproject), self._changed
-        )
+    async def _typed(self, load: Callable[..., None]) -> None:
+        words = str(self._path.value or "").strip()
+        if not words:
+            ui.notify("type the path of a depth image first", type="warning")
+            return
+        await self._load(lambda **how: load(Path(words).expanduser(), **how))
+
+    async def _dropped(self, load: Callable[..., None], path: Path) -> None:
+        def work(**how: Any) -> None:
+            """What goes wrong is told of the file that was dropped, not of where it was put."""
+            try:
+                load(path, **how)
+            except JShapeError as problem:
+                raise JShapeError(str(problem).replace(f"{path.parent}{os.sep}", "")) from None
+            if load == self._desk.load_bed:
+                self._desk.came_from = path.name
+
+        await self._load(work)
+
+    async def _load(self, load: Callable[..., None]) -> None:
+        how: dict[str, Any] = {"camera": self._bench.camera, "reproject": self._bench.reproject}
+        await self._bench.guard("reading", partial(load, **how), self._changed)
 
     async def _look(self) -> None:
         robot = self._bench.robot
@@ -70,8 +89,12 @@ class LoadingPanel:
         await self._bench.guard("looking", work, self._changed, hands)
 
     async def _save(self) -> None:
-        folder = self._bench.out / "desk"
-        await self._bench.guard(
-            "saving", lambda: self._desk.save(folder, overwrite=True),
-            lambda: ui.notify(f"bed, goal and plan: {folder}"),
-        )  # fmt: skip
+        folder, saved = self._bench.out / "desk", []
+
+        def work() -> None:
+            self._desk.save(folder, overwrite=True)
+            saved.append(folder)
+
+        await self._bench.guard("saving", work)
+        if saved:
+            ui.notify(f"bed, goal and plan: {folder}")

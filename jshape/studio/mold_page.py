@@ -9,6 +9,7 @@ from nicegui import events, ui
 
 from jshape.studio import pictures
 from jshape.studio.acting_panel import ActingPanel
+from jshape.studio.advice import next_step
 from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.image_panel import VIEWS, ImagePanel
@@ -25,6 +26,15 @@ KEYS = (
 )
 
 
+COLUMNS = """
+.studio-columns { display: grid; gap: 12px; align-items: start;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 340px), 1fr)); }
+.studio-columns > * { min-width: 0; max-width: 640px; }
+.studio-wide { width: 100% !important; }
+"""
+"""As many columns as the screen has room for; one on a telephone."""
+
+
 class MoldPage:
     """One browser's view of the desk."""
 
@@ -36,19 +46,22 @@ class MoldPage:
         """Whether keys are for this tab."""
         self._points: Any = None
         self._ready = False
-        with ui.row().classes("w-full no-wrap gap-3 items-start"):
-            with ui.column().classes("gap-1").style("width: 490px; flex: none"):
+        ui.add_css(COLUMNS)
+        self._hint = ui.label().classes("w-full text-sm bg-blue-50 px-2 py-1")
+        self._hint.props("data-name=hint")
+        with ui.element("div").classes("studio-columns w-full"):
+            with ui.column().classes("gap-1"):
                 self._image = ImagePanel(desk, bench, self.show)
-                with self._folded("Carry out", False):
-                    ActingPanel(desk, bench)
-            with ui.column().classes("gap-1").style("width: 370px; flex: none"):
-                self._build_scene()
-            with ui.column().classes("gap-1").style("min-width: 400px; flex: 1"):
-                with self._folded("Bed and goal", True):
-                    self._loading = LoadingPanel(desk, bench, self.show)
+            with ui.column().classes("gap-1"):
                 with self._folded("Plan", True):
                     self._plan = PlanPanel(desk, bench, self.show, self._select)
-        ui.label(KEYS).classes("text-xs text-gray-600")
+                with self._folded("Carry out", False):
+                    ActingPanel(desk, bench)
+                with self._folded("Bed and goal", True):
+                    self._loading = LoadingPanel(desk, bench, self.show)
+            with ui.column().classes("gap-1"):
+                self._build_scene()
+        ui.label(KEYS).classes("text-xs text-gray-600 gt-xs")
         ui.keyboard(on_key=self._key, ignore=["input", "select", "textarea"])
         self._ready = True
         ui.timer(POLL, self._follow)
@@ -59,17 +72,19 @@ class MoldPage:
         return ui.expansion(title, value=open_).classes("w-full").props("dense")
 
     def _build_scene(self) -> None:
-        self._scene = ui.scene(width=365, height=300, grid=False, background_color="#eef1f4")
+        self._scene = ui.scene(width=340, height=260, grid=False, background_color="#eef1f4")
+        self._scene.classes("studio-wide")
         self._scene.move_camera(x=0, y=-3.4, z=2.9, look_at_x=0, look_at_y=-0.25, look_at_z=0)
         said = ui.label(f"the same in 3-D, heights x{EXAGGERATE:g}; drag to turn")
         said.classes("text-xs text-gray-600")
-        self._curve = ui.echart(_curve_options()).style("height: 230px; width: 365px")
+        self._curve = ui.echart(_curve_options()).classes("w-full").style("height: 230px")
 
     def show(self) -> None:
         """Draw all that may have changed."""
         if not self._ready:
             return
         self._shown = self._desk.version
+        self._hint.text = next_step(self._desk)
         self._loading.show()
         self._plan.show()
         self._show_curve()
@@ -122,7 +137,7 @@ class MoldPage:
         elif key.name in ("1", "2", "3", "4"):
             self._image.look_at(VIEWS[int(key.name) - 1])
         elif key.name == "z" and event.modifiers.ctrl:
-            await self._bench.guard("drawing", desk.undo, self.show)
+            await self._bench.guard("taking back", desk.undo, self.show)
 
 
 def _curve_options() -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """A run beside the page: it asks before each action and waits for the answer."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from enum import StrEnum
 from pathlib import Path
@@ -10,8 +10,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from jshape import metric
-from jshape.commands.arguments import STRENGTHS, STRIDE
 from jshape.commands.robot import draw
 from jshape.data.simulate import bed_of_depth
 from jshape.data.view import image_of_depth
@@ -72,6 +70,7 @@ class Molder:
         meta: dict[str, Any],
         plan: Plan | None = None,
         max_steps: int = 16,
+        how: Mapping[str, Any] | None = None,
         ask_first: bool = False,
         on_look: Callable[[np.ndarray], None] = lambda image: None,
         hands: Executor | None = None,
@@ -86,6 +85,7 @@ class Molder:
           meta: of the run: bank, arm.
           plan: gone through action by action; None: made anew after each look.
           max_steps: most actions where plans are made anew.
+          how: options of `jshape.plan` where plans are made anew.
           ask_first: ask before the arm goes home, too.
           on_look: called in the run's thread with each image I that was seen.
           hands: one thread that all looks and motions of this robot are made in, since cameras and
@@ -110,6 +110,7 @@ class Molder:
         self._arm = robot.guard
         self._arm.allow()
         self._max_steps = max_steps if plan is None else max(len(plan), 1)
+        self._how = dict(how or {})
         self._ask_first = ask_first
         self._answers = threading.Condition()
         self._answer: bool | None = None
@@ -178,8 +179,8 @@ class Molder:
         (u, v), d = ahead.exact_positions[0], ahead.distances_mm
         turned = f", turned {np.degrees(ahead.yaws[0]):.0f}°" if ahead.yaws[0] else ""
         return self._ask(
-            f"{ahead.actions[0]} x{ahead.strengths[0]:.2f} at ({u:.0f}, {v:.0f}){turned}: "
-            f"{d[0]:.3f} -> {d[1]:.3f} mm. Act?",
+            f"{ahead.actions[0]} x{ahead.strengths[0]:.2f} at ({u:.0f}, {v:.0f}) px{turned}: "
+            f"{d[0]:.3f} -> {d[1]:.3f} mm from the goal. Act?",
             ahead,
         )
 
@@ -188,10 +189,6 @@ class Molder:
         self._on_look(image_of_depth(depth, camera, max_missing=1.0, where="look").image)
 
     def _run(self) -> None:
-        how: dict[str, Any] = {}
-        if self._plan is None:
-            per_mm = 1.0 / float(metric.to_mm(1.0, self._bank.camera))
-            how = {"stride": STRIDE, "strengths": STRENGTHS, "min_gain": MIN_GAIN_MM * per_mm}
         try:
             home = "the arm goes home, out of the camera's view, and looks. Go?"
             if self._ask_first and not self._ask(home, None):
@@ -199,7 +196,8 @@ class Molder:
                 return
             summary = self._session.mold(
                 self._robot, self._bank, plan=self._plan, max_steps=self._max_steps,
-                confirm=self._ask_about, draw=draw(self._bank.rois), **how,
+                confirm=self._ask_about, draw=draw(self._bank.rois),
+                **({"afresh": True} if self._plan is not None else self._how),
             )  # fmt: skip
         except Exception as problem:  # nobody else would hear of it
             why = one_line(problem, 1000)

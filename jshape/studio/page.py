@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-from jshape.errors import JShapeError
+from jshape.errors import JShapeError, one_line
 
 LARGEST_UPLOAD = 64 * 2**20
 """Bytes of a file that may be sent to the page."""
@@ -65,19 +65,25 @@ class Guard:
 
 
 def upload(label: str, take: Callable[[Path], Awaitable[None]], accept: str) -> ui.upload:
-    """A place where a file can be dropped; `take` gets where it was put."""
+    """A place where a file can be dropped; `take` gets where it was put, under its own name."""
 
     async def arrived(event: events.UploadEventArguments) -> None:
-        suffix = Path(event.file.name).suffix[:8]
+        name = one_line(Path(event.file.name.replace("\\", "/")).name, 80) or "upload"
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"upload{suffix}"
+            path = Path(folder) / name
             path.write_bytes(await event.file.read())
             await take(path)
         element.reset()
 
+    def refused() -> None:
+        ui.notify(
+            f"{label}: allowed are {accept.replace(',', ' ')}, one file of at most "
+            f"{LARGEST_UPLOAD >> 20} MiB", type="negative",
+        )  # fmt: skip
+
     element = ui.upload(
         label=label, auto_upload=True, max_file_size=LARGEST_UPLOAD, on_upload=arrived,
-        on_rejected=lambda: ui.notify(f"{label}: not a file of that kind", type="negative"),
+        on_rejected=refused,
     ).props(f'accept="{accept}" flat bordered dense').classes(
         "w-full"
     ).style("max-height: 76px; overflow: hidden")  # fmt: skip

@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import matplotlib as mpl
@@ -12,29 +13,61 @@ from jshape._typing import Float, Num
 from jshape.planned import Plan
 from jshape.viz.pictures import COLOURS
 
+HEIGHTS, DIFFERENCES = "cividis", "RdBu_r"
+"""Colour maps: higher is brighter; too high is red, too low is blue."""
 LEAST_SPAN_MM = 6.0
 """Least range of heights that the colours span."""
 STEP = 4
 """Every so many pixels have a point in 3-D: 12,000 for the paper's box."""
 
 
-def shaded(depth: Float[np.ndarray, "H W"]) -> Num[np.ndarray, "H W 3"]:
-    """Depth in metres as coloured heights, lit from the upper left.  RGB."""
-    height = -1e3 * depth
-    low, high = np.percentile(height, (1, 99))
-    middle, span = (low + high) / 2, max(high - low, LEAST_SPAN_MM)
-    colours = mpl.colormaps["cividis"](0.5 + (height - middle) / span)[..., :3]
-    smooth = cv2.GaussianBlur(height.astype(np.float32), (0, 0), 1.5)
+class Scale(NamedTuple):
+    """What colours mean."""
+
+    low: float
+    """Value of the first colour, mm."""
+    high: float
+    """Of the last."""
+    colours: str
+    """Name of the colour map."""
+
+    def paint(self, values: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "H W 3"]:
+        """RGB in [0, 1] of values in mm."""
+        share = (values - self.low) / (self.high - self.low)
+        return mpl.colormaps[self.colours](share)[..., :3]
+
+    @property
+    def gradient(self) -> str:
+        """The colours from low to high, as CSS."""
+        stops = [to_hex(mpl.colormaps[self.colours](k / 16)) for k in range(17)]
+        return f"linear-gradient(90deg, {', '.join(stops)})"
+
+
+def height_scale(*heights_mm: Float[np.ndarray, "H W"]) -> Scale:
+    """One for all of them: a colour means the same height in bed, goal and prediction."""
+    ends = np.array([np.percentile(height, (0.5, 99.5)) for height in heights_mm])
+    low, high = float(ends.min()), float(ends.max())
+    more = max(LEAST_SPAN_MM - (high - low), 0.0) / 2
+    return Scale(low - more, high + more, HEIGHTS)
+
+
+def difference_scale(change_mm: Float[np.ndarray, "H W"]) -> Scale:
+    """White in its middle, where all is as wanted."""
+    reach = max(float(np.percentile(np.abs(change_mm), 99)), LEAST_SPAN_MM / 2)
+    return Scale(-reach, reach, DIFFERENCES)
+
+
+def shaded(height_mm: Float[np.ndarray, "H W"], scale: Scale) -> Num[np.ndarray, "H W 3"]:
+    """Heights in mm as colours, lit from the upper left.  RGB."""
+    smooth = cv2.GaussianBlur(height_mm.astype(np.float32), (0, 0), 1.5)
     down, right = np.gradient(smooth)
     light = np.clip(1.0 - 0.35 * (right + down), 0.5, 1.4)
-    return (255 * np.clip(colours * light[..., None], 0, 1)).astype(np.uint8)
+    return (255 * np.clip(scale.paint(height_mm) * light[..., None], 0, 1)).astype(np.uint8)
 
 
-def differing(change_mm: Float[np.ndarray, "H W"]) -> Num[np.ndarray, "H W 3"]:
+def differing(change_mm: Float[np.ndarray, "H W"], scale: Scale) -> Num[np.ndarray, "H W 3"]:
     """Differences in mm: red is too high, blue too low, white as wanted.  RGB."""
-    reach = max(float(np.percentile(np.abs(change_mm), 99)), LEAST_SPAN_MM / 2)
-    colours = mpl.colormaps["RdBu_r"](0.5 + change_mm / (2 * reach))[..., :3]
-    return (255 * colours).astype(np.uint8)
+    return (255 * scale.paint(change_mm)).astype(np.uint8)
 
 
 def data_url(rgb: Num[np.ndarray, "H W 3"]) -> str:

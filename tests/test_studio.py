@@ -19,10 +19,11 @@ from jshape.robot.robot import Robot
 from jshape.store import annotations, datasets
 from jshape.store.procedures import load_hand
 from jshape.studio import pictures
+from jshape.studio.advice import first_stroke, next_step, why_empty
 from jshape.studio.annotation import Annotation
 from jshape.studio.desk import Desk
 from jshape.studio.drawing import Stroke, Words
-from jshape.studio.molder import Molder, State, seen, simulated_robot
+from jshape.studio.molder import MIN_GAIN_MM, Molder, State, seen, simulated_robot
 
 BRUSH = Stroke(((150.0, 200.0), (240.0, 150.0), (330.0, 200.0)), 30.0, 8.0)
 
@@ -149,6 +150,66 @@ def test_another_goal_or_bed_drops_the_plan(planned, bed):
         planned.use_bank("nobody's")
 
 
+def test_nothing_to_take_back_keeps_the_plan(desk):
+    for change in (desk.undo, desk.clear):
+        with pytest.raises(JShapeError, match="nothing is drawn"):
+            change()
+    desk.draw(BRUSH)
+    desk.make_plan(max_steps=1, stride=32)
+    desk.undo()
+    assert desk.plan is None and not desk.changed
+    with pytest.raises(JShapeError, match="nothing is drawn"):
+        desk.undo()
+
+
+def test_the_first_stroke_ends_in_a_plan(desk):
+    assert "Draw" in next_step(desk)
+    width, deep = first_stroke(desk.bank, desk.pixels_per_mm)
+    assert (width, deep) == (40.0, 15.0)  # a poke's ROI is 40 px = 41.6 mm wide
+    desk.draw(Stroke(((170.0, 200.0), (310.0, 200.0)), width, deep))
+    assert "Press plan" in next_step(desk)
+    desk.make_plan(max_steps=8)
+    assert len(desk.plan) >= 2
+    assert desk.plan.distances_mm[-1] < 0.8 * desk.plan.distances_mm[0]
+    assert why_empty(desk) == "" and "Step through" in next_step(desk)
+
+
+def test_an_empty_plan_says_what_the_smallest_action_does_and_what_helps(desk):
+    desk.draw(Stroke(((200.0, 200.0), (220.0, 200.0)), 8.0, 2.0))
+    desk.make_plan(max_steps=2)
+    assert len(desk.plan) == 0 and "empty" in next_step(desk)
+    said = why_empty(desk)
+    asked = np.abs(change_mm(desk)).max()
+    assert f"{desk.distance_mm:.3f} mm on average, {asked:.1f} mm at most" in said
+    one = jshape.rollout(desk.bed, desk.bed, ["poke"], [(210, 200)], strengths=[0.2],
+                         bank=desk.bank)  # fmt: skip
+    assert f"poke x0.2, moves {one.distances_mm[1]:.3f} mm on average" in said
+    assert "mm farther" in said and "40 mm wide, 15 mm deep" in said
+
+
+def test_a_search_that_is_given_up_leaves_the_desk_and_its_waiter_free(desk, monkeypatch):
+    hold = threading.Event()
+    monkeypatch.setattr("jshape.studio.desk.plan", lambda *a, **k: hold.wait(60))
+    desk.draw(BRUSH)
+    ended = []
+
+    def wait_for_plan():
+        try:
+            desk.make_plan()
+        except JShapeError as problem:
+            ended.append(str(problem))
+
+    waiter = threading.Thread(target=wait_for_plan)
+    waiter.start()
+    while desk.search is None:
+        time.sleep(0.001)
+    assert desk.search.said.startswith("planning: 0 s")
+    desk.search.give_up()
+    waiter.join(5.0)
+    assert ended == ["no plan: you gave it up"] and desk.plan is None and desk.search is None
+    hold.set()
+
+
 def test_a_desk_is_saved_as_plan_and_mold_read_it(planned, tmp_path):
     planned.save(tmp_path / "desk")
     again = Desk("flour-robot")
@@ -176,7 +237,7 @@ def begin(desk, folder, **more):
     looks = []
     molder = Molder(
         robot, desk.bank, desk.goal, folder, meta={"bank": desk.bank_name, "arm": "sim"},
-        on_look=looks.append, **more,
+        on_look=looks.append, how=desk.tried(MIN_GAIN_MM), **more,
     )  # fmt: skip
     return molder, looks
 
@@ -189,17 +250,24 @@ def test_the_simulated_bed_is_the_one_on_the_desk(desk):
 
 def test_a_run_asks_before_each_action(planned, tmp_path):
     molder, looks = begin(planned, tmp_path / "run", plan=planned.plan)
+    asked = []
     for k in range(3):
         wait_for(molder, State.ASKING)
         assert molder.ahead.actions == planned.plan.actions[k:]
         assert len(looks) == k + 1
+        # What the action starts from is what was seen last, not what was planned from.
+        seen_mm = jshape.to_mm(jshape.distance(looks[-1], planned.goal), planned.camera)
+        np.testing.assert_allclose(molder.ahead.distances_mm[0], seen_mm, rtol=1e-5)
+        asked.append(molder.ahead.distances_mm[:2])
         molder.answer(True)
         while molder.state is State.ASKING:
             time.sleep(0.001)
     molder.wait(60.0)
     assert molder.state is State.FINISHED and len(looks) == 4
     assert len(molder.lines) == 4  # a head and a line for each
-    assert (tmp_path / "run" / "summary.json").is_file()
+    steps = json.loads((tmp_path / "run" / "summary.json").read_text())["steps"]
+    said = [(step["before_mm"], step["predicted_mm"]) for step in steps]
+    np.testing.assert_allclose(said, asked, rtol=1e-5)
 
 
 def test_a_run_ends_when_it_is_told_to(planned, tmp_path):
@@ -362,11 +430,23 @@ def test_boxes_that_make_no_sense_are_refused(dataset):
 
 def test_pictures_show_what_is_high_and_what_is_wrong(desk):
     desk.draw(BRUSH)
-    depth = desk.depth_of(desk.goal)
-    rgb = pictures.shaded(depth)
-    assert rgb.shape == (*depth.shape, 3) and rgb.dtype == np.uint8
+    height = -1e3 * desk.depth_of(desk.goal)
+    scale = pictures.height_scale(height, height + 3)
+    assert scale.low <= np.median(height) - 7 and scale.high >= height.max() - 1
+    rgb = pictures.shaded(height, scale)
+    assert rgb.shape == (*height.shape, 3) and rgb.dtype == np.uint8
     change = np.zeros((40, 40), np.float32)
     change[:, :20], change[:, 20:] = 8.0, -8.0
-    red, blue = pictures.differing(change)[5, 5], pictures.differing(change)[5, 35]
+    scale = pictures.difference_scale(change)
+    assert (scale.low, scale.high) == (-8.0, 8.0)
+    painted = pictures.differing(change, scale)
+    red, blue = painted[5, 5], painted[5, 35]
     assert red[0] > red[2] and blue[2] > blue[0]
+    first, last = scale.gradient.split("#")[1], scale.gradient.split("#")[-1]
+    assert bytes.fromhex(first[:6]) == blue.tobytes() and bytes.fromhex(last[:6]) == red.tobytes()
+
+
+def test_a_flat_bed_is_not_all_noise():
+    scale = pictures.height_scale(np.full((4, 4), -440.0))
+    assert (scale.low, scale.high) == (-443.0, -437.0)
     assert pictures.data_url(rgb).startswith("data:image/png;base64,")

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from nicegui import events, ui
 
+from jshape.store.datasets import TABLE
 from jshape.studio import pictures
 from jshape.studio.annotation import Annotation
 from jshape.studio.page import Guard
 
-WIDTH = 440
-"""Of each image on the page, pixels."""
 FOUND, OWN, NEW = "#1f77b4", "#2ca02c", "#ff7f0e"
 """Colours of boxes: found, drawn by hand, not saved yet."""
 NAMES = ("before", "after", "difference")
@@ -30,56 +29,77 @@ class AnnotatePage:
         """Whether keys are for this tab."""
         self._guard = Guard()
         self._corner: tuple[float, float] | None = None
+        self._warned = False  # that changed boxes are not saved
         with ui.row().classes("w-full items-center gap-2"):
             path = ui.input(
                 "data set on this computer", value=str(boxes.folder) if boxes else ""
             ).props("dense")
             path.classes("grow")
-            ui.button("open", on_click=lambda: self._open(Path(path.value or "."))).props(
-                "dense no-caps"
-            ).props("data-name=open")
-        self._title = ui.label("no data set is open").classes("text-base").props("data-name=title")
-        self._row = ui.row().classes("w-full no-wrap gap-2")
+            path.tooltip("Folder with pairs.csv, camera.json and the frames")
+            ui.button("open", on_click=lambda: self._open(str(path.value or "").strip())).props(
+                "dense no-caps data-name=open"
+            )
+        self._title = ui.label(
+            "No data set is open: type the folder with pairs.csv above and press open."
+        )
+        self._title.classes("text-base").props("data-name=title")
+        self._row = ui.element("div").classes("studio-columns w-full")
         self._images: dict[str, Any] = {}
+        self._labels: dict[str, ui.label] = {}
+        self._buttons: list[ui.button] = []
         with ui.row().classes("items-center gap-2"):
-            for text, act in (
-                ("previous", lambda: self._go(-1)),
-                ("next", lambda: self._go(1)),
-                ("take the found box", self._found),
-                ("put back", self._put_back),
-                ("save to pairs.csv", self._save),
+            for text, act, said in (
+                ("previous", lambda: self._go(-1), "The pair before (left arrow)"),
+                ("next", lambda: self._go(1), "The next pair (right arrow)"),
+                ("take the found box", self._found, "What is found in the two frames (f)"),
+                ("put back", self._put_back, "The box as it was saved last (z)"),
+                ("save to pairs.csv", self._save, "Write the changed boxes (s)"),
             ):
-                ui.button(text, on_click=act).props("dense no-caps")
-        ui.label(
-            "Drag a box over any of the images. Keys: left and right for the pair, f takes the "
-            "found box, z puts it back, s saves."
-        ).classes("text-xs text-gray-600")
+                button = ui.button(text, on_click=act).props("dense no-caps").tooltip(said)
+                self._buttons.append(button)
+        ui.label("Drag a box over any of the images, sizes are in pixels.").classes(
+            "text-xs text-gray-600"
+        )
         self._list = ui.row().classes("w-full gap-1")
         ui.keyboard(on_key=self._key, ignore=["input", "select", "textarea"])
+        for button in self._buttons:
+            button.disable()
         if boxes is not None:
             self._take(boxes)
 
-    async def _open(self, path: Path) -> None:
-        opened: list[Annotation] = []
+    async def _open(self, words: str) -> None:
+        if not words:
+            ui.notify("type the folder of a data set first", type="warning")
+            return
+        if self.work is not None and self.work.changed and not self._warned:
+            self._warned = True
+            ui.notify(
+                f"{len(self.work.changed)} boxes are not saved: save them, or press open again",
+                type="warning",
+            )
+            return
+        self._warned, opened = False, list[Annotation]()
+        path = Path(words).expanduser()
         await self._guard("reading", lambda: opened.append(Annotation(path)))
         if opened:
             self._take(opened[0])
 
     def _take(self, work: Annotation) -> None:
-        self.work, self.number = work, 0
+        self.work, self.number, self._warned = work, 0, False
+        for button in self._buttons:
+            button.enable()
         camera = work.pairs.camera
         self._row.clear()
         with self._row:
             for name in NAMES:
                 with ui.column().classes("gap-0"):
-                    ui.label(name).classes("text-sm")
+                    self._labels[name] = ui.label(name).classes("text-sm")
                     image = ui.interactive_image(
                         size=(camera.width, camera.height), cross=True, on_mouse=self._mouse,
-                        events=["mousedown", "mousemove", "mouseup"],
+                        events=["pointerdown", "pointermove", "pointerup", "pointercancel"],
                     )  # fmt: skip
-                    self._images[name] = image.style(
-                        f"width: {WIDTH}px; border: 1px solid #999"
-                    ).props(f"data-name={name}")
+                    image.classes("w-full").style("border: 1px solid #999; touch-action: none")
+                    self._images[name] = image.props(f"data-name={name}")
         self._show()
 
     def _show(self) -> None:
@@ -87,12 +107,21 @@ class AnnotatePage:
         if work is None:
             return
         pairs = work.pairs
+        heights = {}
         for name, counts in (("before", pairs.prior[k]), ("after", pairs.posterior[k])):
-            depth = np.where(counts > 0, counts * pairs.depth_unit, np.nan)
-            depth = np.where(np.isfinite(depth), depth, np.nanmedian(depth)).astype(np.float32)
-            self._images[name].set_source(pictures.data_url(pictures.shaded(depth)))
+            mm = np.where(counts > 0, counts * (-1e3 * pairs.depth_unit), np.nan)
+            level = np.nanmedian(mm)
+            heights[name] = np.where(np.isfinite(mm), mm, level).astype(np.float32)
+        scale = pictures.height_scale(*heights.values())
+        for name, height in heights.items():
+            self._images[name].set_source(pictures.data_url(pictures.shaded(height, scale)))
+            self._labels[name].text = f"{name}: {scale.high - scale.low:.1f} mm from dark to bright"
         change = -np.nan_to_num(work.effect(k).change_mm)
-        self._images["difference"].set_source(pictures.data_url(pictures.differing(change)))
+        scale = pictures.difference_scale(change)
+        self._images["difference"].set_source(pictures.data_url(pictures.differing(change, scale)))
+        self._labels[
+            "difference"
+        ].text = f"difference: blue is lower after, red higher, up to {scale.high:.1f} mm"
         self._show_box()
         self._list.clear()
         with self._list:
@@ -120,18 +149,21 @@ class AnnotatePage:
         left, top, w, h = box
         self._title.text = (
             f"{work.pairs.id[k]} ({k + 1} of {len(work)}): {work.pairs.action[k]} by "
-            f"{work.pairs.agent[k]}; box {w}x{h} at ({left}, {top}), {kind}; "
+            f"{work.pairs.agent[k]}; box {w}x{h} px at ({left}, {top}), {kind}; "
             f"{len(work.changed)} not saved"
         )
 
     async def _mouse(self, event: events.MouseEventArguments) -> None:
         at = (event.image_x, event.image_y)
-        if event.type == "mousedown":
+        if event.type == "pointerdown":
             self._corner = at
-        elif self._corner is not None and event.type == "mousemove":
+        elif self._corner is not None and event.type == "pointermove":
             u, v = (min(a, b) for a, b in zip(self._corner, at, strict=True))
             w, h = (abs(a - b) for a, b in zip(self._corner, at, strict=True))
             self._show_box((round(u), round(v), round(w), round(h)))
+        elif event.type == "pointercancel":  # the system took the finger
+            self._corner = None
+            self._show()
         elif self._corner is not None:
             corner, self._corner = self._corner, None
             if self.work is not None:
@@ -169,8 +201,11 @@ class AnnotatePage:
             self._show()
 
     async def _save(self) -> None:
-        if self.work is not None:
-            count = len(self.work.changed)
-            await self._guard("saving", self.work.save, self._show)
-            if not self.work.changed:
-                ui.notify(f"{count} boxes written")
+        if self.work is None or not self.work.changed:
+            ui.notify("no box is changed: nothing to save", type="warning")
+            return
+        written: list[int] = []
+        work = self.work
+        await self._guard("saving", lambda: written.append(work.save()), self._show)
+        if written:
+            ui.notify(f"{written[0]} boxes written to {work.folder / TABLE}")

@@ -24,6 +24,7 @@ from jshape.studio.annotation import Annotation
 from jshape.studio.desk import Desk
 from jshape.studio.drawing import Stroke, Words
 from jshape.studio.molder import MIN_GAIN_MM, Molder, State, seen, simulated_robot
+from jshape.studio.search import Search
 
 BRUSH = Stroke(((150.0, 200.0), (240.0, 150.0), (330.0, 200.0)), 30.0, 8.0)
 
@@ -208,6 +209,27 @@ def test_a_search_that_is_given_up_leaves_the_desk_and_its_waiter_free(desk, mon
     waiter.join(5.0)
     assert ended == ["no plan: you gave it up"] and desk.plan is None and desk.search is None
     hold.set()
+
+
+def test_a_search_says_that_it_compiles():
+    function, said, begin = jax.jit(lambda x: 2 * x), [], threading.Event()
+
+    def make():
+        begin.wait(60)
+        said.append(search.said)
+        lowered = function.lower(np.float32(1))
+        said.append(search.said)
+        lowered.compile()
+        said.append(search.said)
+        raise JShapeError("this is what the search ends with")
+
+    search = Search(make)
+    begin.set()
+    with pytest.raises(JShapeError, match="ends with"):
+        search.result()
+    assert [line.rpartition(":")[0] for line in said] == [
+        "planning", "compiling, first time only", "planning",
+    ]  # fmt: skip
 
 
 def test_a_desk_is_saved_as_plan_and_mold_read_it(planned, tmp_path):

@@ -38,7 +38,9 @@ class ActingPanel:
             self._end.props("dense no-caps outline").tooltip("End the run without it")
             self._state = ui.label("nothing is carried out").classes("text-sm")
             self._state.props("data-name=state")
-        self._log = ui.log(max_lines=200).classes("w-full h-32 text-xs").props("data-name=log")
+        with ui.element("div").classes("w-full").style("container-type: inline-size"):
+            self._log = ui.log(max_lines=200).classes("w-full h-32").props("data-name=log")
+            self._log.style("font-size: clamp(8px, 2.25cqw, 12px); padding: 4px")  # whole lines
         ui.timer(POLL, self._poll)
 
     async def _start(self) -> None:
@@ -70,7 +72,7 @@ class ActingPanel:
             plan=None if anew else desk.plan, ask_first=with_arm, on_look=partial(_seen, desk),
             hands=bench.hands if with_arm else None, how=desk.tried(MIN_GAIN_MM),
         )  # fmt: skip
-        desk.locked = "a run goes on: end it first"
+        desk.lock("a run goes on: end it first")
 
     def _answer(self, act: bool) -> None:
         """The answer to the question that this page shows."""
@@ -98,7 +100,7 @@ class ActingPanel:
             ended = f": {molder.why} ({molder.folder})" if molder.why else ""
             self._state.text = f"{molder.state}{ended}"
         if not molder.running:
-            self._desk.locked = ""
+            self._desk.lock("")
 
 
 def _seen(desk: Desk, image: np.ndarray) -> None:

@@ -161,6 +161,12 @@ class Canvas:
 
     # Helpers.
 
+    def lock(self, why: str) -> None:
+        """Allow no change, or all of them again: ""."""
+        if why != self.locked:
+            self.locked = why
+            self.version += 1
+
     def check_free(self) -> None:
         """Whether the desk may be changed.
 

@@ -5,8 +5,25 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import jax
+
 from jshape.errors import JShapeError
 from jshape.planned import Plan
+
+COMPILED = "/jax/core/compile/backend_compile_duration"
+"""What JAX says when XLA is ready with a function; before that it has told of tracing and
+lowering."""
+_here = threading.local()  # .search: of this thread
+
+
+def _told(event: str, seconds: float, **more: Any) -> None:
+    """JAX has done a step of compiling, in this thread."""
+    search = getattr(_here, "search", None)
+    if search is not None and event.startswith("/jax/core/compile/"):
+        search.compiling = event != COMPILED
+
+
+jax.monitoring.register_event_duration_secs_listener(_told)
 
 
 class GivenUp(JShapeError):
@@ -22,6 +39,8 @@ class Search:
 
     def __init__(self, make: Callable[[], Plan]):
         """Start it; `make` makes the plan."""
+        self.compiling = False
+        """Whether it makes machine code rather than a plan: once per bank, view and directions."""
         self._make = make
         self._began = time.monotonic()
         self._found: Plan | Exception | None = None
@@ -30,6 +49,7 @@ class Search:
         threading.Thread(target=self._run, name="planning").start()
 
     def _run(self) -> None:
+        _here.search = self
         found: Any = None
         try:
             found = self._make()
@@ -46,7 +66,8 @@ class Search:
     @property
     def said(self) -> str:
         """What it does and since when, in words."""
-        return f"planning: {time.monotonic() - self._began:.0f} s"
+        what = "compiling, first time only" if self.compiling else "planning"
+        return f"{what}: {time.monotonic() - self._began:.0f} s"
 
     def result(self) -> Plan:
         """The plan, once there is one.

@@ -147,8 +147,7 @@ def test_load_draw_plan_step_edit_and_carry_out(page, folder):
     page.press("is the bed")
     until(lambda: "bed.png; 0.000 mm from the goal" in page.text("where"), "the bed")
 
-    page.type("brush (mm)", "70")
-    page.type("down (mm), or -up", "15")
+    page.type("brush width", "70")
     page.press("draw")
     page.drag("image", (0.3, 0.5), (0.7, 0.5))
     until(lambda: "; 0.000 mm from" not in page.text("where"), "the drawn goal")
@@ -179,8 +178,55 @@ def test_load_draw_plan_step_edit_and_carry_out(page, folder):
         page.press("end")
     until(lambda: page.text("state").startswith("finished"), "the end", 60)
     assert (folder / "out" / "run-001" / "summary.json").is_file()
+    until(lambda: "A run goes on" not in page.text("hint"), "what to do next")
     page.press("save bed, goal and plan")
     until(lambda: (folder / "out" / "desk" / "goal.png").is_file(), "what is saved")
+
+
+def reachable(browser):
+    """Whether nothing that can be pressed or typed in lies beside the screen."""
+    return browser.execute_script(
+        "const wide = document.documentElement.clientWidth;"
+        "return [...document.querySelectorAll('button, input, img')].filter("
+        "  e => e.offsetParent && (e.getBoundingClientRect().right > wide + 1"
+        "    || e.getBoundingClientRect().left < -1)).map(e => e.outerHTML.slice(0, 120))"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("tab", ["Mold", "Annotate boxes"])
+def test_all_is_on_the_screen_of_a_telephone(page, tab):
+    page.browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True},
+    )
+    page.press(tab)
+    page.browser.execute_script("window.scrollTo(0, 0)")
+    until(lambda: reachable(page.browser) == [], "all of it to be in view")
+    high = page.browser.execute_script("return document.documentElement.scrollHeight")
+    assert high > 844  # and the rest is scrolled to
+
+
+def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
+    page.press("Mold")
+    (folder / "SAND.PNG").write_bytes((folder / "bed.png").read_bytes())
+    (folder / "LETTER.PNG").write_bytes(b"dear")
+    (folder / "letter.txt").write_text("dear")
+    bed, goal = page.browser.find_elements("css selector", "input[type=file]")
+    bed.send_keys(str(folder / "letter.txt"))
+    until(lambda: "allowed are .png" in page.browser.page_source, "what may be dropped")
+    bed.send_keys(str(folder / "LETTER.PNG"))
+    until(lambda: "LETTER.PNG: not an image" in page.browser.page_source, "what is wrong")
+    assert "/tmp" not in page.named("where").text
+    bed.send_keys(str(folder / "SAND.PNG"))
+    until(lambda: "bed: SAND.PNG" in page.text("where"), "the bed")
+    page.press("clear")
+    page.drag("image", (0.3, 0.5), (0.7, 0.5))
+    until(lambda: "Press plan" in page.text("hint"), "the drawn goal")
+    page.press("plan")
+    until(lambda: page.text("since"), "the search")
+    page.press("cancel")
+    until(lambda: "you gave it up" in page.browser.page_source, "its end")
+    assert page.text("said") == "no plan yet"
 
 
 def test_annotate(page, folder):

@@ -96,7 +96,8 @@ class AnnotatePage:
                     self._labels[name] = ui.label(name).classes("text-sm")
                     image = ui.interactive_image(
                         size=(camera.width, camera.height), cross=True, on_mouse=self._mouse,
-                        events=["pointerdown", "pointermove", "pointerup", "pointercancel"],
+                        events=["pointerdown", "pointermove", "pointerup", "pointerleave",
+                                "pointercancel"],
                     )  # fmt: skip
                     image.classes("w-full").style("border: 1px solid #999; touch-action: none")
                     self._images[name] = image.props(f"data-name={name}")

@@ -140,7 +140,8 @@ class Canvas:
     @property
     def changed(self) -> bool:
         """Whether the goal asks for anything."""
-        return self.bed is not None and not np.array_equal(self.bed, self.goal)
+        bed, goal = self.bed, self.goal
+        return bed is not None and goal is not None and not np.array_equal(bed, goal)
 
     @property
     def to_move_cm3(self) -> tuple[float, float]:

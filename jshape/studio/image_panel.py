@@ -116,6 +116,8 @@ class ImagePanel:
         self._colours.style(f"background: {scale.gradient}")
         self._image.set_source(pictures.data_url(self.rgb))
         self._image.content = self._boxes()
+        if self.view == "predicted" and desk.plan is None:
+            self._under.text = "no plan yet: this is the bed as it is"
 
     def _boxes(self) -> str:
         plan = self._desk.plan

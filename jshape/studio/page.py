@@ -68,9 +68,10 @@ def upload(label: str, take: Callable[[Path], Awaitable[None]], accept: str) -> 
     """A place where a file can be dropped; `take` gets where it was put, under its own name."""
 
     async def arrived(event: events.UploadEventArguments) -> None:
-        name = one_line(Path(event.file.name.replace("\\", "/")).name, 80) or "upload"
+        given = Path(event.file.name.replace("\\", "/"))
+        stem = one_line(given.stem, 60).strip(".") or "upload"
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / name
+            path = Path(folder) / f"{stem}{given.suffix[:8]}"
             path.write_bytes(await event.file.read())
             await take(path)
         element.reset()

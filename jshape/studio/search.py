@@ -16,7 +16,7 @@ lowering."""
 _here = threading.local()  # .search: of this thread
 
 
-def _told(event: str, seconds: float, **more: Any) -> None:
+def _told(event: str, duration_secs: float, **kwargs: str | int) -> None:
     """JAX has done a step of compiling, in this thread."""
     search = getattr(_here, "search", None)
     if search is not None and event.startswith("/jax/core/compile/"):

@@ -29,8 +29,8 @@ def serve(
 
     def build() -> None:
         ui.add_css(".nicegui-content { padding: 8px }")
-        with ui.header().classes("items-center py-1"):
-            ui.label("jshape studio").classes("text-lg")
+        with ui.header().classes("items-center no-wrap py-1"):
+            ui.label("jshape studio").classes("text-lg gt-xs")  # a telephone has no room for it
             with ui.tabs().props("dense no-caps") as tabs:
                 ui.tab("mold", label="Mold")
                 ui.tab("annotate", label="Annotate boxes")

@@ -216,7 +216,10 @@ def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
     until(lambda: "allowed are .png" in page.browser.page_source, "what may be dropped")
     bed.send_keys(str(folder / "LETTER.PNG"))
     until(lambda: "LETTER.PNG: not an image" in page.browser.page_source, "what is wrong")
-    assert "/tmp" not in page.named("where").text
+    bed.send_keys(str(folder / "SAND.PNG"))
+    until(lambda: "drop the camera.json" in page.browser.page_source, "whose unit is missing")
+    bed.send_keys(str(folder / "camera.json"))
+    until(lambda: "read with" in page.text("where"), "the camera")
     bed.send_keys(str(folder / "SAND.PNG"))
     until(lambda: "bed: SAND.PNG" in page.text("where"), "the bed")
     page.press("clear")

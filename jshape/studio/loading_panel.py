@@ -9,12 +9,15 @@ from typing import Any
 from nicegui import ui
 
 from jshape.errors import JShapeError
+from jshape.store import cameras
 from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.molder import seen
 from jshape.studio.page import upload
 
-ACCEPT = ".png,.tif,.tiff,.npy,.exr,.ply,.pcd"
+ACCEPT = ".png,.tif,.tiff,.npy,.exr,.ply,.pcd,.json"
+"""What can be dropped: frames, point clouds, and the camera.json of frames."""
+CAMERA = "camera.json"
 
 
 class LoadingPanel:
@@ -52,6 +55,8 @@ class LoadingPanel:
             f"bed: {desk.came_from}; {desk.distance_mm:.3f} mm from the goal on average, which "
             f"takes {out:.0f} cm³ away and brings {into:.0f} cm³"
         )
+        if self._bench.camera is not None:
+            self._where.text += f"; files are read with {self._bench.camera}"
         self._told.text = "; ".join(desk.told)
 
     async def _typed(self, load: Callable[..., None]) -> None:
@@ -65,13 +70,26 @@ class LoadingPanel:
         def work(**how: Any) -> None:
             """What goes wrong is told of the file that was dropped, not of where it was put."""
             try:
+                if path.suffix.lower() == ".json":
+                    self._use_camera(path)
+                    return
                 load(path, **how)
             except JShapeError as problem:
-                raise JShapeError(str(problem).replace(f"{path.parent}{os.sep}", "")) from None
+                said = str(problem).replace(f"{path.parent}{os.sep}", "")
+                if "depth_unit" in said or CAMERA in said:
+                    said += f"; here: drop the {CAMERA} of the frames first"
+                raise JShapeError(said) from None
             if load == self._desk.load_bed:
                 self._desk.came_from = path.name
 
         await self._load(work)
+
+    def _use_camera(self, path: Path) -> None:
+        """Read the files that are loaded from now on with a camera.json that was dropped."""
+        camera, unit = cameras.read_camera(path)
+        kept = self._bench.out / CAMERA
+        cameras.write_camera(kept, camera, unit)
+        self._bench.camera = str(kept)
 
     async def _load(self, load: Callable[..., None]) -> None:
         how: dict[str, Any] = {"camera": self._bench.camera, "reproject": self._bench.reproject}

@@ -79,8 +79,9 @@ class PlanPanel:
         """Draw what may have changed."""
         plan = self._desk.plan
         self._bank.value = self._desk.bank_name
-        self._turns.value = self._desk.directions
-        self._turns.set_enabled(self._desk.bank.turns)
+        turns = self._desk.bank.turns
+        self._turns.value = self._desk.directions if turns else 1
+        self._turns.set_enabled(turns)
         self._why.text = self._desk.advice
         self._steps.clear()
         if plan is None:
@@ -131,7 +132,8 @@ class PlanPanel:
         await self._bench.guard("predicting", work, self._changed)
 
     def _turned(self, event: events.ValueChangeEventArguments) -> None:
-        self._desk.directions = int(event.value)
+        if self._desk.bank.turns:
+            self._desk.directions = int(event.value)
 
     async def _banked(self, event: events.ValueChangeEventArguments) -> None:
         if event.value != self._desk.bank_name:

@@ -211,16 +211,20 @@ def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
     (folder / "SAND.PNG").write_bytes((folder / "bed.png").read_bytes())
     (folder / "LETTER.PNG").write_bytes(b"dear")
     (folder / "letter.txt").write_text("dear")
-    bed, goal = page.browser.find_elements("css selector", "input[type=file]")
-    bed.send_keys(str(folder / "letter.txt"))
+
+    def drop(name):  # on the bed: the field is drawn anew after each
+        field = page.browser.find_elements("css selector", "input[type=file]")[0]
+        field.send_keys(str(folder / name))
+
+    drop("letter.txt")
     until(lambda: "allowed are .png" in page.browser.page_source, "what may be dropped")
-    bed.send_keys(str(folder / "LETTER.PNG"))
+    drop("LETTER.PNG")
     until(lambda: "LETTER.PNG: not an image" in page.browser.page_source, "what is wrong")
-    bed.send_keys(str(folder / "SAND.PNG"))
+    drop("SAND.PNG")
     until(lambda: "drop the camera.json" in page.browser.page_source, "whose unit is missing")
-    bed.send_keys(str(folder / "camera.json"))
+    drop("camera.json")
     until(lambda: "read with" in page.text("where"), "the camera")
-    bed.send_keys(str(folder / "SAND.PNG"))
+    drop("SAND.PNG")
     until(lambda: "bed: SAND.PNG" in page.text("where"), "the bed")
     page.press("clear")
     page.drag("image", (0.3, 0.5), (0.7, 0.5))

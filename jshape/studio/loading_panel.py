@@ -45,18 +45,17 @@ class LoadingPanel:
 
     def show(self) -> None:
         """Say what may have changed."""
-        desk = self._desk
+        desk, camera = self._desk, self._bench.camera
+        how = "" if camera is None else f"; files are read with {camera}"
         if desk.bed is None:
-            camera = "" if self._bench.robot is None else ", or look with the camera"
-            self._where.text = f"no bed yet: load a depth image{camera}"
+            look = "" if self._bench.robot is None else ", or look with the camera"
+            self._where.text = f"no bed yet: load a depth image{look}{how}"
             return
         out, into = desk.to_move_cm3
         self._where.text = (
             f"bed: {desk.came_from}; {desk.distance_mm:.3f} mm from the goal on average, which "
-            f"takes {out:.0f} cm³ away and brings {into:.0f} cm³"
+            f"takes {out:.0f} cm³ away and brings {into:.0f} cm³{how}"
         )
-        if self._bench.camera is not None:
-            self._where.text += f"; files are read with {self._bench.camera}"
         self._told.text = "; ".join(desk.told)
 
     async def _typed(self, load: Callable[..., None]) -> None:

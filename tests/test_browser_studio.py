@@ -63,6 +63,9 @@ def studio(folder):
             server.wait(30)
 
 
+FILES = "input[type=file]"
+
+
 class Page:
     """The page as a person uses it: by what is written on it, by keys, by the mouse."""
 
@@ -213,8 +216,8 @@ def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
     (folder / "letter.txt").write_text("dear")
 
     def drop(name):  # on the bed: the field is drawn anew after each
-        field = page.browser.find_elements("css selector", "input[type=file]")[0]
-        field.send_keys(str(folder / name))
+        fields = until(lambda: page.browser.find_elements("css selector", FILES), "where to drop")
+        fields[0].send_keys(str(folder / name))
 
     drop("letter.txt")
     until(lambda: "allowed are .png" in page.browser.page_source, "what may be dropped")

@@ -30,7 +30,7 @@ COLUMNS = """
 .studio-columns { display: grid; gap: 12px; align-items: start;
   grid-template-columns: repeat(auto-fit, minmax(min(100%, 340px), 1fr)); }
 .studio-columns > * { min-width: 0; max-width: 640px; }
-.studio-wide { width: 100% !important; }
+.studio-wide { width: 100% !important; height: 260px !important; }
 """
 """As many columns as the screen has room for; one on a telephone."""
 

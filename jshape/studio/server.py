@@ -10,6 +10,8 @@ from jshape.studio.bench import Bench
 from jshape.studio.desk import Desk
 from jshape.studio.mold_page import MoldPage
 
+RESIZE = "setTimeout(() => window.dispatchEvent(new Event('resize')), 100)"
+
 
 def serve(
     desk: Desk, bench: Bench, boxes: Annotation | None, *, host: str, port: int, show: bool
@@ -44,6 +46,8 @@ def serve(
                 mold = MoldPage(desk, bench)
             with ui.tab_panel("annotate").classes("p-0"):
                 annotate = AnnotatePage(boxes)
+        # A 3-D view has no size while its tab is behind.
+        tabs.on_value_change(lambda: ui.run_javascript(RESIZE))
         mold.in_front = lambda: tabs.value == "mold"
         annotate.in_front = lambda: tabs.value == "annotate"
 

@@ -91,6 +91,11 @@ class Page:
         except (Missing, Redrawn):
             return ""
 
+    def says(self, words):
+        """Whether it stands anywhere; asked in the page, since a notice lasts 5 s only."""
+        asked = "return document.body.innerText.includes(arguments[0])"
+        return self.browser.execute_script(asked, words)
+
     def press(self, words):
         """A button or tab with these words on it, or with this label for screen readers."""
         path = (
@@ -220,11 +225,11 @@ def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
         fields[0].send_keys(str(folder / name))
 
     drop("letter.txt")
-    until(lambda: "allowed are .png" in page.browser.page_source, "what may be dropped")
+    until(lambda: page.says("allowed are .png"), "what may be dropped")
     drop("LETTER.PNG")
-    until(lambda: "LETTER.PNG: not an image" in page.browser.page_source, "what is wrong")
+    until(lambda: page.says("LETTER.PNG: not an image"), "what is wrong")
     drop("SAND.PNG")
-    until(lambda: "drop the camera.json" in page.browser.page_source, "whose unit is missing")
+    until(lambda: page.says("drop the camera.json"), "whose unit is missing")
     drop("camera.json")
     until(lambda: "read with" in page.text("where"), "the camera")
     drop("SAND.PNG")
@@ -235,7 +240,7 @@ def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
     page.press("plan")
     until(lambda: page.text("since"), "the search")
     page.press("cancel")
-    until(lambda: "you gave it up" in page.browser.page_source, "its end")
+    until(lambda: page.says("you gave it up"), "its end")
     assert page.text("said") == "no plan yet"
 
 

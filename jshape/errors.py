@@ -1,6 +1,7 @@
 """Every error that jshape raises on purpose.  It says what came, what is allowed, and where."""
 
 import difflib
+import html
 import reprlib
 from collections.abc import Iterable
 
@@ -65,6 +66,23 @@ def quoted(value: object, limit: int = 80) -> str:
         return one_line(short.repr(value), limit)
     except ValueError:  # Python does not print whole numbers of over 4,300 digits
         return "a number too long to show"
+
+
+def is_name(value: object) -> bool:
+    """Whether a value from outside can name something: one printable line, not too long."""
+    return isinstance(value, str) and 0 < len(value.strip()) <= 200 and value.isprintable()
+
+
+def escaped(text: object) -> str:
+    """A text from outside as HTML, or as Markdown, that shows it and does nothing else.
+
+    Whatever comes from a file, a person or a device goes through this where it becomes markup.
+    """
+    return html.escape(one_line(text, 1000)).translate(_MARKDOWN)
+
+
+_MARKDOWN = {ord(c): f"&#{ord(c)};" for c in "[]`*|\\"}
+"""What Markdown takes for links, pictures, code, stress and cells, beyond what HTML takes."""
 
 
 class BadBank(JShapeError):

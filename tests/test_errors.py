@@ -2,7 +2,7 @@
 
 import pytest
 
-from jshape.errors import UnknownName, one_line, quoted
+from jshape.errors import UnknownName, escaped, is_name, one_line, quoted
 
 
 @pytest.mark.parametrize(
@@ -46,3 +46,24 @@ def test_nested_aliases_are_not_expanded():
     for _ in range(60):  # 10^60 numbers if anybody writes them out
         nested = [nested] * 10
     assert len(quoted(nested)) <= 80
+
+
+@pytest.mark.parametrize(
+    ("text", "markup"),
+    [
+        ("<img src=x onerror='f()'>", "&lt;img src=x onerror=&#x27;f()&#x27;&gt;"),
+        ("[x](javascript:f())", "&#91;x&#93;(javascript:f())"),
+        ("![x](http://a.example/x.png)", "!&#91;x&#93;(http://a.example/x.png)"),
+        ("a | `b` \\ *c*", "a &#124; &#96;b&#96; &#92; &#42;c&#42;"),
+        ("f_P of 0.5 mm", "f_P of 0.5 mm"),
+        ("\x1b[2J", "&#92;x1b&#91;2J"),
+    ],
+)
+def test_a_text_from_outside_becomes_markup_that_only_shows_it(text, markup):
+    assert escaped(text) == markup
+
+
+def test_names_are_printable_lines():
+    assert is_name("Grasp, \u00e0 la main <3")
+    for value in ("", "  ", "two\nlines", "\x1b[2J", "\x9b2J", "\u202eabc", "x" * 201, 7, None):
+        assert not is_name(value)

@@ -339,6 +339,7 @@ def test_a_missing_file_is_named(folder):
         ({"actions": None}, "missing actions"),
         ({"actions": []}, "at least one"),
         ({"actions": [1, 2]}, "must be names"),
+        ({"actions": ["poke\x1b[2J", "knock"]}, r"they are ['poke\x1b[2J', 'knock']"),
         ({"actions": ["grasp", "grasp"]}, "twice"),
         ({"actions": ["grasp", "knock"]}, "ROI of knock is None"),
         ({"rois": [1]}, "rois is a list"),

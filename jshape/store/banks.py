@@ -16,7 +16,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jshape.errors import BadBank, BadCamera, BadFile, UnknownName, quoted
+from jshape.errors import BadBank, BadCamera, BadFile, UnknownName, is_name, quoted
 from jshape.predict.bank import Bank
 from jshape.store.arrays import read_arrays
 from jshape.store.cameras import camera_fields, camera_from
@@ -241,8 +241,8 @@ def _check_manifest(manifest: dict[str, Any], where: str) -> None:
         if not isinstance(manifest[name], kind):
             raise BadBank(f"{where}: {name} is a {type(manifest[name]).__name__}")
     actions = manifest["actions"]
-    if not actions or not all(isinstance(a, str) and a for a in actions):
-        raise BadBank(f"{where}: actions must be names, at least one")
+    if not actions or not all(map(is_name, actions)):
+        raise BadBank(f"{where}: actions must be names, at least one; they are {quoted(actions)}")
     if len(set(actions)) != len(actions):
         raise BadBank(f"{where}: an action is named twice")
     camera = camera_from(manifest["camera"], f"{where}: camera")

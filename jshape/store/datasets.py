@@ -50,7 +50,8 @@ _NAMES = ("id", "action", "agent", "material")
 _NUMBERS = ("u", "v", "width", "height")
 _WHOLE = re.compile(r"-?[0-9]{1,6}")
 _DECIMAL = re.compile(r"[0-9]{1,6}([.,][0-9]{1,17})?")
-_UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f]")
+_UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Control characters, and those that turn the order of others: a terminal obeys them."""
 
 
 def load_pairs(folder: str | os.PathLike, left_out: Counter[str] | None = None) -> Pairs:

@@ -13,7 +13,7 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.view import View
-from jshape.errors import BadCamera, BadFile, one_line, quoted
+from jshape.errors import BadCamera, BadFile, is_name, one_line, quoted
 from jshape.planners.base import Status
 from jshape.store.arrays import read_arrays
 from jshape.store.cameras import camera_fields, camera_from
@@ -150,8 +150,8 @@ def _step(step: Any, camera: Camera, where: str) -> dict[str, Any]:
     if type(step) is not dict:
         raise BadFile(f"{where}: is {quoted(step)}; expected an object")
     action = _take(step, "action", str, where)
-    if not action:
-        raise BadFile(f"{where}: action is empty")
+    if not is_name(action):
+        raise BadFile(f"{where}: action is {quoted(action)}; expected a line of text")
     u, v = _pair(step.get("position"), f"{where}: position")
     w, h = _pair(step.get("roi"), f"{where}: roi", least=1)
     left, top = u - w // 2, v - h // 2

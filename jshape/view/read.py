@@ -18,6 +18,9 @@ from jshape.store import banks, files, formats, images, journal, plans, runs
 from jshape.view.steps import Done, begun, done_of, near, same
 from jshape.view.story import Act, Moment, Story
 
+MOST_ACTIONS = 500
+"""Of a story: each keeps up to two images, 0.8 GB at the paper's size."""
+
 
 def read_story(path: str | os.PathLike, *, camera: Camera | None = None) -> Story:
     """The story of a plan (its file or its folder) or of a run (its folder).
@@ -54,6 +57,7 @@ def story_of_plan(plan: Plan, where: str = "plan") -> Story:
     """
     if plan.initial is None:
         raise JShapeError(f"{where}: the plan was stored without its images")
+    _check_count(len(plan), where)
     depths = [_depth(image, plan.camera) for image in plan.images]
     d_mm, places = plan.distances_mm.tolist(), plan.exact_positions.tolist()
     moments = [Moment(seen=depths[0], seen_mm=d_mm[0])]
@@ -89,6 +93,7 @@ class _Reader:
         """All of it."""
         waiting = begun(self._folder / journal.NAME)
         where, records = self._folder / runs.STEPS, self._run.steps
+        _check_count(len(records) + len(waiting), str(self._folder))
         steps = [done_of(record, f"{where}: line {k + 1}") for k, record in enumerate(records)]
         start = self._start()
         first_mm = next((done.before_mm for done in (*waiting, *steps)), None)
@@ -226,11 +231,17 @@ class _Reader:
 
     def _title(self, moments: list[Moment]) -> str:
         what = self._run.meta.get("what")
-        told = f"{what if isinstance(what, str) and what else 'run'}, {_many(len(moments) - 1)}"
+        what = one_line(what, 40) if isinstance(what, str) and what else "run"
+        told = f"{what}, {_many(len(moments) - 1)}"
         measured = [moment.seen_mm for moment in moments if moment.seen_mm is not None]
         if not measured:
             return told
         return f"{told}: {measured[0]:.3f} mm at the start, {measured[-1]:.3f} mm obtained"
+
+
+def _check_count(actions: int, where: str) -> None:
+    if actions > MOST_ACTIONS:
+        raise BadFile(f"{where}: {actions} actions; at most {MOST_ACTIONS} can be shown")
 
 
 def _many(actions: int) -> str:

@@ -100,8 +100,8 @@ def _always(rr: Any, recording: Any, story: Story) -> None:
         recording.log(where, rr.SeriesLines(colors=[colour], names=[name], widths=[2]), static=True)
         points = rr.SeriesPoints(colors=[colour], names=[name], marker_sizes=[4])
         recording.log(where, points, static=True)
-    told = "\n\n".join([f"# {story.title}", *story.notes])
-    recording.log("words", rr.TextDocument(told, media_type="text/markdown"), static=True)
+    told = "\n\n".join([story.title, *story.notes])  # plain: Markdown fetches pictures
+    recording.log("words", rr.TextDocument(told), static=True)
 
 
 def _at(rr: Any, recording: Any, story: Story, step: int, moment: Moment) -> None:

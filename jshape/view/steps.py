@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from jshape.errors import BadFile, quoted
+from jshape.errors import BadFile, is_name, quoted
 from jshape.robot.session import AT_THE_BED
 from jshape.store import journal
 
 SAME = 1e-4
 """Distances that differ relatively by less are of the same look."""
+
+LARGEST = 1e6
+"""Of numbers that are drawn: pixels, mm, Nm."""
 
 
 @dataclass
@@ -37,7 +40,7 @@ class Done:
     def effort_nm(self) -> float | None:
         """The greatest effort of its operations."""
         rows = [row for row in self.operations if isinstance(row, dict)]
-        efforts = [row["effort_nm"] for row in rows if type(row.get("effort_nm")) in (int, float)]
+        efforts = [row["effort_nm"] for row in rows if _is_number(row.get("effort_nm"))]
         return max(map(float, efforts), default=None)
 
     @property
@@ -73,8 +76,9 @@ def done_of(record: dict[str, Any], where: str) -> Done:
       BadFile: it is none; `where` names it.
     """
     name, position = record.get("action"), record.get("position")
-    if not isinstance(name, str) or not name:
-        raise BadFile(f"{where}: action is {quoted(name)}; expected text")
+    if not is_name(name):
+        raise BadFile(f"{where}: action is {quoted(name)}; expected a line of text")
+    assert isinstance(name, str)
     if not isinstance(position, list) or len(position) != 2:
         raise BadFile(f"{where}: position is {quoted(position)}; expected two numbers")
     u, v = (_number(x, where, "position") for x in position)
@@ -125,6 +129,10 @@ def _time(text: Any) -> float | None:
 
 
 def _number(value: Any, where: str, name: str) -> float:
-    if type(value) not in (int, float):
-        raise BadFile(f"{where}: {name} is {quoted(value)}; expected a number")
+    if not _is_number(value):
+        raise BadFile(f"{where}: {name} is {quoted(value)}; expected a number up to {LARGEST:g}")
     return float(value)
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) <= LARGEST

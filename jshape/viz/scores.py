@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
+from jshape.errors import escaped
 from jshape.learn.measure import Comparison, Score
 
 COLOURS = ("tab:orange", "tab:blue", "tab:green", "tab:purple", "tab:red", "tab:brown")
@@ -136,7 +137,7 @@ def comparison_table(comparisons: Sequence[Comparison]) -> tuple[tuple[str, ...]
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table as Markdown."""
     lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(c.replace('|', '/') for c in line)} |\n" for line in lines)
+    return "".join(f"| {' | '.join(map(escaped, line))} |\n" for line in lines)
 
 
 def scores_csv(scores: Sequence[Score]) -> str:

@@ -1,10 +1,12 @@
 """The studio in a real browser: load, draw, plan, step, edit, carry out, annotate."""
 
 import csv
+import dataclasses
 import os
 import socket
 import subprocess
 import sys
+import time
 
 import jax
 import numpy as np
@@ -18,6 +20,7 @@ from jshape.store.cameras import write_camera
 from jshape.store.images import write_depth_png
 from tests.browser import chromium, complaints, outside, until  # noqa: F401
 from tests.conftest import ROOT
+from tests.studio_stage import EVIL
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed (extra studio)")
 
@@ -30,7 +33,8 @@ def folder(tmp_path_factory):
     write_depth_png(folder / "bed.png", depth.astype(np.float32), 0.0001)
     write_camera(folder / "camera.json", jshape.PAPER_BOX, 0.0001)
     pairs = simulate_pairs(jax.random.key(0), 2, actions=("poke",))
-    datasets.save_pairs(together(pairs), folder / "pairs")
+    pairs = dataclasses.replace(together(pairs), id=np.array(EVIL[:2]), agent=np.array(EVIL[3:5]))
+    datasets.save_pairs(pairs, folder / "pairs")
     return folder
 
 
@@ -248,6 +252,8 @@ def test_annotate(page, folder):
     page.press("Annotate boxes")
     until(lambda: "1 of 2" in page.text("title"), "the first pair")
     assert "box 40x45" in page.text("title")
+    assert EVIL[0] in page.text("title") and EVIL[3] in page.text("title")
+    assert page.browser.execute_script("return window.pwned") is None
     page.drag("difference", (0.25, 0.25), (0.5, 0.5))
     until(lambda: "not saved yet" in page.text("title"), "the drawn box")
     page.key(page.keys.ARROW_RIGHT)
@@ -263,3 +269,29 @@ def test_annotate(page, folder):
     width, height = int(first["width"]), int(first["height"])
     assert abs(width - 120) <= 3 and abs(height - 99) <= 3
     assert (second["width"], second["height"]) == ("40", "45")
+
+
+def test_a_page_that_is_closed_at_work_leaves_no_trace(page, folder, studio):
+    page.press("Mold")
+    page.type("depth image on this computer", str(folder / "bed.png"))
+    page.press("is the bed")
+    until(lambda: "bed.png" in page.text("where"), "the bed")
+    page.press("draw")
+    page.drag("image", (0.3, 0.3), (0.6, 0.3))
+    until(lambda: "; 0.000 mm from" not in page.text("where"), "the drawn goal")
+    for wait in (0.1, 0.6):  # before and after the page says that it is at work
+        page.browser.switch_to.new_window("tab")
+        page.browser.get(studio)
+        until(lambda: page.browser.find_elements("css selector", "[role=tab]"), "another page")
+        page.press("Mold")
+        page.press("plan")
+        time.sleep(wait)
+        page.browser.close()
+        page.browser.switch_to.window(page.browser.window_handles[0])
+        time.sleep(4.0)  # after 3 s without its browser a page is given up
+        until(lambda: " actions, " in page.text("said"), "the plan of the closed page", 120)
+        page.press("clear")
+        until(lambda: "no plan yet" in page.text("said"), "another goal")
+        page.drag("image", (0.3, 0.6), (0.6, 0.6))
+    said = (folder / "said.txt").read_text()
+    assert "Traceback" not in said and "Error" not in said, said

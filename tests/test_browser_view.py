@@ -1,11 +1,18 @@
 """The viewer in a real browser: it draws, the keyboard moves it, nothing leaves this computer."""
 
+import dataclasses
+import json
+
+import numpy as np
 import pytest
 
-from jshape import plan
-from jshape.view.read import story_of_plan
+from jshape import PAPER_BOX, plan
+from jshape.store import journal, runs
+from jshape.store.banks import save_bank
+from jshape.view.read import read_story, story_of_plan
 from tests.browser import chromium, complaints, outside, until  # noqa: F401 (a fixture)
 from tests.stage import PLACES
+from tests.studio_stage import EVIL
 
 pytest.importorskip("viser", reason="viser is not installed")
 
@@ -67,3 +74,68 @@ def test_it_plays_to_the_end(chromium, viewer):  # noqa: F811
     chromium.find_element(By.XPATH, "//button[normalize-space()='play']").click()
     until(lambda: viewer.step == 3, "the last step")
     until(lambda: "step 3 of 3" in _text(chromium), "the last step on the page")
+
+
+def test_a_hostile_run_is_shown_as_text(chromium, tmp_path, bank, molded):  # noqa: F811
+    from jshape.view.browser import Viewer
+
+    now, goal, _ = molded
+    first, second = EVIL[0], "$\\frac$" + EVIL[1]
+    hostile = dataclasses.replace(bank, actions=(first, second))
+    save_bank(hostile, tmp_path / "bank")
+    run = runs.Run.create(tmp_path / "run", {"what": EVIL[2], "bank": str(tmp_path / "bank")})
+    made = plan(now, goal, bank=hostile, positions=PLACES, min_gain=2e-5)
+    made.to_json(run.folder / "plan.json")
+    doing = {"action": first, "position": [91, 92], "why": EVIL[4], "operations": [EVIL[3]]}
+    journal.note(run.folder / journal.NAME, {"event": "planned", "time": EVIL[3], **doing})
+    journal.note(run.folder / journal.NAME, {"event": "acting", "why": EVIL[4]})
+    run.append(doing, np.full(PAPER_BOX.shape, 0.45))
+    ending = {"state": EVIL[3], "why": EVIL[4] + "\x1b[2J", "stop": EVIL[0]}
+    (run.folder / "summary.json").write_text(json.dumps(ending))
+
+    with Viewer(read_story(run.folder)) as shown:
+        chromium.get(shown.url)
+        until(lambda: "step 0 of 1" in _text(chromium), "the first step")
+        shown.step = 1
+        until(lambda: "step 1 of 1" in _text(chromium), "the step with the name")
+        text = _text(chromium)
+        for evil in (EVIL[0], EVIL[3], EVIL[4], EVIL[2][:30]):
+            assert evil in text
+        shown.shown = "bed - goal"
+        assert chromium.execute_script("return window.pwned") is None
+        made_of_it = "return document.querySelectorAll('iframe, [onerror], a[href^=java]').length"
+        assert chromium.execute_script(made_of_it) == 0
+        assert outside(chromium) == []
+
+
+def test_other_pages_are_not_answered(viewer, monkeypatch):
+    import viser
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    from jshape.view import door
+
+    where = viewer.url.replace("http", "ws")
+
+    def opened(url=where, **more):
+        return connect(url, subprotocols=[f"viser-v{viser.__version__}"], **more)
+
+    with opened(origin=viewer.url):
+        for more in (
+            {"origin": "http://evil.example"}, {"origin": "null"},
+            {"url": where + "/?websocket=ws://evil.example"},
+            {"additional_headers": {"Sec-Fetch-Site": "cross-site"}},
+        ):  # fmt: skip
+            with pytest.raises(InvalidStatus, match="403"):
+                opened(**more)
+        monkeypatch.setattr(door, "MOST_PAGES", 1)
+        with pytest.raises(InvalidStatus, match="503"):
+            opened()
+
+
+def test_a_viser_that_serves_otherwise_is_refused():
+    from jshape.errors import JShapeError
+    from jshape.view.door import door
+
+    with pytest.raises(JShapeError, match="cannot be told whom to answer"), door("127.0.0.1"):
+        pass

@@ -4,8 +4,6 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nicegui import ui
-
 from jshape.robot.robot import Robot
 from jshape.studio.molder import Molder
 from jshape.studio.page import Guard
@@ -35,12 +33,13 @@ class Bench:
     """The one thread that looks and moves: cameras and renderers belong to the thread that opened
     them."""
 
-    def stop(self) -> None:
-        """Stop the arm at once, if a run goes on, and say so on the page."""
+    def stop(self) -> str:
+        """Stop the arm at once, from any thread, if a run goes on; what came of it, in words."""
         molder = self.molder
-        if molder is not None and molder.running:
-            problem = molder.stop()
-            ui.notify(problem or "stopped", type="negative" if problem else "warning")
+        if molder is None or not molder.running:
+            return "nothing is carried out"
+        molder.stop()
+        return molder.trouble or "the arm was told to stop"
 
     def end(self) -> None:
         """End a run before the program does: the arm is stopped, and the run says so."""

@@ -40,7 +40,11 @@ class Guard:
           work: touches no element of the page.
           then: draws what has changed.
           hands: where the work has to be done; None: in any thread.
+
+        Raises:
+          CancelledError: the page was closed meanwhile, so that its caller draws nothing either.
         """
+        page = ui.context.client
         if self._busy:
             ui.notify(f"still {self._busy}", type="warning")
             return
@@ -49,16 +53,21 @@ class Guard:
         waiting = None
         try:
             done, _ = await asyncio.wait([doing], timeout=PATIENCE)
-            if not done:
-                waiting = ui.notification(f"{what} ...", spinner=True, timeout=None)
+            if not done and not page.is_deleted:
+                with page:
+                    waiting = ui.notification(f"{what} ...", spinner=True, timeout=None)
             await doing
         except Exception as problem:  # whatever it is, the person at the page must hear of it
-            said = " ".join(str(problem).split())
-            if not isinstance(problem, JShapeError):
-                said = f"{type(problem).__name__}: {said}"
-            ui.notify(said, type="negative", multi_line=True)
+            kind = "" if isinstance(problem, JShapeError) else f"{type(problem).__name__}: "
+            said = one_line(f"{kind}{problem}", 500)
+            if not page.is_deleted:
+                with page:  # the button that was pressed may have been drawn anew
+                    ui.notify(said, type="negative", multi_line=True)
         finally:
             self._busy = ""
+        if page.is_deleted:
+            raise asyncio.CancelledError("the page was closed")
+        with page:
             if waiting is not None:
                 waiting.dismiss()
             then()
@@ -66,6 +75,10 @@ class Guard:
 
 def upload(label: str, take: Callable[[Path], Awaitable[None]], accept: str) -> ui.upload:
     """A place where a file can be dropped; `take` gets where it was put, under its own name."""
+    # FastAPI keeps the route of every upload for good (fastapi/dependencies/models.py), and with it
+    # what its handler holds: of a page that is closed, pictures and a bed in 3-D, 7 MB.
+    takes = [take]
+    ui.context.client.on_delete(lambda: takes.clear())
 
     async def arrived(event: events.UploadEventArguments) -> None:
         given = Path(event.file.name.replace("\\", "/"))
@@ -73,7 +86,7 @@ def upload(label: str, take: Callable[[Path], Awaitable[None]], accept: str) -> 
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"{stem}{given.suffix[:8]}"
             path.write_bytes(await event.file.read())
-            await take(path)
+            await takes[0](path)
         element.reset()
 
     def refused() -> None:

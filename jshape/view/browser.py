@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from jshape.closing import Closing
-from jshape.errors import JShapeError
+from jshape.errors import JShapeError, escaped
 from jshape.listening import LOCAL, free_port, url
 from jshape.view.curves import add_curves, with_mark
+from jshape.view.door import door
 from jshape.view.pictures import picture
 from jshape.view.story import Story
 from jshape.view.surfaces import difference_colours, height_colours, surface
@@ -48,7 +49,7 @@ class Viewer(Closing):
         self._closed, self._lock = threading.Event(), threading.RLock()
         self._playing, self._drawn = False, 0
         self._nodes: list[Any] = []
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints a banner
+        with contextlib.redirect_stdout(io.StringIO()), door(host):  # it prints a banner
             self._server = viser.ViserServer(host, port, label="jshape", verbose=False)
         self.url = url(host, self._server.get_port())
         """What to open."""
@@ -107,13 +108,13 @@ class Viewer(Closing):
         gui, story = self._server.gui, self._story
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
-        gui.add_markdown("  \n".join([f"**{story.title}**", *story.notes]))
+        gui.add_html(_lines(story.title, *story.notes))
         self._slider = gui.add_slider(
             "step", 0, max(len(story), 1), 1, 0, disabled=len(story) == 0,
             hint="0 is the start; arrow keys move it",
         )  # fmt: skip
         buttons = gui.add_button_group("go", ("back", "play", "next"))
-        self._words = gui.add_markdown("")
+        self._words = gui.add_html("")
         self._choice = gui.add_dropdown("show", self._choices(), initial_value=BED)
         self._image, self._pictured = gui.add_image(NO_PICTURE), None
         self._plots = add_curves(viser, gui, story)
@@ -189,9 +190,9 @@ class Viewer(Closing):
                 self._add_boxes(step)
             for node in old:
                 node.remove()
-            known = "" if depth is not None else "  \n*not known at this step*"
-            self._words.content = (
-                f"**step {step} of {len(story)}** {story.moments[step].words}{known}"
+            told = [f"step {step} of {len(story)}", story.moments[step].words]
+            self._words.content = _lines(
+                *told, *(() if depth is not None else ("not known at this step",))
             )
             self._image.visible = depth is not None
             pictured = (step, self.shown, self._boxes.value)
@@ -272,6 +273,13 @@ def colour_of(action: str) -> tuple[int, int, int]:
     """RGB of an action, as on the project's pictures."""
     r, g, b = (round(255 * x) for x in to_rgb(COLOURS.get(action, "0.5")))
     return r, g, b
+
+
+def _lines(head: str, *lines: str) -> str:
+    """Lines of text as HTML, the first one bold.  viser's Markdown would run what a name says."""
+    said = [f"<b>{escaped(head)}</b>", *map(escaped, lines)]
+    style = "font-size: 14px; line-height: 1.45; overflow-wrap: anywhere; padding: 0 0.5em"
+    return f'<div style="{style}">{"<br>".join(said)}</div>'
 
 
 def _viser() -> Any:

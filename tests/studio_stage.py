@@ -1,0 +1,80 @@
+"""A studio whose arm moves until it is stopped, and notes when that was.
+
+python -m tests.studio_stage PORT FOLDER
+"""
+
+import sys
+import threading
+import time
+from pathlib import Path
+
+from jshape import plan
+from jshape.data.view import image_of_depth
+from jshape.robot.cameras.simulated import levelled_world
+from jshape.robot.robot import Robot
+from jshape.store.procedures import load_hand
+from tests import conftest
+from tests.stage import PLACES, Arm, Eye
+
+EVIL = (
+    '<img src=x onerror="window.pwned=1">',
+    '<iframe srcdoc="<script>parent.pwned=1</script>"></iframe>',
+    "[x](javascript:window.pwned=1) ![x](http://203.0.113.9/x.png)",
+    "{window.pwned=1}",
+    "</script><script>window.pwned=1</script>",
+)
+"""Texts that try to do something where they should only be shown."""
+
+
+class Endless(Arm):
+    """Ends no motion by itself."""
+
+    slowness = 1000.0  # nobody gives up on it
+
+    def __init__(self, bank, eye, folder):
+        super().__init__(bank, eye)
+        self._folder, self._told = folder, threading.Event()
+
+    def move(self, pose, *, speed, threshold):
+        (self._folder / "moving").touch()
+        self._told.wait(120)
+        return super().move(pose, speed=speed, threshold=threshold)
+
+    def stop(self):
+        with (self._folder / "told").open("a") as file:
+            file.write(f"{time.monotonic()}\n")
+        self._told.set()
+        super().stop()
+
+
+def begin(folder):
+    """A run in its first motion."""
+    from jshape.studio.molder import Molder, State
+
+    bank = conftest.bank.__wrapped__()
+    now, goal, _ = conftest.molded.__wrapped__(bank)
+    eye = Eye(now.copy())
+    robot = Robot(eye, Endless(bank, eye, folder), load_hand(), bank.camera, frames=3)
+    made = plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5)
+    molder = Molder(robot, bank, goal, folder / "run", meta={"bank": "fixture"}, plan=made)
+    while molder.state is not State.ASKING:
+        time.sleep(0.01)
+    molder.answer(True)
+    return molder
+
+
+def main(port, folder):
+    """Serve until the process is ended."""
+    from jshape.studio import server
+    from jshape.studio.bench import Bench
+    from jshape.studio.desk import Desk
+
+    desk, bench = Desk("flour-robot"), Bench(None, "", folder / "out")
+    desk.see(image_of_depth(levelled_world(5).look(), desk.camera).image, "simulated")
+    bench.molder = begin(folder)
+    server.LOADED_WITHIN = 0.5  # the test's pages never come alive
+    server.serve(desk, bench, None, host="127.0.0.1", port=port, show=False)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), Path(sys.argv[2]))

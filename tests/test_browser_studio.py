@@ -6,7 +6,6 @@ import os
 import socket
 import subprocess
 import sys
-import time
 
 import jax
 import numpy as np
@@ -269,29 +268,3 @@ def test_annotate(page, folder):
     width, height = int(first["width"]), int(first["height"])
     assert abs(width - 120) <= 3 and abs(height - 99) <= 3
     assert (second["width"], second["height"]) == ("40", "45")
-
-
-def test_a_page_that_is_closed_at_work_leaves_no_trace(page, folder, studio):
-    page.press("Mold")
-    page.type("depth image on this computer", str(folder / "bed.png"))
-    page.press("is the bed")
-    until(lambda: "bed.png" in page.text("where"), "the bed")
-    page.press("draw")
-    page.drag("image", (0.3, 0.3), (0.6, 0.3))
-    until(lambda: "; 0.000 mm from" not in page.text("where"), "the drawn goal")
-    for wait in (0.1, 0.6):  # before and after the page says that it is at work
-        page.browser.switch_to.new_window("tab")
-        page.browser.get(studio)
-        until(lambda: page.browser.find_elements("css selector", "[role=tab]"), "another page")
-        page.press("Mold")
-        page.press("plan")
-        time.sleep(wait)
-        page.browser.close()
-        page.browser.switch_to.window(page.browser.window_handles[0])
-        time.sleep(4.0)  # after 3 s without its browser a page is given up
-        until(lambda: " actions, " in page.text("said"), "the plan of the closed page", 120)
-        page.press("clear")
-        until(lambda: "no plan yet" in page.text("said"), "another goal")
-        page.drag("image", (0.3, 0.6), (0.6, 0.6))
-    said = (folder / "said.txt").read_text()
-    assert "Traceback" not in said and "Error" not in said, said

@@ -1,8 +1,10 @@
 """The studio's desk, its runs and its annotation, without a browser."""
 
+import asyncio
 import json
 import threading
 import time
+from unittest import mock
 
 import jax
 import numpy as np
@@ -472,3 +474,30 @@ def test_a_flat_bed_is_not_all_noise():
     scale = pictures.height_scale(np.full((4, 4), -440.0))
     assert (scale.low, scale.high) == (-443.0, -437.0)
     assert pictures.data_url(rgb).startswith("data:image/png;base64,")
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("fails", [False, True])
+def test_work_of_a_page_that_was_closed_draws_nothing_and_says_nothing(monkeypatch, closed, fails):
+    from jshape.studio import page
+
+    said = []
+    client = mock.MagicMock(is_deleted=False)
+    fake = mock.MagicMock(notify=lambda text, **how: said.append(text))
+    fake.context.client = client
+    monkeypatch.setattr(page, "ui", fake)
+
+    def work():
+        client.is_deleted = closed
+        if fails:
+            raise OSError("no answer \x1b[2J")
+
+    guard = page.Guard()
+    asked = guard("working", work, lambda: said.append("drawn"))
+    if closed:  # whoever waits for it draws nothing either
+        with pytest.raises(asyncio.CancelledError):
+            asyncio.run(asked)
+        assert said == []
+    else:
+        asyncio.run(asked)
+        assert said == ["OSError: no answer \\x1b[2J"] * fails + ["drawn"]

@@ -312,12 +312,8 @@ def _parse_strength(cells: dict[str, str], where: str) -> float:
 
 
 def _check_text(text: Any, column: str, where: str) -> None:
-    if (
-        not isinstance(text, str)
-        or not text.strip()
-        or len(text) > NAME_LIMIT
-        or _UNPRINTABLE.search(text)
-    ):
+    line = isinstance(text, str) and text.strip() and not _UNPRINTABLE.search(text)
+    if not line or len(text) > NAME_LIMIT:
         raise BadDataset(
             f"{where}: {column} is {quoted(text)}; it must be a line of text, "
             f"at most {NAME_LIMIT} characters"
@@ -367,14 +363,11 @@ def _read_frames(
             read = np.empty((2, len(rows), *camera.shape), np.uint16)
         except MemoryError:
             raise BadDataset(f"{folder}: {len(rows)} pairs do not fit into memory") from None
-        there: dict[int, tuple[int, ...]] = {}
+        there: dict[int, np.ndarray] = {}
         for place in np.ndindex(which.shape):
-            k = int(which[place])
-            known = k in there
-            read[place] = (
-                read[there[k]] if known else _read_frame(folder, *files[k][:2], camera, left_out)
-            )
-            there.setdefault(k, place)
+            if (k := int(which[place])) not in there:
+                read[place] = _read_frame(folder, *files[k][:2], camera, left_out)
+            read[place] = there.setdefault(k, read[place])
         return read[0], read[1]
 
     @lru_cache(IN_MEMORY // frame)

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from jshape.learn import training
 from jshape.learn.settings import Training
 from jshape.nn import unet
 from jshape.predict.network import Network
-from jshape.viz.pictures import png
+from jshape.viz.style import png
 
 Shape = tuple[int, int, int]
 """(B, h, w) of images."""
@@ -89,7 +90,7 @@ def run(report: Report, out: Path) -> None:
         (each,) = (m.seconds["jshape"] for m in step if m.shape == (8, h, w))
         report.add(f"training, {action} {w}x{h}: epoch of {PAIRS} pairs", each * PAIRS / 8, "s")
     (out / "unet.png").write_bytes(
-        png(_figure({"forward pass": forward, "training step": step}), dpi=110)
+        png(partial(_figure, {"forward pass": forward, "training step": step}), dpi=110)
     )
 
 

@@ -20,6 +20,7 @@ from jshape.experiments.demo import run_demo
 from jshape.goals import bed_map
 from jshape.learn.evaluate import cross_validate
 from jshape.viz import pictures, scores, sheets
+from jshape.viz.style import png
 
 IMAGES = Path(__file__).parent / "images"
 LARGEST = 150_000
@@ -213,7 +214,7 @@ def main(names: list[str]) -> None:
     """Draw some pictures, or all."""
     for name in names or PICTURES:
         draw, dpi = PICTURES[name]
-        drawn = Image.open(io.BytesIO(pictures.png(draw(), dpi=dpi)))
+        drawn = Image.open(io.BytesIO(png(draw, dpi=dpi)))
         path = IMAGES / f"{name}.png"
         drawn.convert("RGB").save(path, optimize=True)
         size = path.stat().st_size

@@ -29,8 +29,8 @@ def ray_lengths(camera: Camera) -> Float[Array, "H W"]:
 
 def max_ray_length(camera: Camera) -> Float[Array, ""]:
     """R̄, the largest R_uv.  R is convex over the image, so a corner has it: 4 pixels, not H·W."""
-    x = jnp.array([0.0, camera.width - 1.0]) - camera.u0
-    y = jnp.array([0.0, camera.height - 1.0]) - camera.v0
+    x = jnp.array([0.0, camera.width - 1.0], jnp.float32) - camera.u0
+    y = jnp.array([0.0, camera.height - 1.0], jnp.float32) - camera.v0
     return jnp.sqrt(1.0 + jnp.max((x / camera.fx) ** 2) + jnp.max((y / camera.fy) ** 2))
 
 

@@ -25,7 +25,7 @@ def placed_positions(
     if positions is None:
         per_action = dict.fromkeys(bank.actions, actions.grid(bank.camera, margin=bank.largest_roi))
     elif isinstance(positions, str):
-        size = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", positions)
+        size = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", positions, re.ASCII)
         if not size:
             raise BadPosition(f"positions {quoted(positions)}: a grid is written COLUMNSxROWS")
         columns, rows = int(size[1]), int(size[2])

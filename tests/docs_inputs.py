@@ -16,6 +16,7 @@ from jshape.data.simulate import DEPTH_UNIT, look, simulate_pairs, together
 from jshape.robot.cameras.played import Played
 from jshape.store.cameras import write_camera
 from jshape.store.images import write_depth_png
+from jshape.viz.style import png
 from tests.conftest import ROOT, SHARED
 
 APPLIED = (("knock", (130, 110)), ("poke", (330, 280)))
@@ -84,7 +85,7 @@ def plan(folder: Path, name: str = "my-plan") -> None:
     found = rollout(now, wanted, names, np.array(places), bank="flour-robot")
     (folder / name).mkdir()
     plans.write_plan(folder / name / "plan.json", found)
-    (folder / name / "plan.png").write_bytes(pictures.png(pictures.plan_figure(found)))
+    (folder / name / "plan.png").write_bytes(png(pictures.plan_figure(found)))
 
 
 def run(folder: Path) -> None:

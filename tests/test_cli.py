@@ -68,6 +68,20 @@ def test_json_output_is_json_and_nothing_else(folder, capsys):
     ]
 
 
+def test_pictures_that_cannot_be_drawn_cost_no_plan(folder, capsys, monkeypatch):
+    def broken(*_, **__):
+        raise RuntimeError("Failed to process string with tex because latex could not be found")
+
+    for name in ("plan_figure", "overlay_figure"):
+        monkeypatch.setattr(f"jshape.viz.pictures.{name}", broken)
+    assert main([*PLAN, "--out", "out"]) == 0
+    assert sorted(os.listdir("out")) == ["plan.json", "steps.png"]
+    said = capsys.readouterr().err.splitlines()
+    assert [line.split(":")[1] for line in said] == [
+        " plan.png could not be drawn", " actions.png could not be drawn"
+    ]  # fmt: skip
+
+
 def test_limits_reach_the_planner(folder, capsys):
     assert main([*PLAN, "--json", "--max-steps", "1"]) == 0
     assert json.loads(capsys.readouterr().out)["status"] == "MAX_STEPS"
@@ -647,6 +661,21 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
         ([*PLAN[:3], "--bank", "flour-robt"], "did you mean flour-robot?"),
         ([*PLAN, "--camera", "d435_bazr"], "did you mean d435_bazar?"),
         ([*PLAN, "--camera-file", "realsense"], "neither a camera.json nor a preset"),
+        (
+            [*PLAN, "--max-steps", "٣"],
+            "--max-steps: '٣': numbers are written with the digits 0 to 9",
+        ),
+        ([*PLAN, "--time", "²s"], "digits 0 to 9"),
+        ([*PLAN, "--most", "knock=٣"], "digits 0 to 9"),
+        ([*PLAN[:-1], "٣x٣"], "a grid is written COLUMNSxROWS"),
+        ([*PLAN[:-1], ""], "--positions: is empty"),
+        ([*PLAN, "--out", ""], "--out: is empty"),
+        (["plan", "", "goal.png"], "initial: is empty"),
+        ([*PLAN, "--strengths", ","], "',' is not positive numbers with commas between"),
+        ([*PLAN, "--tolerance-mm", "1e999"], "'1e999' is not a number from 0"),
+        ([*PLAN, "--min-gain-mm", "nan"], "'nan' is not a number from 0"),
+        ([*PLAN, "--planner", "x" * 999], "xxx...xxx"),
+        ([*PLAN, "--max-steps", "\x1b[2J"], "'\\x1b[2J' is not a whole number"),
         (["demo", "--material", "flower"], "did you mean flour?"),
         (["demo", "--agent", "robbot"], "did you mean robot?"),
         (["experiment", "metrik"], "did you mean metric?"),
@@ -655,7 +684,7 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
         (["train", "x", "--out", "y", "--morphology", "erod"], "did you mean erode?"),
     ],
 )
-def test_misspelt_names_are_guessed(folder, capsys, words, said):
+def test_misspelt_names_are_guessed_and_values_quoted(folder, capsys, words, said):
     refused(words, capsys, said)
 
 
@@ -726,3 +755,32 @@ def test_colours_on_a_real_terminal(folder, tmp_path):
     assert "\033[" not in run(["plna"], NO_COLOR="1")
     (folder / "jshape.toml").write_text('bank = "bank"\n')
     assert "\033[1moption" in run(["config"]) and "\033[" not in run(["plan", "--help"])
+
+
+@pytest.mark.parametrize(
+    ("closed", "environment", "said", "code"),
+    [
+        (">&-", {}, "jshape: error: stdout is closed: there is nowhere to print", 2),
+        ("<&-", {}, "", 0),
+        ("2>&-", {}, "", 0),
+        ("", {"JAX_ENABLE_X64": "maybe"}, "invalid truth value 'maybe'", 2),
+        (
+            "",
+            {"JAX_PLATFORMS": "tpux"},
+            "JAX cannot use JAX_PLATFORMS='tpux' of the environment",
+            2,
+        ),
+        ("", {"HOME": "/nowhere", "TERM": "dumb", "LC_ALL": "C", "MPLBACKEND": "none"}, "", 0),
+    ],
+)
+def test_surroundings_that_a_process_may_have(tmp_path, closed, environment, said, code):
+    (tmp_path / "matplotlibrc").write_bytes(b"image.origin: lower\n\xff")  # matplotlib stops at it
+    (tmp_path / "now.png").write_bytes(b"")
+    run = ["camera", "list"] if code == 0 else ["plan", "now.png", "now.png"]
+    process = subprocess.run(
+        ["sh", "-c", f'exec "$0" "$@" {closed}', sys.executable, "-m", "jshape", *run],
+        cwd=tmp_path, text=True, capture_output=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+    )  # fmt: skip
+    assert process.returncode == code and said in process.stderr
+    assert process.stderr.count("\n") == (code > 0)

@@ -24,8 +24,8 @@ from jshape.learn.partitions import Candidate, Study, split_pairs
 from jshape.predict.difference import Difference, fit_difference
 from jshape.predict.refined import Refined
 from jshape.store.kinds import KINDS
-from jshape.viz.pictures import png
 from jshape.viz.scores import markdown, scores_csv, scores_figure, scores_table, sizes_table
+from jshape.viz.style import png
 
 UNIT = 1e-5
 

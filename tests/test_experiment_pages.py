@@ -14,6 +14,7 @@ from jshape.cli import main
 from jshape.errors import BadFile, JShapeError, UnknownName
 from jshape.experiments import EXPERIMENTS, LeftOut, pages, report, samples
 from jshape.experiments.pages import Picture, Result, Table
+from jshape.store import files
 from jshape.viz.planning import gains_figure
 
 EVIL = "<script>alert(\"1\")</script> & 'so on'"
@@ -34,7 +35,7 @@ def result(**more):
             {"name": "a,b\n'c'", "mm": 0.1, "count": np.int64(4), "late": float("nan")},
         ],
         "tables": [Table(EVIL, ("head<", "b"), [(EVIL, "1")])],
-        "pictures": [Picture("one.png", figure(), EVIL)],
+        "pictures": [Picture("one.png", figure, EVIL)],
         "settings": {"kinds": ["D", "P"], EVIL: {"width": 4}, "data": None},
         "notes": [EVIL],
     }
@@ -164,6 +165,18 @@ def test_a_page_is_added_beside_what_is_there(tmp_path):
     assert json.loads((tmp_path / pages.JSON).read_text()) == json.loads(json.dumps(told))
     assert (tmp_path / "steps.jsonl").read_text() == "mine"
     assert all((tmp_path / name).is_file() for name in pages.contents(["one.png"]))
+
+
+def test_a_picture_that_cannot_be_drawn_is_left_out(tmp_path, capsys):
+    def broken():
+        raise RuntimeError("no font")
+
+    found = [Picture("one.png", broken, "bad"), Picture("two.png", figure, "good")]
+    content = pages.write(result(pictures=found), tmp_path / "out")
+    assert [one["name"] for one in content["figures"]] == ["two.png"]
+    assert files.read_json(tmp_path / "out" / "results.json")["figures"] == content["figures"]
+    assert "one.png" not in (tmp_path / "out" / "page.html").read_text("utf-8")
+    assert (tmp_path / "out" / "two.png").is_file() and "no font" in capsys.readouterr().err
 
 
 def test_a_page_says_how_it_was_made(tmp_path, monkeypatch):

@@ -1,13 +1,15 @@
 """Pictures of plans: what is written on them can be read."""
 
+import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from jshape import PAPER_BOX, Plan, Status
-from jshape.viz import pictures
+from jshape.viz import pictures, style
 
+SMALL = PAPER_BOX.crop(100, 100, 60, 40)
 ROIS = {"press": (76, 132), "poke": (40, 45)}
 
 
@@ -75,3 +77,28 @@ def test_names_in_the_strip(plan):
     figure = pictures.steps_figure(plan)
     assert isinstance(figure, Figure)
     assert [ax.get_title() for ax in figure.axes[:3]] == ["now", "1 press", "2 poke x0.25"]
+
+
+@pytest.mark.parametrize(
+    "theirs", [{"image.origin": "lower"}, {"text.usetex": True}, {"figure.facecolor": "black"}]
+)
+def test_a_users_settings_do_not_reach_pictures(rng, theirs):
+    images, camera = [rng.uniform(0.2, 0.8, (40, 60)).astype(np.float32)], SMALL
+    expected = style.png(lambda: pictures.strip_figure(images, ["one"], camera))
+    with matplotlib.rc_context(theirs):
+        before = dict(matplotlib.rcParams)
+        assert style.png(lambda: pictures.strip_figure(images, ["one"], camera)) == expected
+        assert style.png(pictures.strip_figure(images, ["one"], camera)) == expected
+        assert dict(matplotlib.rcParams) == before
+
+
+def test_a_picture_that_cannot_be_drawn_costs_a_warning(capsys):
+    def broken():
+        raise RuntimeError("latex could\nnot be found")
+
+    made = style.drawn({"a.png": broken, "b.png": lambda: Figure(figsize=(1, 1))})
+    assert list(made) == ["b.png"] and made["b.png"].startswith(b"\x89PNG")
+    assert style.drawn(broken) == {}
+    out, err = capsys.readouterr()
+    said = "could not be drawn: RuntimeError: latex could not be found\n"
+    assert (out, err) == ("", f"warning: a.png {said}warning: the pictures {said}")

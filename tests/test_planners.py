@@ -438,3 +438,17 @@ def test_the_beam_goes_past_greedys_trap():
     assert float(trapped.distance) > 0
     assert [int(m) for m in found.move[: int(found.steps)]] == [0, 0]
     assert float(found.distance) == 0 and Status(int(found.status)) is Status.CONVERGED
+
+
+def test_64_bits_change_no_search(planner):
+    def found():
+        task, _ = problem()
+        return search(planner, replace(task, max_steps=2))
+
+    expected = found()
+    with jax.enable_x64(True):
+        wide = found()
+    for field in fields(expected):
+        one, other = (np.asarray(getattr(f, field.name)) for f in (wide, expected))
+        assert one.dtype == other.dtype
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)

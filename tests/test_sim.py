@@ -552,3 +552,15 @@ def test_close_to_material_point_samples(shared_data, action):
     camera, pairs = bench.read_group(shared_data / "mpm" / "pairs" / "flat_flour_robot")
     row = bench.compare([p for p in pairs if p["action"] == action][:3], camera)
     assert row["sim"] < 0.5 * row["change"]
+
+
+def test_64_bits_change_nothing():
+    def seen():
+        bed = apply_action(key(), irregular_bed(key(1), 0.002), FLOUR, "knock", MIDDLE)
+        return bed.height, render(bed, PAPER_BOX.crop(180, 150, 60, 50))
+
+    expected = seen()
+    with jax.enable_x64(True):
+        for one, other in zip(seen(), expected, strict=True):
+            assert one.dtype == np.float32
+            np.testing.assert_allclose(one, other, atol=1e-6)

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NoReturn
 
 from jshape.commands import COMMANDS
@@ -39,6 +40,18 @@ class Parser(argparse.ArgumentParser):
                 self.error(f"unknown option {name}{did_you_mean(name, known)}")
         return super().parse_known_args(args, namespace)
 
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """A value as its type reads it; never empty, and with digits that people can compare."""
+        if isinstance(action, argparse._SubParsersAction):  # of which the command takes care
+            return super()._get_value(action, arg_string)
+        if not arg_string.strip() and arg_string is not action.default:
+            raise argparse.ArgumentError(action, "is empty; leave the option out, or give a value")
+        foreign = [c for c in arg_string if c.isnumeric() and not c.isascii()]
+        if foreign and action.type not in (None, str, Path):
+            said = f"{quoted(arg_string)}: numbers are written with the digits 0 to 9"
+            raise argparse.ArgumentError(action, said)
+        return super()._get_value(action, arg_string)
+
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:
             return
@@ -56,6 +69,7 @@ def command(
     *,
     writes: bool = True,
     computes: bool = True,
+    at_once: bool = False,
 ) -> Parser:
     """A command's parser, with the options that all commands have.
 
@@ -67,10 +81,11 @@ def command(
       what: one line of help; "" takes it from `COMMANDS`.
       writes: it makes a folder or file, which `--overwrite` allows to replace.
       computes: it uses JAX, which keeps what it compiles.
+      at_once: it may end at any time while JAX compiles.
     """
     what = what or COMMANDS[name]
     parser = parent.add_parser(name, help=what, description=what)
-    parser.set_defaults(run=run, computes=computes)
+    parser.set_defaults(run=run, computes=computes, at_once=at_once)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     if writes:
         parser.add_argument("--overwrite", action="store_true", help="replace an earlier result")
@@ -136,7 +151,11 @@ def share(text: str) -> float:
 
 def positives(text: str) -> list[float]:
     """Finite numbers above 0 with commas between."""
-    return [positive(part) for part in text.split(",")]
+    try:
+        return [positive(part) for part in text.split(",")]
+    except argparse.ArgumentTypeError:
+        allowed = "positive numbers with commas between, such as 0.5,1"
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not {allowed}") from None
 
 
 def duration(text: str) -> float:

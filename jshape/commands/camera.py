@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from jshape.errors import BadFile
 from jshape.robot.cameras.base import EndOfFrames, next_frame, still
 from jshape.store import files
 from jshape.store.cameras import camera_fields
+from jshape.viz.style import drawn
 
 
 def check(options: argparse.Namespace) -> dict[str, Any]:
@@ -47,13 +49,14 @@ def check(options: argparse.Namespace) -> dict[str, Any]:
         _print(result)
     if options.out is not None:
         from jshape.viz.camera_check import check_figure
-        from jshape.viz.pictures import png
 
-        figure = check_figure(measured.depth, measured.noise, measured.off, camera.name)
-        files.write_atomic(options.out, png(figure))
-        result["out"] = str(options.out)
-        if not options.json:
-            print(f"picture: {options.out}")
+        seen = measured.depth, measured.noise, measured.off
+        name = str(options.out)
+        for picture in drawn({name: partial(check_figure, *seen, camera.name)}).values():
+            files.write_atomic(options.out, picture)
+            result["out"] = name
+            if not options.json:
+                print(f"picture: {name}")
     return result
 
 

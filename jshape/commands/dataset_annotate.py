@@ -1,6 +1,7 @@
 """`jshape dataset annotate`: find the box of every pair."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from jshape.data.annotate import Effect
 from jshape.data.pairs import Pairs
 from jshape.errors import BadDataset, one_line
 from jshape.store import annotations, datasets, folders
-from jshape.viz import pictures, sheets
+from jshape.viz import sheets
+from jshape.viz.style import drawn
 
 _DOUBT = 0.35
 """A box whose area is off the action's mean by more than this share is worth a look."""
@@ -61,8 +63,8 @@ def annotate(options: argparse.Namespace) -> dict[str, Any]:
                 _tile(found, effects[k], k, bool(by_hand[k]), found.id[k] in doubts) for k in page
             ]
             colours = [sheets.colour_of(str(found.action[k])) for k in page]
-            figure = sheets.contact_sheet(tiles, colours=colours)
-            add.pictures[annotations.sheet_name(number)] = pictures.png(figure, dpi=90)
+            sheet = partial(sheets.contact_sheet, tiles, colours=colours)
+            add.pictures |= drawn({annotations.sheet_name(number): sheet}, dpi=90)
     rows = _groups(found.select(there), by_hand[there])
     if not options.json:
         print_table(("action", "pairs", "by hand", "ROI (w x h)"), rows)

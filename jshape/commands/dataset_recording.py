@@ -1,6 +1,7 @@
 """`jshape dataset simulate-recording` and `jshape dataset segment`."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from jshape.errors import BadDataset
 from jshape.store import annotations, folders, recordings
 from jshape.store.recordings import LABELS, LEAVE_OUT, Label, Recording
 from jshape.store.tables import check_action
-from jshape.viz import pictures, sheets
+from jshape.viz import sheets
+from jshape.viz.style import drawn
 
 _COLOURS = {"action": "black", "none": "0.55", "reset": "tab:red"}
 
@@ -97,18 +99,18 @@ def segment(options: argparse.Namespace) -> dict[str, Any]:
                 width=w,
                 height=h,
             )
-        add.pictures[annotations.TIMELINE] = pictures.png(
-            sheets.timeline_figure(
-                cut.motion,
-                cut.occluded,
-                [(s.start, s.stop, s.state) for s in cut.segments],
-                [
-                    ((c.before.segment.stop + c.after.segment.start) / 2, text, _COLOURS[c.kind])
-                    for c, text in zip(changes, story, strict=True)
-                ],
-                title=f"{name}: {len(cut.open)} open segments, {len(kept)} pairs",
-            )
+        timeline = partial(
+            sheets.timeline_figure,
+            cut.motion,
+            cut.occluded,
+            [(s.start, s.stop, s.state) for s in cut.segments],
+            [
+                ((c.before.segment.stop + c.after.segment.start) / 2, text, _COLOURS[c.kind])
+                for c, text in zip(changes, story, strict=True)
+            ],
+            title=f"{name}: {len(cut.open)} open segments, {len(kept)} pairs",
         )
+        add.pictures |= drawn({annotations.TIMELINE: timeline})
     rows = [
         (f"{c.before.segment} / {c.after.segment}", text, c.why)
         for c, text in zip(changes, story, strict=True)

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -156,19 +157,21 @@ class _Watch:
 
 def _write(options: argparse.Namespace, how: str, scores: Any, studies: Any, pairs: Any) -> None:
     from jshape.viz import scores as drawn
-    from jshape.viz.pictures import png
+    from jshape.viz import style
 
+    pictures = {"scores.png": partial(drawn.scores_figure, scores)}
     with folders.atomic_folder(options.out, options.overwrite, contents=SCORES) as folder:
         files.write_atomic(folder / "scores.csv", drawn.scores_csv(scores))
-        files.write_atomic(folder / "scores.png", png(drawn.scores_figure(scores)))
         text = f"{how}\n\n{drawn.markdown(*drawn.scores_table(scores))}"
         if pairs:
             text += f"\nPair by pair:\n\n{drawn.markdown(*drawn.comparison_table(pairs))}"
         for study, found in studies.items():
             files.write_atomic(folder / f"{study}.csv", drawn.scores_csv(found))
-            files.write_atomic(folder / f"{study}.png", png(drawn.sizes_figure(found)))
+            pictures[f"{study}.png"] = partial(drawn.sizes_figure, found)
             text += f"\n{TITLES[study]}:\n\n{drawn.markdown(*drawn.sizes_table(found))}"
         files.write_atomic(folder / "scores.md", text)
+    for name, picture in style.drawn(pictures).items():
+        files.write_atomic(options.out / name, picture)
 
 
 TITLES = {
@@ -201,7 +204,7 @@ def _print(how: str, scores: Any, studies: Any, comparisons: Any, notes: list[st
 
 def add(commands: Any) -> None:
     """The parser of `jshape evaluate`."""
-    parser = arguments.command(commands, "evaluate", evaluate)
+    parser = arguments.command(commands, "evaluate", evaluate, at_once=True)
     count = arguments.positive_count
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--bank", default=None, help="test this bank on the whole data set")

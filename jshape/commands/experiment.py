@@ -72,7 +72,7 @@ def twin(options: argparse.Namespace) -> dict[str, Any]:
     result = check_twin(
         options.out, key=options.seed, overwrite=options.overwrite, say=say, **places
     )
-    say((options.out / "report.md").read_text())
+    say((options.out / "report.md").read_text("utf-8"))
     return result
 
 

@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ from jshape.planning import DEFAULT_BANK
 from jshape.predict.bank import Bank
 from jshape.sim.material import MATERIALS
 from jshape.store import banks, cameras, drawings, files, folders, formats, images
+from jshape.viz.style import drawn
 
 FLAT = "flat"
 """The word for a simulated level bed, instead of a file."""
@@ -145,7 +147,6 @@ def _write(
 ) -> dict[str, Any]:
     """The folder; returns where it is and how to plan for it."""
     from jshape.viz.goals import goal_figure
-    from jshape.viz.pictures import png
 
     counts = now.raw.dtype.kind == "u"
     # 8 bits are luminance: both frames become counts, finer than its levels.
@@ -164,8 +165,9 @@ def _write(
                 np.save(folder / f"{name}.npy", depth.astype(np.float32), allow_pickle=False)
         cameras.write_camera(folder / "camera.json", now.camera, unit)
         files.write_json(folder / "report.json", said | {"next": added["next"]})
-        title = f"{said['made_from']}: {said['says'][0]}"
-        files.write_atomic(folder / "picture.png", png(goal_figure(made, title)))
+    title = f"{said['made_from']}: {said['says'][0]}"
+    for name, picture in drawn({"picture.png": partial(goal_figure, made, title)}).items():
+        files.write_atomic(out / name, picture)
     return added
 
 

@@ -48,7 +48,7 @@ LONGEST_M = 2.0
 """A mesh of up to so many units is taken for metres, a larger one for millimetres."""
 
 _ACTION = re.compile(
-    r"([\w-]+)\s+([\d.]+)\s*,\s*([\d.]+)(?:\s*x\s*([\d.]+))?(?:\s*@\s*(-?[\d.]+))?"
+    r"([\w-]+)\s+([0-9.]+)\s*,\s*([0-9.]+)(?:\s*x\s*([0-9.]+))?(?:\s*@\s*(-?[0-9.]+))?"
 )
 
 

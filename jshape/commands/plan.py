@@ -2,6 +2,7 @@
 
 import argparse
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from jshape.planners.base import Status
 from jshape.planning import DEFAULT_BANK, Plan, plan_depth
 from jshape.predict.bank import Bank
 from jshape.store import banks, cameras, drawings, files, folders, formats, images, plans, points
+from jshape.viz.style import Drawing, drawn
 
 POSITIONS = "21x15"
 """Where actions are tried unless one says otherwise."""
@@ -74,7 +76,8 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
     if options.out is not None:
         with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
             plans.write_plan(folder / "plan.json", found)
-            _draw(folder, found, bank.rois)
+        for name, picture in drawn(partial(_pictures, found, bank.rois)).items():
+            files.write_atomic(options.out / name, picture)
         result["out"] = str(options.out)
     if not options.json:
         _print(found, said, left_out)
@@ -188,16 +191,14 @@ def _positions(text: str) -> np.ndarray | str:
     return np.array(pairs)
 
 
-def _draw(folder: Path, found: Plan, rois: dict[str, tuple[int, int]]) -> None:
+def _pictures(found: Plan, rois: dict[str, tuple[int, int]]) -> dict[str, Drawing]:
     from jshape.viz import pictures
 
-    figures = {
-        "plan.png": pictures.plan_figure(found, rois=rois),
-        "actions.png": pictures.overlay_figure(found, rois=rois),
-        "steps.png": pictures.steps_figure(found),
+    return {
+        "plan.png": partial(pictures.plan_figure, found, rois=rois),
+        "actions.png": partial(pictures.overlay_figure, found, rois=rois),
+        "steps.png": partial(pictures.steps_figure, found),
     }
-    for name, figure in figures.items():
-        files.write_atomic(folder / name, pictures.png(figure))
 
 
 def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]) -> None:
@@ -225,7 +226,7 @@ def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]
 
 def add(commands: Any) -> None:
     """The parser of `jshape plan`."""
-    parser = arguments.command(commands, "plan", plan)
+    parser = arguments.command(commands, "plan", plan, at_once=True)
     parser.add_argument("initial", type=Path, help="depth image now: 16-bit PNG, TIFF, NPY, EXR")
     parser.add_argument("desired", type=Path, help="the same wanted, or a point cloud (PLY, PCD)")
     parser.add_argument(

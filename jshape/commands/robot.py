@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ from jshape.robot.session import CONTENTS, Session
 from jshape.store import folders, runs
 from jshape.store.poses import read_base_camera
 from jshape.store.procedures import load_hand
-from jshape.viz import pictures
+from jshape.viz.pictures import plan_figure, strip_figure
+from jshape.viz.style import drawn
 
 
 @contextmanager
@@ -207,15 +209,14 @@ def draw(rois: Mapping[str, tuple[int, int]]) -> Callable[[Molding], dict[str, b
     def pictured(result: Molding) -> dict[str, bytes]:
         first = result.first_plan
         names = ["at the start", *(f"after {k + 1} {s.action}" for k, s in enumerate(result.steps))]
-        strip = pictures.strip_figure([*result.images, result.goal], [*names, "goal"], first.camera)
-        made = {"steps.png": pictures.png(strip)}
+        images = [*result.images, result.goal]
+        made = {"steps.png": partial(strip_figure, images, [*names, "goal"], first.camera)}
         if first.initial is not None:
-            story = pictures.plan_figure(
-                first, obtained=result.images[-1], obtained_mm=result.distances_mm,
+            made["result.png"] = partial(
+                plan_figure, first, obtained=result.images[-1], obtained_mm=result.distances_mm,
                 rois=dict(rois), title="the first plan, and what was obtained",
             )  # fmt: skip
-            made["result.png"] = pictures.png(story)
-        return made
+        return drawn(made)
 
     return pictured
 

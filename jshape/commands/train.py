@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from jshape.commands.tables import print_table
 from jshape.errors import JShapeError
 from jshape.store import banks, checkpoints, datasets, folders
 from jshape.store.shared_checkpoints import SharedCheckpoints
+from jshape.viz.style import drawn
 
 WITHOUT_CHECKPOINTS = ("D", "P")
 """Kinds that are fitted in seconds: there is nothing to go on from."""
@@ -29,7 +31,6 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     from jshape.learn.held_out import LEAST_PAIRS
     from jshape.learn.shared import shared_over
     from jshape.viz import curves as drawings
-    from jshape.viz import pictures
 
     keeps = options.kind not in WITHOUT_CHECKPOINTS
     if not keeps:
@@ -89,10 +90,10 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     result |= {"errors": rows, "training": info.get("training", {})}
     if process > 0:  # the first one writes and tells
         return result
-    curves = {
-        "curve.csv": drawings.curves_csv(watch.curves, to_mm),
-        "curve.png": pictures.png(drawings.curves_figure(watch.curves, to_mm)),
-    } if watch.curves else None  # fmt: skip
+    curves: dict[str, str | bytes] = {}
+    if watch.curves:
+        curves["curve.csv"] = drawings.curves_csv(watch.curves, to_mm)
+        curves |= drawn({"curve.png": partial(drawings.curves_figure, watch.curves, to_mm)})
     banks.save_bank(bank, options.out, info=info, extras=curves, overwrite=options.overwrite)
     if keeps:
         checkpoints.discard(kept)

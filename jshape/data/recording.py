@@ -128,7 +128,7 @@ def simulate_recording(
             action = actions[int(index)] if index else ""
             place = _random_place(for_place, action or "grasp", camera)
             xy = np.asarray(sim.position_to_xy(camera, place))
-            angle = np.pi / 2 + float(jax.random.uniform(for_arm, minval=-0.9, maxval=0.9))
+            angle = np.pi / 2 + float(jax.random.uniform(for_arm, (), jnp.float32, -0.9, 0.9))
             path = _path(move, rest, touches=kind != "idle")
             contact = next((k for k, p in enumerate(path) if p == (0.0, 0.0)), -1)
             changed_at = count + contact
@@ -177,9 +177,9 @@ def changed_box(
 def _random_place(key, action: str, camera: Camera) -> tuple[int, int]:
     """A random (u, v) at which the action's whole ROI is visible."""
     w, h = ROIS[action]
-    low = jnp.array([w // 2, h // 2])
-    high = low + jnp.array([camera.width - w, camera.height - h])
-    u, v = np.asarray(jax.random.randint(key, (2,), low, high + 1))
+    low = jnp.array([w // 2, h // 2], jnp.int32)
+    high = low + jnp.array([camera.width - w, camera.height - h], jnp.int32)
+    u, v = np.asarray(jax.random.randint(key, (2,), low, high + 1, jnp.int32))
     return int(u), int(v)
 
 

@@ -147,12 +147,12 @@ def simulate_pairs(
                 key, for_bed, for_place, for_act, for_prior, for_posterior = _split(key)
                 bed = random_bed(for_bed, beds[index % len(beds)])
                 w, h = rois[action]
-                low = jnp.array([w // 2, h // 2])
-                high = low + jnp.array([camera.width - w, camera.height - h])
-                place = jax.random.randint(for_place, (2,), low, high + 1)
+                low = jnp.array([w // 2, h // 2], jnp.int32)
+                high = low + jnp.array([camera.width - w, camera.height - h], jnp.int32)
+                place = jax.random.randint(for_place, (2,), low, high + 1, jnp.int32)
                 xy = sim.position_to_xy(camera, place)
                 # Of its own key, so that the beds and places are those of strength 1.
-                share = jax.random.uniform(jax.random.fold_in(for_act, 1))
+                share = jax.random.uniform(jax.random.fold_in(for_act, 1), (), jnp.float32)
                 strength = float(low_high[0] * (low_high[1] / low_high[0]) ** float(share))
                 after = sim.apply_action(for_act, bed, material, (action, agent), xy, strength)
                 prior, posterior = (

@@ -1,6 +1,7 @@
 """What each ingredient of f_P brings: left out one at a time, and added one at a time to f_D."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,7 @@ def run(
         tables=[_table(mean) for mean in means],
         pictures=[
             pages.Picture(
-                FIGURES[0], bars_figure(means, (ADDED, LEFT_OUT)),
+                FIGURES[0], partial(bars_figure, means, (ADDED, LEFT_OUT)),
                 "Mean error over the actions, with the standard deviation of that mean over the "
                 "partitions. Left: from f_D down, each bar has what is named more than the one "
                 "above it. Right: f_P, and f_P with the change that is named; what goes far "

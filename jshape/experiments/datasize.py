@@ -1,6 +1,7 @@
 """Errors against the number of pairs that a predictor is fitted to."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def run(
         tables=[pages.Table("Mean over the actions", head, lines)],
         pictures=[
             pages.Picture(
-                FIGURES[0], drawn.sizes_figure(seen),
+                FIGURES[0], partial(drawn.sizes_figure, seen),
                 "Mean error over the actions against the pairs of each action that the predictor "
                 "was fitted to. Bands: standard deviation over the partitions. Black "
                 "line, if there is one: the noise floor, dotted where it is an upper bound.",

@@ -1,6 +1,7 @@
 """The main job in simulation: a bed, a goal that another hand made, and the closed loop between."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from jshape.robot.loop import HEAD, Molding, Step, mold
 from jshape.robot.simulated import SimulatedWorld
 from jshape.store import banks, files, folders, plans, runs
 from jshape.viz import pictures
+from jshape.viz.style import drawn
 
 FILES = ("plan.json", "result.png", "actions.png", "steps.png", "report.md", "summary.json")
 """What the demo writes beside the run's own files."""
@@ -167,16 +169,6 @@ def _write(
     """Pictures, the first plan and a report into the run's folder."""
     first = result.first_plan
     plans.write_plan(out / "plan.json", first)
-    story = pictures.plan_figure(
-        first, obtained=result.images[-1], obtained_mm=result.distances_mm, rois=rois,
-        title=f"demo: the first plan, and what the {summary['loop']} loop obtained",
-    )  # fmt: skip
-    files.write_atomic(out / "result.png", pictures.png(story))
-    actions = pictures.overlay_figure(first, rois=rois)
-    files.write_atomic(out / "actions.png", pictures.png(actions))
-    names = ["at the start", *(f"after {k + 1} {s.action}" for k, s in enumerate(result.steps))]
-    strip = pictures.strip_figure([*result.images, result.goal], [*names, "goal"], first.camera)
-    files.write_atomic(out / "steps.png", pictures.png(strip))
     rows = "\n".join(
         f"| {k + 1} | {s.action} | {s.position[0]}, {s.position[1]} | {s.strength:.2f} | "
         f"{s.before_mm:.3f} | {s.predicted_mm:.3f} | {s.obtained_mm:.3f} |"
@@ -201,3 +193,16 @@ Stopped: {result.stop}.
 """
     files.write_atomic(out / "report.md", report)
     files.write_json(out / "summary.json", summary)
+    names = ["at the start", *(f"after {k + 1} {s.action}" for k, s in enumerate(result.steps))]
+    images = [*result.images, result.goal]
+    figures = {
+        "result.png": partial(
+            pictures.plan_figure, first, obtained=result.images[-1],
+            obtained_mm=result.distances_mm, rois=rois,
+            title=f"demo: the first plan, and what the {summary['loop']} loop obtained",
+        ),
+        "actions.png": partial(pictures.overlay_figure, first, rois=rois),
+        "steps.png": partial(pictures.strip_figure, images, [*names, "goal"], first.camera),
+    }  # fmt: skip
+    for name, picture in drawn(figures).items():
+        files.write_atomic(out / name, picture)

@@ -6,6 +6,7 @@ human's flour or sand plan with all five actions at the paper's 21 places.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -112,13 +113,13 @@ def run(
                 each(rows)],
         pictures=[
             pages.Picture(
-                FIGURES[0], left_figure(rows, [s.name for s in SITUATIONS], names),
+                FIGURES[0], partial(left_figure, rows, [s.name for s in SITUATIONS], names),
                 "Means over the problems of each situation. Top: plans with all that was applied "
                 "and nothing else. Bottom: what is left of the distance to the goal after the plan "
                 "was carried out; the mark is what was predicted.",
             ),
             pages.Picture(
-                FIGURES[1], examples_figure(examples, ("f_D sand", "f_P sand")),
+                FIGURES[1], partial(examples_figure, examples, ("f_D sand", "f_P sand")),
                 "The first problem of each situation; lighter is higher, counted from the end of "
                 "the camera's range. Right: d as predicted (dashed) and as obtained each time.",
             ),

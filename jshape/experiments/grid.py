@@ -9,7 +9,7 @@ import hashlib
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
@@ -27,8 +27,8 @@ from jshape.learn.settings import settings_from
 from jshape.predict.bank import Bank
 from jshape.store import banks, files
 from jshape.store.cameras import camera_fields
-from jshape.viz import pictures
 from jshape.viz import scores as drawn
+from jshape.viz import style
 
 CELLS = "cells"
 SUMMARY = "summary.json"
@@ -273,8 +273,10 @@ def conclude(grid: Grid, out: Path, problems: Mapping[Cell, str]) -> tuple[list[
     }  # fmt: skip
     if scores:
         files.write_atomic(out / TABLE, drawn.scores_csv(scores))
-        files.write_atomic(out / FIGURE, pictures.png(drawn.scores_figure(scores)))
     files.write_json(out / SUMMARY, summary)
+    if scores:
+        for name, picture in style.drawn({FIGURE: partial(drawn.scores_figure, scores)}).items():
+            files.write_atomic(out / name, picture)
     return scores, summary
 
 

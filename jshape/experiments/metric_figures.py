@@ -1,6 +1,7 @@
 """The page of the metric experiment: its words, tables and figures."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,19 +34,19 @@ def result(
     )
     pictures = [
         Picture(
-            names[0], times_figure(times, moved),
+            names[0], partial(times_figure, times, moved),
             "Time of one comparison against the number of points. d reads two images that are "
             "there; the others compare two clouds that are there (making them is the grey line).",
         ),
         Picture(
-            names[1], emd_figure(moved),
+            names[1], partial(emd_figure, moved),
             "What the earth mover's distance and Chamfer say of the same two beds, with more and "
             "more points. Broken line: d of all pixels. Points drawn at random from each cloud "
             "lie beside each other, not on each other, so the distance between neighbouring "
             "points is added; it goes away slowly, as the cost of exact transport explodes.",
         ),
         Picture(
-            names[2], ranking_figure(curves),
+            names[2], partial(ranking_figure, curves),
             "Distance to the goal along simulated molding sequences, as a share of its start: "
             "mean and standard deviation over the sequences. A good distance falls with every "
             "action and ends near 0, where the goal is seen again with other noise.",

@@ -13,17 +13,16 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 import jshape
 from jshape.store import files, folders
-from jshape.viz.pictures import png
+from jshape.viz.style import Drawing, drawn
 
 JSON, CSV, PAGE = "results.json", "results.csv", "page.html"
 DPI = 110
@@ -58,7 +57,7 @@ class Picture(NamedTuple):
 
     name: str
     """File name, such as "times.png"."""
-    figure: Figure
+    draw: Drawing
     caption: str
 
 
@@ -174,8 +173,13 @@ def add(result: Result, folder: Path) -> dict[str, Any]:
     }
     files.write_json(folder / JSON, content)
     files.write_atomic(folder / CSV, csv_text(content["rows"]))
-    for picture in result.pictures:
-        files.write_atomic(folder / picture.name, png(picture.figure, dpi=DPI))
+    ready = drawn({one.name: one.draw for one in result.pictures}, dpi=DPI)
+    for name, picture in ready.items():
+        files.write_atomic(folder / name, picture)
+    if len(ready) < len(result.pictures):
+        result = replace(result, pictures=[one for one in result.pictures if one.name in ready])
+        content["figures"] = [one for one in content["figures"] if one["name"] in ready]
+        files.write_json(folder / JSON, content)
     files.write_atomic(folder / PAGE, page(result, content["made"]))
     return content
 

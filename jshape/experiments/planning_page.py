@@ -3,10 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from jshape.experiments import pages
 from jshape.viz.planning import TITLES, tables
+from jshape.viz.style import Drawing
 
 CAPTIONS = {
     "left.png": "What is left of the distance to the goal when a run has ended, measured without "
@@ -21,7 +20,7 @@ CAPTIONS = {
 """Of the figures."""
 
 
-def result(summary: Mapping[str, Any], figures: Mapping[str, Figure]) -> pages.Result:
+def result(summary: Mapping[str, Any], figures: Mapping[str, Drawing]) -> pages.Result:
     """The page of a summary, as `results.conclude` makes it, with its figures by name."""
     settings = {name: value for name, value in summary["settings"].items()
                 if name not in ("banks", "drawn", "entries")}  # fmt: skip

@@ -1,6 +1,7 @@
 """The paper's error bars: predictors fitted to one agent's pairs and tested on either's."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,7 @@ def run(
         tables=[pages.Table("Errors over the ROI, mm", head, lines)],
         pictures=[
             pages.Picture(
-                FIGURES[0], drawn.scores_figure(seen),
+                FIGURES[0], partial(drawn.scores_figure, seen),
                 "Mean error per action over the partitions, with their standard deviation. "
                 "'robot -> human': fitted to the robot's pairs, tested on the human's. Grey: how "
                 "much the action changes. Lines, where there are any: the noise floor, which no "

@@ -1,6 +1,7 @@
 """The paper's table of refinement: networks with and without the last step of their prediction."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,7 @@ def run(
         tables=[_table(rows)],
         pictures=[
             pages.Picture(
-                FIGURES[0], _figure(scores),
+                FIGURES[0], partial(_figure, scores),
                 "Mean error with its standard deviation over the partitions (of one partition: "
                 "over the pairs). Pale: the network alone; full: refined. Broken line: f_D, which "
                 "needs no training. Dotted line: no prediction at all.",

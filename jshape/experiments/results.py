@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -93,15 +94,18 @@ def conclude(
             for name, bank in used.items()
         }
         figures = {
-            "left.png": drawn.left_figure([row for row in rows if row["left"] is not None]),
-            "curves.png": drawn.curves_figure(acting),
-            "gains.png": drawn.gains_figure(acting, errors),
-            "sheet.png": drawn.sheet_figure(_sheet(record, problems)),
+            "left.png": partial(
+                drawn.left_figure, [row for row in rows if row["left"] is not None]
+            ),
+            "curves.png": partial(drawn.curves_figure, acting),
+            "gains.png": partial(drawn.gains_figure, acting, errors),
+            "sheet.png": partial(drawn.sheet_figure, _sheet(record, problems)),
         }
-    text += "".join(f"\n![{name.removesuffix('.png')}]({name})\n" for name in figures)
-    pages.add(planning_page.result(summary, figures), out)
-    files.write_atomic(out / "report.md", text)
     files.write_json(out / "summary.json", summary)
+    page = pages.add(planning_page.result(summary, figures), out)
+    shown = [one["name"] for one in page["figures"]]
+    text += "".join(f"\n![{name.removesuffix('.png')}]({name})\n" for name in shown)
+    files.write_atomic(out / "report.md", text)
     return summary
 
 

@@ -5,6 +5,7 @@ another on a levelled bed, as in the paper's section VII-C.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -149,7 +150,7 @@ def run_robot(
     files.write_atomic(out / "report.md", report(content))
     titles = [f"problem {row['problem']}, goal by a {row['goal_by']}" for row in rows]
     names = [f"{row['problem']}, by a {row['goal_by']}" for row in rows]
-    figures = strips(stories, names), curves(stories, titles)
+    figures = partial(strips, stories, names), partial(curves, stories, titles)
     settings = {name: run.meta[name] for name in ("arm", "bank", "seed")} | {"tried": tried}
     notes = [*notes, f"An action must help by more than {MIN_GAIN_MM} mm."]
     pages.add(page_of(rows, ARMS[arm], figures, settings, notes), out)

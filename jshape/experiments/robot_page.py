@@ -10,6 +10,7 @@ from jshape.experiments import pages
 from jshape.robot.loop import Molding
 from jshape.viz import pictures
 from jshape.viz.scores import markdown
+from jshape.viz.style import Drawing
 
 FIGURES = ("robot.png", "curves.png")
 
@@ -39,7 +40,7 @@ def report(content: dict[str, Any]) -> str:
 def page_of(
     rows: Sequence[dict[str, Any]],
     arm: str,
-    figures: tuple[Figure, Figure],
+    figures: tuple[Drawing, Drawing],
     settings: dict[str, Any],
     notes: Sequence[str],
 ) -> pages.Result:
@@ -99,6 +100,8 @@ def strips(stories: Sequence[Molding], names: Sequence[str]) -> Figure:
     camera = stories[0].first_plan.camera
     figure = Figure(figsize=(9.4, 2.1 * len(stories)), layout="constrained")
     axes = figure.subplots(len(stories), 4, squeeze=False)
+    every = [image for story in stories for image in (*story.images, story.goal)]
+    low, high = pictures.span([pictures.height_mm(image, camera) for image in every])
     for number, (line, story) in enumerate(zip(axes, stories, strict=True)):
         line[0].set_ylabel(names[number], fontsize=9)
         first = story.first_plan
@@ -109,7 +112,8 @@ def strips(stories: Sequence[Molding], names: Sequence[str]) -> Figure:
             f"obtained, {story.distances_mm[-1]:.2f} mm": story.images[-1],
         }
         for ax, (title, image) in zip(line, images.items(), strict=True):
-            shown = ax.imshow(pictures.height_mm(image, camera), cmap="gray", vmin=0, vmax=32)
+            height = pictures.height_mm(image, camera)
+            shown = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
             ax.set_title(title, fontsize=9)
             ax.set_xticks([])
             ax.set_yticks([])

@@ -7,6 +7,7 @@ what the robot's own make of them is beside it.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,13 +96,13 @@ def run(
         pictures=[
             pages.Picture(
                 FIGURES[0],
-                stories_figure(names, [shown for shown, _ in mine], [own for _, own in mine]),
+                partial(stories_figure, names, *([one[k] for one in mine] for k in (0, 1))),
                 "Each problem with f_P on the paper's 15 places, learned from the hand that made "
                 "the goal; lighter is higher, counted from the end of the camera's "
                 "range. Right: d as each plan predicts it (dashed) and as the camera then saw it.",
             ),
             pages.Picture(
-                FIGURES[1], tree_figure(names, starts, trees),
+                FIGURES[1], partial(tree_figure, names, starts, trees),
                 f"What the greedy search chose among (f_P, 15 places): the {SHOWN} best actions of "
                 "each step with their places (u, v) in pixels and the predicted d. The path taken "
                 "is bold; it ends where no action lowers d.",

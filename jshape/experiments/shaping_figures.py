@@ -75,8 +75,7 @@ def rows_figure(rows: Sequence[Row]) -> Figure:
     for line, row in zip(axes, rows, strict=True):
         camera = row.stories[0].plan.camera
         heights = [pictures.height_mm(np.asarray(i), camera) for i in row.images.values()]
-        low, high = np.percentile(heights[:2], (0.5, 99.5))
-        high = max(high, low + 5)
+        low, high = pictures.span(heights)
         for ax, title, height in zip(line, row.images, heights, strict=False):
             ax.imshow(height, cmap="gray", vmin=low, vmax=high)
             ax.set(xticks=[], yticks=[])

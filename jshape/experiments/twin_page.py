@@ -1,5 +1,6 @@
 """The check of the physics twin as Markdown and as the page of an experiment."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ def page_of(content: dict[str, Any]) -> pages.Result:
         ],
         pictures=[
             pages.Picture(
-                FIGURES[0], figure(content),
+                FIGURES[0], partial(figure, content),
                 "Left: how far from its place each action touched the bed, a dot per place. Right: "
                 "the greatest effort of all joints and places in each operation.",
             )

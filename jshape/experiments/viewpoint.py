@@ -6,6 +6,7 @@ bed count, so that all views measure the same material.
 """
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -200,13 +201,13 @@ def run(
         tables=[_table(found)],
         pictures=[
             pages.Picture(
-                FIGURES[0], _figure(rows),
+                FIGURES[0], partial(_figure, rows),
                 "Distance over the patch, as a share of its value from straight above. Full "
                 "lines: weighted with R, the distance along each pixel's ray. Broken lines: "
                 "plain depth difference.",
             ),
             pages.Picture(
-                FIGURES[1], _pictures(pairs["a grasp in irregular flour"]),
+                FIGURES[1], partial(_pictures, pairs["a grasp in irregular flour"]),
                 "Depth after the grasp from three of the views; the red line is the edge of the "
                 "patch that is measured. White: farther out than was rendered, and not used.",
             ),

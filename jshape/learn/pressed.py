@@ -113,8 +113,11 @@ def fit_pressed(
             f"{int(unseen.sum())} of {unseen.size} ROI pixels have no depth reading in any of the "
             f"{len(seen)} pairs"
         )
-    prior, posterior = (np.stack([fill_nan(roi) for roi in rois]) for rois in examples[:2])
-    filled = Examples(prior, posterior, examples.place, examples.strengths)
+    prior, posterior = (
+        np.stack([fill_nan(roi) for roi in rois]).astype(np.float32) for rois in examples[:2]
+    )
+    strengths = np.asarray(examples.strengths, np.float32)
+    filled = Examples(prior, posterior, examples.place, strengths)
     if start is not None:
         ground = start.ground
     else:
@@ -215,7 +218,7 @@ def _first_guess(ground: Ground, shown: Shown, without: Collection[str] = ()) ->
     none = jnp.zeros_like(mean)
     return Pressed(
         ground,
-        reference=jnp.where(jnp.abs(mean) > 0.5 * jnp.abs(mean).max(), 0.0, -6.0),
+        reference=jnp.where(jnp.abs(mean) > 0.5 * jnp.abs(mean).max(), jnp.float32(0.0), -6.0),
         # Below the ground beside the tool by 3 mm: it is felt by hills, not by the flat.
         tool=mean - 3e-3,
         give=touched.astype(jnp.float32),
@@ -289,7 +292,7 @@ def _descend(
         if free is not None:
             slope = {name: free[name] * part for name, part in slope.items()}
         updates, memory = adam.update(slope, memory)
-        length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * number / steps))
+        length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * jnp.float32(number) / steps))
         return jax.tree.map(lambda x, dx: x - length * dx, shift, updates), memory
 
     shift, _ = jax.lax.fori_loop(0, steps, one, (zero, adam.init(zero)))

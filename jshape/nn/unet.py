@@ -83,12 +83,12 @@ def init(key: Array, width: int) -> dict[str, Any]:
     """
     leaves, structure = jax.tree.flatten(shapes(width))
     ends = np.cumsum([leaf.size for leaf in leaves])
-    draw = np.asarray(jax.random.normal(key, (int(ends[-1]),)))
+    draw = np.asarray(jax.random.normal(key, (int(ends[-1]),), jnp.float32))
     found = []
     for leaf, end in zip(leaves, ends, strict=True):
         scale = np.sqrt(2.0 / np.prod(leaf.shape[:-1])) if len(leaf.shape) > 1 else 0.0
         part = draw[end - leaf.size : end].reshape(leaf.shape)
-        found.append(jnp.asarray(part * np.float32(scale)))
+        found.append(jnp.asarray(part * np.float32(scale), jnp.float32))
     return jax.tree.unflatten(structure, found)
 
 

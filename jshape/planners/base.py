@@ -61,13 +61,13 @@ class Limits:
 
     def needed(self, action: int, strengths: Float[Array, "S"]) -> Float[Array, "S"]:
         """What an action must gain, for each strength."""
-        errors = jnp.asarray(self.errors)
+        errors = jnp.asarray(self.errors, jnp.float32)
         error = errors if errors.ndim == 0 else errors[action]
-        return jnp.maximum(self.min_gain, error * jnp.sqrt(strengths))
+        return jnp.maximum(jnp.float32(self.min_gain), error * jnp.sqrt(strengths))
 
     def allowed(self, action: int, used: Int[Array, "A"]) -> Array:
         """Whether an action may be used once more."""
-        most = jnp.asarray(self.most)
+        most = jnp.asarray(self.most, jnp.int32)
         return used[action] < (most if most.ndim == 0 else most[action])
 
 
@@ -98,8 +98,8 @@ def nothing(terrain: Terrain, max_steps: int) -> Found:
     return Found(
         steps=jnp.int32(0),
         move=jnp.full(room, -1, jnp.int32),
-        node=jnp.zeros((room, 2)),
-        strength=jnp.zeros(room),
+        node=jnp.zeros((room, 2), jnp.float32),
+        strength=jnp.zeros(room, jnp.float32),
         distance=terrain.distance,
         status=jnp.int32(-1),
         evaluations=jnp.int32(0),

@@ -169,9 +169,9 @@ def take(state: State, terrain: Terrain, candidates: Candidates, best, first, st
         return act
 
     now = lax.switch(best, [with_move(m) for m in range(len(terrain.moves))], state.now)
-    shapes = jnp.array([move.shape for move in terrain.moves])
+    shapes = jnp.array([move.shape for move in terrain.moves], jnp.int32)
     middles = shapes // 2
-    action = jnp.array([move.action for move in terrain.moves])[best]
+    action = jnp.array([move.action for move in terrain.moves], jnp.int32)[best]
     found, k = state.found, state.found.steps
     return State(
         now=now,

@@ -84,12 +84,12 @@ def at_map(
     """Greedy's state after a sequence: of the board, what lies where the map differs is stale."""
     apart = jnp.abs(now - seen) > 0
     rows, columns = apart.any(1), apart.any(0)
-    first = jnp.array([jnp.argmax(rows), jnp.argmax(columns)])
+    first = jnp.array([jnp.argmax(rows), jnp.argmax(columns)], jnp.int32)
     last = jnp.array([apart.shape[0] - jnp.argmax(rows[::-1]),
                       apart.shape[1] - jnp.argmax(columns[::-1])])  # fmt: skip
     shape = jnp.where(apart.any(), last - first, 0)
     board = greedy.touch(board, candidates, terrain, first, shape)
-    actions = jnp.array([move.action for move in terrain.moves])
+    actions = jnp.array([move.action for move in terrain.moves], jnp.int32)
     used = jnp.zeros(1 + max(move.action for move in terrain.moves), jnp.int32)
     used = used.at[actions[found.move]].add(found.move >= 0)
     status, none = jnp.int32(-1), jnp.int32(0)

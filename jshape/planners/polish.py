@@ -42,7 +42,7 @@ def polished(
     """
     known = candidates.strengths
     spacing = (known.max() - known.min()) / max(len(known) - 1, 1)
-    deeper = jnp.array([0.0, -0.5, 0.5] if len(known) > 1 else [0.0]) * spacing
+    deeper = jnp.array([0.0, -0.5, 0.5] if len(known) > 1 else [0.0], known.dtype) * spacing
 
     def of_move(number: int):
         move, own = terrain.moves[number], candidates.first[number]
@@ -54,6 +54,7 @@ def polished(
 
             def one_round(k, state):
                 first, strength, gain = state
+                k = k.astype(jnp.int32)
                 reach = 2 ** (rounds - 1 - k)
                 around = jnp.clip(first + AROUND * reach, low, high)
                 trial = strength + deeper / 2**k

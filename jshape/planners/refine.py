@@ -69,7 +69,7 @@ def descend(
     low, high = bounds(terrain, candidates)
     known = candidates.strengths
     used = found.move >= 0
-    scale = jnp.array([PLACE, PLACE, STRENGTH]) * rate
+    scale = jnp.array([PLACE, PLACE, STRENGTH], jnp.float32) * rate
     start = jnp.column_stack([found.node, found.strength])
     least = jnp.column_stack([low[found.move], jnp.full(used.shape, known.min())])
     most = jnp.column_stack([high[found.move], jnp.full(used.shape, known.max())])

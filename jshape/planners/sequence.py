@@ -23,7 +23,7 @@ def act_between(
     on a node that is `Terrain.act`.
     """
     rows, columns = move.shape
-    room = jnp.array(now.shape) - jnp.array(move.shape)
+    room = jnp.array(now.shape, jnp.int32) - jnp.array(move.shape, jnp.int32)
     first = jnp.clip(node - jnp.asarray(move.middle), 0.0, room)
     # At the map's end from the last node but one, with a share of 1.
     base = jnp.floor(lax.stop_gradient(first)).astype(jnp.int32)

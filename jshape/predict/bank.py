@@ -113,7 +113,7 @@ class Bank:
           Per action, in units of d; 0 where the error is not known.
         """
         if self.errors_mm is None:
-            return jnp.zeros(len(self.actions))
+            return jnp.zeros(len(self.actions), jnp.float32)
         sizes = [self.roi(name) for name in self.actions]
         share = np.array([w * h for w, h in sizes]) / (self.camera.height * self.camera.width)
         known = jnp.where(jnp.isnan(self.errors_mm), 0.0, self.errors_mm)

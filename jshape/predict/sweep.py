@@ -119,7 +119,7 @@ def fresh_board(candidates: Candidates) -> Board:
     """A board on which nothing is known."""
     count = len(candidates.strengths)
     return Board(
-        tuple(jnp.zeros((n, count)) for n in candidates.counts),
+        tuple(jnp.zeros((n, count), jnp.float32) for n in candidates.counts),
         tuple(jnp.ones(n, dtype=bool) for n in candidates.counts),
     )
 
@@ -130,7 +130,7 @@ def touch(
     """The board after the window at `first` of `shape` has changed: what overlaps it is stale."""
     stale = []
     for move, firsts, old in zip(terrain.moves, candidates.first, board.stale, strict=True):
-        apart = (firsts >= first + shape) | (first >= firsts + jnp.array(move.shape))
+        apart = (firsts >= first + shape) | (first >= firsts + jnp.array(move.shape, jnp.int32))
         stale.append(old | ~apart.any(-1))
     return replace(board, stale=tuple(stale))
 
@@ -158,7 +158,7 @@ def refresh(
       The board, in which places for which there was no room are still stale, and the evaluations.
     """
     per_place = len(candidates.strengths)
-    waiting = sum(stale.sum() for stale in board.stale)
+    waiting = sum(_count(stale) for stale in board.stale)
     places = waiting if room is None else jnp.minimum(room / per_place, waiting)
     portion = places / jnp.maximum(waiting, 1)
     changes, stale, spent, before = [], [], jnp.int32(0), jnp.int32(0)
@@ -167,7 +167,7 @@ def refresh(
         count = first.shape[0]
         if count:
             # Rounded up for the moves so far together: in all, by less than one place.
-            earlier, before = before, before + old_stale.sum()
+            earlier, before = before, before + _count(old_stale)
             most = jnp.ceil(before * portion) - jnp.ceil(earlier * portion)
             most = jnp.clip(most, 0, count).astype(jnp.int32)
             work = partial(_refresh_move, number, how.chunk)
@@ -175,11 +175,15 @@ def refresh(
                 work = _shared(work, how.mesh)
                 most = -(-most // how.mesh.size)
             old, left = work(terrain, now, first, candidates.strengths, old, old_stale, most)
-            spent += (old_stale & ~left).sum() * per_place
+            spent += _count(old_stale & ~left) * per_place
             old_stale = left
         changes.append(old)
         stale.append(old_stale)
     return Board(tuple(changes), tuple(stale)), spent
+
+
+def _count(stale: Bool[Array, "N"]) -> Int[Array, ""]:
+    return stale.sum(dtype=jnp.int32)
 
 
 def _refresh_move(number, chunk, terrain, now, first, strengths, changes, stale, most):
@@ -189,10 +193,11 @@ def _refresh_move(number, chunk, terrain, now, first, strengths, changes, stale,
     gather over all places, and the loop's length is the number of stale places.
     """
     move, count = terrain.moves[number], first.shape[0]
-    rank = jnp.cumsum(stale) - 1
-    most = jnp.minimum(stale.sum(), most)
+    rank = jnp.cumsum(stale, dtype=jnp.int32) - 1
+    most = jnp.minimum(_count(stale), most)
     order = jnp.zeros(count + chunk, jnp.int32)  # stale places first, in their own order
-    order = order.at[jnp.where(stale, rank, count + chunk)].set(jnp.arange(count), mode="drop")
+    numbers = jnp.arange(count, dtype=jnp.int32)
+    order = order.at[jnp.where(stale, rank, count + chunk)].set(numbers, mode="drop")
 
     def one(first):
         return terrain.change(move, now, first, strengths)
@@ -201,7 +206,7 @@ def _refresh_move(number, chunk, terrain, now, first, strengths, changes, stale,
         if chunk == 1:
             return values.at[order[i]].set(one(first[order[i]]))
         mine = lax.dynamic_slice_in_dim(order, i * chunk, chunk)
-        valid = i * chunk + jnp.arange(chunk) < most
+        valid = i * chunk + jnp.arange(chunk, dtype=jnp.int32) < most
         return values.at[jnp.where(valid, mine, count)].set(jax.vmap(one)(first[mine]), mode="drop")
 
     changes = lax.fori_loop(0, -(-most // chunk), evaluate, changes)

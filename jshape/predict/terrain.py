@@ -157,13 +157,13 @@ def terrain_of(
     if len(grounds) < len(hands) or not grounds:
         made = tuple(Move(h, yaw, a, (h.roi[1], h.roi[0]), h.roi) for a, yaw, h in hands)
         return Terrain(
-            now=jnp.asarray(image),
-            goal=jnp.asarray(goal),
+            now=jnp.asarray(image, jnp.float32),
+            goal=jnp.asarray(goal, jnp.float32),
             weight=None,
             moves=made,
-            limits=jnp.array([0.0, 1.0]),
-            origin=jnp.zeros(2),
-            pitch=jnp.ones(2),
+            limits=jnp.array([0.0, 1.0], jnp.float32),
+            origin=jnp.zeros(2, jnp.float32),
+            pitch=jnp.ones(2, jnp.float32),
         )
     made = tuple(Move(h.ready(), yaw, a, h.ground.shape, h.roi) for a, yaw, h in hands)
     return _on_ground(bank.camera, grounds[0], image, goal, made)
@@ -181,16 +181,16 @@ def _on_ground(camera: Camera, ground: Ground, image, goal, moves: tuple[Move, .
     first = jnp.zeros(2, jnp.int32)
     per_metre = whole.per_metre(first)
     now, wanted = (whole.from_roi(camera.z_max - i / per_metre, first) for i in (image, goal))
-    pitch = ground.pitch * jnp.stack([jnp.asarray(f) for f in (camera.fy, camera.fx)])
+    pitch = ground.pitch * jnp.stack([jnp.asarray(f, jnp.float32) for f in (camera.fy, camera.fx)])
     pitch = pitch / ground.depth
-    middle = jnp.array([height // 2, width // 2]), jnp.array([rows // 2, columns // 2])
+    middle = [jnp.array(size, jnp.float32) // 2 for size in ((height, width), (rows, columns))]
     origin = middle[0] - middle[1] * pitch
     return Terrain(
         now=now,
         goal=wanted,
         weight=_weight(camera, whole, (now + wanted) / 2),
         moves=moves,
-        limits=jnp.stack([jnp.asarray(camera.z_min), jnp.asarray(camera.z_max)]),
+        limits=jnp.stack([jnp.asarray(z, jnp.float32) for z in (camera.z_min, camera.z_max)]),
         origin=origin,
         pitch=pitch,
     )

@@ -91,7 +91,7 @@ def _act(key, bed, material, stroke, xy, depth_scale, yaw, spread):
 
     middle = xy / bed.cell + jnp.array([columns / 2, rows / 2], jnp.float32)
     corner = jnp.floor(middle + 0.5).astype(jnp.int32)  # padding shifts it by half a window
-    corner = jnp.clip(corner, 0, jnp.array([columns, rows]))
+    corner = jnp.clip(corner, 0, jnp.array([columns, rows], jnp.int32))
     corner_x, corner_y = corner[0], corner[1]
 
     def window(a):

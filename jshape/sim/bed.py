@@ -100,7 +100,7 @@ def irregular_bed(
     check.number("std", std, at_least=0.0)
     rows, columns = _grid(size, cell)
     margin = math.ceil(3 * sigma / cell)
-    noise = jax.random.normal(key, (rows + 2 * margin, columns + 2 * margin))
+    noise = jax.random.normal(key, (rows + 2 * margin, columns + 2 * margin), jnp.float32)
     noise = blur_matrix(rows, margin, sigma / cell) @ noise
     noise = noise @ blur_matrix(columns, margin, sigma / cell).T
     noise = (noise - noise.mean()) / noise.std()

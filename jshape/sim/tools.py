@@ -214,16 +214,18 @@ def repetition(
       A stroke whose path is final.
     """
     place, turn, deep, size, bend = jax.random.split(key, 5)
-    size = 1.0 + spread * stroke.spread_size * jax.random.normal(size)
-    deep = 1.0 + spread * stroke.spread_depth * jax.random.truncated_normal(deep, -2.5, 2.5)
+    size = 1.0 + spread * stroke.spread_size * jax.random.normal(size, (), jnp.float32)
+    deep = 1.0 + spread * stroke.spread_depth * jax.random.truncated_normal(
+        deep, -2.5, 2.5, (), jnp.float32
+    )
     made = scaled(stroke, size, depth_scale * deep)
-    angle = yaw + spread * stroke.spread_yaw * jax.random.uniform(turn, minval=-1.0)
+    angle = yaw + spread * stroke.spread_yaw * jax.random.uniform(turn, (), jnp.float32, -1.0)
     cos, sin = jnp.cos(angle), jnp.sin(angle)
     x, y, z = made.path[..., 0], made.path[..., 1], made.path[..., 2]
     path = jnp.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)
-    shift = spread * stroke.spread_xy * jax.random.uniform(place, (2,), minval=-1.0)
+    shift = spread * stroke.spread_xy * jax.random.uniform(place, (2,), jnp.float32, -1.0)
     path = path.at[..., :2].add(shift)
-    bend = spread * stroke.spread_finger * jax.random.normal(bend, (NUM_FINGERS, 1, 3))
+    bend = spread * stroke.spread_finger * jax.random.normal(bend, (NUM_FINGERS, 1, 3), jnp.float32)
     return replace(made, path=path + bend, yaw=angle)
 
 

@@ -142,9 +142,9 @@ def smooth_noise(
 ) -> Float[Array, "H W"]:
     """Gaussian noise of standard deviation 1, correlated over about 2 `sigma_px` pixels."""
     reach = max(1, math.ceil(3 * sigma_px))
-    taps = jnp.exp(-0.5 * (jnp.arange(-reach, reach + 1) / sigma_px) ** 2)
+    taps = jnp.exp(-0.5 * (jnp.arange(-reach, reach + 1, dtype=jnp.float32) / sigma_px) ** 2)
     taps = taps / jnp.sqrt((taps**2).sum())
-    white = jax.random.normal(key, (shape[0] + 2 * reach, shape[1] + 2 * reach))
+    white = jax.random.normal(key, (shape[0] + 2 * reach, shape[1] + 2 * reach), jnp.float32)
     rows = [taps[k] * white[k : k + shape[0]] for k in range(2 * reach + 1)]
     white = functools.reduce(jnp.add, rows)
     columns = [taps[k] * white[:, k : k + shape[1]] for k in range(2 * reach + 1)]

@@ -9,11 +9,13 @@ from jshape.planners.base import Status
 from jshape.view.story import Story
 from jshape.view.surfaces import DIFFERENCES
 from jshape.viz.pictures import draw_actions
+from jshape.viz.style import own_style
 
 WIDTH, DPI = 5.0, 120
 """Of a picture: inches, and pixels in one."""
 
 
+@own_style()
 def picture(
     story: Story, shown: np.ndarray, step: int, *, differences: bool, acts: bool = True
 ) -> np.ndarray:

@@ -3,7 +3,10 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from jshape.viz.style import own_style
 
+
+@own_style()
 def check_figure(depth: np.ndarray, noise: np.ndarray, off: np.ndarray, title: str) -> Figure:
     """Depth, noise and deviation from the plane, beside each other.
 
@@ -23,7 +26,7 @@ def check_figure(depth: np.ndarray, noise: np.ndarray, off: np.ndarray, title: s
         (
             {"cmap": "viridis", **_span(1e3 * depth)},
             {"cmap": "magma", "vmin": 0.0, "vmax": max(most, 1e-3)},
-            {"cmap": "coolwarm", "vmin": -reach, "vmax": reach},
+            {"cmap": "RdBu_r", "vmin": -reach, "vmax": reach},
         ),
         strict=True,
     ):

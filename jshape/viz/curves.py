@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from jshape.learn.training import Row
+from jshape.viz.style import own_style
 
 
 def curves_csv(curves: Mapping[str, Sequence[Row]], to_mm: float) -> str:
@@ -26,6 +27,7 @@ def curves_csv(curves: Mapping[str, Sequence[Row]], to_mm: float) -> str:
     return "\n".join(lines) + "\n"
 
 
+@own_style()
 def curves_figure(curves: Mapping[str, Sequence[Row]], to_mm: float) -> Figure:
     """One panel per action: training and validation loss (mm) over epochs, and the best epoch.
 

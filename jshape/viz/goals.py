@@ -5,13 +5,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jshape.goals import Goal
+from jshape.viz.pictures import span
+from jshape.viz.style import own_style
 
 CONTOURS = 1.0
 """Contour lines are drawn this far apart, mm; wider on changes of more than six lines."""
-LEAST_SPAN = 5.0
-"""Least range of heights on a grey scale, mm."""
 
 
+@own_style()
 def goal_figure(goal: Goal, title: str = "") -> Figure:
     """Bed, goal and change from above, and a cut-away profile where it changes most."""
     bed = goal.bed
@@ -20,8 +21,7 @@ def goal_figure(goal: Goal, title: str = "") -> Figure:
     now, wanted, change = (
         np.where(seen, 1e3 * k, np.nan) for k in (bed.height, goal.height, goal.change)
     )
-    low, high = np.nanpercentile(np.stack([now, wanted]), (0.2, 99.8))
-    more = max(LEAST_SPAN - (high - low), 0.0) / 2
+    low, high = span([now, wanted])
     most = max(float(np.nanmax(np.abs(change))), 0.1)
     half = bed.cell * 500
     extent = x[0] - half, x[-1] + half, y[-1] + half, y[0] - half
@@ -33,12 +33,10 @@ def goal_figure(goal: Goal, title: str = "") -> Figure:
         [["bed", "goal", "change"], ["cut", "cut", "cut"]], height_ratios=[2.1, 1.0]
     )
     for name, field in (("bed", now), ("goal", wanted)):
-        drawn = axes[name].imshow(
-            field, cmap="gray", vmin=low - more, vmax=high + more, extent=extent
-        )
+        drawn = axes[name].imshow(field, cmap="gray", vmin=low, vmax=high, extent=extent)
     figure.colorbar(drawn, ax=axes["goal"], label="height above the level (mm)", shrink=0.7)
-    drawn = axes["change"].imshow(change, cmap="RdBu_r", vmin=-most, vmax=most, extent=extent)
-    figure.colorbar(drawn, ax=axes["change"], label="raised (+), sunk (-) (mm)", shrink=0.7)
+    drawn = axes["change"].imshow(-change, cmap="RdBu_r", vmin=-most, vmax=most, extent=extent)
+    figure.colorbar(drawn, ax=axes["change"], label="too high, to sink: red, + (mm)", shrink=0.7)
     apart = CONTOURS * max(np.ceil(most / 6), 1.0)
     lines = apart * (np.arange(int(most / apart + 0.5)) + 0.5)  # off the level floors and tops
     if lines.size:
@@ -49,7 +47,7 @@ def goal_figure(goal: Goal, title: str = "") -> Figure:
     titles = {
         "bed": "the bed now",
         "goal": "the goal",
-        "change": f"the change, a line every {apart:g} mm",
+        "change": f"the bed now - the goal, a line every {apart:g} mm",
     }
     for name, text in titles.items():
         ax = axes[name]

@@ -1,11 +1,9 @@
 """Figures of plans and runs.  They are drawn off screen and returned as PNG bytes."""
 
-import io
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
@@ -16,6 +14,7 @@ from jshape.camera import Camera
 from jshape.errors import JShapeError
 from jshape.planned import Plan
 from jshape.viz.labels import Room
+from jshape.viz.style import own_style
 
 COLOURS = {
     "grasp": "tab:red",
@@ -33,19 +32,13 @@ Rois = Mapping[str, tuple[int, int]]
 """(w, h) of the ROI that each action was trained with, pixels."""
 
 
-def png(figure: Figure, dpi: int = 100) -> bytes:
-    """A figure as the bytes of a PNG file."""
-    stream = io.BytesIO()
-    FigureCanvasAgg(figure).print_figure(stream, format="png", dpi=dpi)
-    return stream.getvalue()
-
-
 def height_mm(image: np.ndarray, camera: Camera) -> np.ndarray:
     """Height in mm above the far end of the camera's range, of a weighed image I."""
     depth = np.asarray(camera.depth(metric.unweigh(image, camera)))
     return 1e3 * (float(camera.z_max) - depth)
 
 
+@own_style()
 def plan_figure(
     plan: Plan,
     *,
@@ -78,10 +71,10 @@ def plan_figure(
         d_mm = float(metric.to_mm(metric.distance(obtained, goal), camera))
         shown.append((f"obtained: {d_mm:.2f} mm", obtained))
     heights = [height_mm(image, camera) for _, image in shown]
-    low, high = _span(heights[:2])
+    low, high = span(heights)
     wanted = heights[1]
     gaps = [h - wanted for k, h in enumerate(heights) if k != 1]
-    reach = max(float(np.percentile(np.abs(gaps[0]), 99.5)), 1.0)
+    reach = max(float(np.percentile(np.abs(gaps), 99.98)), 1.0)
 
     columns = len(shown)
     figure = Figure(figsize=(4.0 * columns, 6.6), layout="constrained")
@@ -97,7 +90,7 @@ def plan_figure(
     for ax, name, gap in zip(bottom, names, gaps, strict=False):
         drawn = ax.imshow(gap, cmap="RdBu_r", vmin=-reach, vmax=reach)
         _bare(ax, name)
-    figure.colorbar(drawn, ax=list(axes[1]), label="too high (mm)", shrink=0.85)
+    figure.colorbar(drawn, ax=list(axes[1]), label="too high: red, + (mm)", shrink=0.85)
     draw_curve(axes[1][1], plan.distances_mm, obtained_mm)
     if title:
         figure.suptitle(title)
@@ -105,6 +98,7 @@ def plan_figure(
     return figure
 
 
+@own_style()
 def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
     """I0 alone, with the actions as numbered boxes: what to do where, in which order."""
     camera, (heading, *lines) = plan.camera, _in_words(plan)
@@ -112,7 +106,7 @@ def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     ax = figure.subplots()
     height = height_mm(plan.images[0], camera)
-    low, high = _span([height])
+    low, high = span([height])
     drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
     figure.colorbar(drawn, ax=ax, label="above the far end of the range (mm)", shrink=0.85)
     whose = "" if _is_own(plan) else ", bank's image"
@@ -157,13 +151,18 @@ def _strength(plan: Plan, k: int) -> str:
     return "" if rounded == "1" else f" x{rounded}"
 
 
-def _span(heights: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Least and greatest height to show, mm: all but outliers, and noise is no relief."""
-    low, high = (float(q) for q in np.percentile(np.stack(heights), (0.5, 99.5)))
+def span(heights: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Black and white of a grey scale of heights, mm (NaN: not seen).
+
+    All are between them but single pixels; noise is no relief; and a bed without rims, which is
+    the highest there is, is light grey, not the white of the paper.
+    """
+    low, high = (float(q) for q in np.nanpercentile(np.stack(heights), (0.02, 99.98)))
     more = max(LEAST_SPAN - (high - low), 0.0) / 2
-    return low - more, high + more
+    return low - more, high + more + 0.2 * (high - low + 2 * more)
 
 
+@own_style()
 def steps_figure(plan: Plan) -> Figure:
     """The predicted images of a plan side by side, and the goal."""
     names = ["now", *(f"{k + 1} {_doing(plan, k)}" for k in range(len(plan)))]
@@ -173,12 +172,13 @@ def steps_figure(plan: Plan) -> Figure:
     return strip_figure(images, names, plan.camera)
 
 
+@own_style()
 def strip_figure(
     images: Sequence[np.ndarray], names: Sequence[str], camera: Camera, *, columns: int = 5
 ) -> Figure:
     """Images side by side with a name over each, all on one grey scale."""
     heights = [height_mm(image, camera) for image in images]
-    low, high = _span(heights)
+    low, high = span(heights)
     rows = -(-len(images) // columns)
     columns = -(-len(images) // rows)  # no lone picture in the last row
     figure = Figure(figsize=(3.0 * columns, 2.8 * rows), layout="constrained")

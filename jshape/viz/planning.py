@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from jshape.viz.pictures import COLOURS
 from jshape.viz.scores import Rows
+from jshape.viz.style import own_style
 
 TITLES = {
     "applied": "Goals that another hand made",
@@ -102,6 +103,7 @@ def _number(value: float | None, digits: int = 1) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
+@own_style()
 def left_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Bars of what is left of the distance, with 95 % intervals: a panel per kind of problems."""
     kinds, loops = (list(dict.fromkeys(row[name] for row in rows)) for name in ("kind", "loop"))
@@ -134,6 +136,7 @@ def left_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
+@own_style()
 def curves_figure(runs: Sequence[Mapping[str, Any]]) -> Figure:
     """Mean share of the distance left over the actions; a run that has ended stays as it is."""
     kinds, names = (list(dict.fromkeys(run[key] for run in runs)) for key in ("kind", "entry"))
@@ -165,6 +168,7 @@ def _carried(distances: Sequence[float], count: int) -> np.ndarray:
     return np.pad(values, (0, count - len(values)), mode="edge")
 
 
+@own_style()
 def gains_figure(
     runs: Sequence[Mapping[str, Any]], errors_mm: Mapping[str, Mapping[str, float]]
 ) -> Figure:
@@ -223,6 +227,7 @@ def _one_to_one(ax: Axes, steps: Sequence[Mapping[str, Any]], upright: Sequence[
         limit(min(values) - margin, reach + margin)
 
 
+@own_style()
 def sheet_figure(rows: Sequence[Sequence[Tile]]) -> Figure:
     """Beds side by side, a row per problem on one grey scale, higher is brighter."""
     columns = max((len(row) for row in rows), default=1)

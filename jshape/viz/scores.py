@@ -12,6 +12,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from jshape.errors import escaped
 from jshape.learn.measure import Comparison, Score
+from jshape.viz.style import own_style
 
 COLOURS = ("tab:orange", "tab:blue", "tab:green", "tab:purple", "tab:red", "tab:brown")
 """Of predictors, in order of first appearance."""
@@ -149,6 +150,7 @@ def scores_csv(scores: Sequence[Score]) -> str:
     return stream.getvalue()
 
 
+@own_style()
 def scores_figure(scores: Sequence[Score]) -> Figure:
     """Bars of the error per action and predictor (mean, std), the change and the noise floor.
 
@@ -198,6 +200,7 @@ def scores_figure(scores: Sequence[Score]) -> Figure:
     return figure
 
 
+@own_style()
 def sizes_figure(scores: Sequence[Score]) -> Figure:
     """Error, mean over the actions, against the number of pairs fitted to; one panel per agent.
 

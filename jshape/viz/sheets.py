@@ -9,6 +9,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from jshape._typing import ArrayLike
 from jshape.viz.pictures import COLOURS
+from jshape.viz.style import own_style
 
 PER_PAGE = 24
 """Pairs on a page of the contact sheet."""
@@ -30,6 +31,7 @@ class Tile(NamedTuple):
     """A person drew the box."""
 
 
+@own_style()
 def timeline_figure(
     motion: ArrayLike,
     occluded: ArrayLike,
@@ -81,6 +83,7 @@ def timeline_figure(
     return figure
 
 
+@own_style()
 def contact_sheet(tiles: Sequence[Tile], *, colours: Sequence[str] = ()) -> Figure:
     """Prior, difference and box of up to `PER_PAGE` pairs, side by side.
 
@@ -109,7 +112,7 @@ def contact_sheet(tiles: Sequence[Tile], *, colours: Sequence[str] = ()) -> Figu
         low, high = np.percentile(seen, (1, 99)) if seen.size else (0.0, 1.0)
         left.imshow(depth, cmap="gray_r", vmin=low - 2, vmax=high + 2, extent=extent)
         drawn = right.imshow(
-            tile.change_mm[::step, ::step], cmap="RdBu", vmin=-reach, vmax=reach, extent=extent
+            tile.change_mm[::step, ::step], cmap="RdBu_r", vmin=-reach, vmax=reach, extent=extent
         )
         colour = colours[k] if colours else "black"
         x, y, w, h = tile.box
@@ -119,8 +122,8 @@ def contact_sheet(tiles: Sequence[Tile], *, colours: Sequence[str] = ()) -> Figu
             ax.plot(x + w // 2, y + h // 2, "+", color=colour, markersize=5)
         left.set_title(tile.title, fontsize=7, loc="left", pad=2)
     if drawn is not None:
-        figure.colorbar(drawn, ax=axes, label="deeper after the action (mm)", shrink=0.6, pad=0.01,
-                        extend="both")  # fmt: skip
+        label = "sunk by the action: red, + (mm)"
+        figure.colorbar(drawn, ax=axes, label=label, shrink=0.6, pad=0.01, extend="both")
     return figure
 
 

@@ -8,7 +8,7 @@ import jax
 
 from jshape.camera import Camera
 from jshape.data.intrinsics import Z_RANGE, same_frames, within
-from jshape.errors import BadCamera, JShapeError, did_you_mean
+from jshape.errors import BadCamera, JShapeError, did_you_mean, one_line
 from jshape.robot.cameras.bag import bag_camera
 from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.cameras.folder import folder_camera, picture_camera
@@ -129,8 +129,10 @@ def seed_of(text: str) -> int:
       JShapeError: it is no seed.
     """
     number = text.partition(":")[2] or "0"
-    if not number.isdecimal() or len(number) > 10 or int(number) >= 2**32:
-        raise JShapeError(f"{text}: a seed is a whole number from 0 to {2**32 - 1}, as in sim:7")
+    if not (number.isascii() and number.isdecimal()) or len(number) > 10 or int(number) >= 2**32:
+        raise JShapeError(
+            f"{one_line(text, 80)}: a seed is a whole number from 0 to {2**32 - 1}, as in sim:7"
+        )
     return int(number)
 
 

@@ -24,13 +24,13 @@ class _Wait:
     def __init__(self) -> None:
         self.told: list[Callable[[], None]] = []
 
-    def note(self, event: str, seconds: float, **_: object) -> None:
+    def note(self, event: str, duration_secs: float, **kwargs: object) -> None:
         """Take what JAX tells, in the thread that compiles."""
         if not event.startswith("/jax/core/compile/"):
             return
         now = time.monotonic()
-        if now - seconds - self.over > GAP:
-            self.began = now - seconds
+        if now - duration_secs - self.over > GAP:
+            self.began = now - duration_secs
         compiled = event.endswith("backend_compile_duration")
         traced = event.endswith("trace_duration")
         self.over = now if compiled else now + MOST if traced else float("inf")

@@ -63,7 +63,7 @@ def sequence(terrain, rows):
     return replace(
         found,
         steps=jnp.int32(count),
-        move=found.move.at[:count].set(np.array(moves)),
+        move=found.move.at[:count].set(np.array(moves, np.int32)),
         node=found.node.at[:count].set(np.array(nodes, np.float32)),
         strength=found.strength.at[:count].set(np.array(strengths, np.float32)),
     )

@@ -112,9 +112,9 @@ def begun(task: Task) -> Found | None:
         found = replace(
             found,
             steps=jnp.int32(steps),
-            move=found.move.at[:steps].set(np.array(moves)),
-            node=found.node.at[:steps].set(np.array(nodes)),
-            strength=found.strength.at[:steps].set(np.array(strengths)),
+            move=found.move.at[:steps].set(np.array(moves, np.int32)),
+            node=found.node.at[:steps].set(np.array(nodes, np.float32)),
+            strength=found.strength.at[:steps].set(np.array(strengths, np.float32)),
         )
     task.budget.spend(steps)
     return task.budget.call(measured, terrain, found)[0]

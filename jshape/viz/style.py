@@ -27,7 +27,7 @@ def own_style() -> Iterator[None]:
     """Draw with our own settings; a context, or `@own_style()` before a function."""
     import matplotlib  # not above: where it cannot be imported, there are results without pictures
 
-    ours = {
+    ours: Any = {
         name: value
         for name, value in matplotlib.rcParamsDefault.items()
         if not name.startswith(("backend", "interactive", "toolbar"))  # of windows

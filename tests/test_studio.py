@@ -459,6 +459,7 @@ def test_pictures_show_what_is_high_and_what_is_wrong(desk):
     assert scale.low <= np.median(height) - 7 and scale.high >= height.max() - 1
     rgb = pictures.shaded(height, scale)
     assert rgb.shape == (*height.shape, 3) and rgb.dtype == np.uint8
+    assert pictures.data_url(rgb).startswith("data:image/png;base64,")
     change = np.zeros((40, 40), np.float32)
     change[:, :20], change[:, 20:] = 8.0, -8.0
     scale = pictures.difference_scale(change)
@@ -473,7 +474,6 @@ def test_pictures_show_what_is_high_and_what_is_wrong(desk):
 def test_a_flat_bed_is_not_all_noise():
     scale = pictures.height_scale(np.full((4, 4), -440.0))
     assert (scale.low, scale.high) == (-443.0, -437.0)
-    assert pictures.data_url(rgb).startswith("data:image/png;base64,")
 
 
 @pytest.mark.parametrize("closed", [False, True])

@@ -117,12 +117,12 @@ class AnnotatePage:
         for name, height in heights.items():
             self._images[name].set_source(pictures.data_url(pictures.shaded(height, scale)))
             self._labels[name].text = f"{name}: {scale.high - scale.low:.1f} mm from dark to bright"
-        change = -np.nan_to_num(work.effect(k).change_mm)
+        change = np.nan_to_num(work.effect(k).change_mm)  # positive is deeper
         scale = pictures.difference_scale(change)
         self._images["difference"].set_source(pictures.data_url(pictures.differing(change, scale)))
         self._labels[
             "difference"
-        ].text = f"difference: blue is lower after, red higher, up to {scale.high:.1f} mm"
+        ].text = f"difference: red sank, blue rose, up to {scale.high:.1f} mm"
         self._show_box()
         self._list.clear()
         with self._list:

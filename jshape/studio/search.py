@@ -5,25 +5,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import jax
-
+from jshape import compiling
 from jshape.errors import JShapeError
 from jshape.planned import Plan
-
-COMPILED = "/jax/core/compile/backend_compile_duration"
-"""What JAX says when XLA is ready with a function; before that it has told of tracing and
-lowering."""
-_here = threading.local()  # .search: of this thread
-
-
-def _told(event: str, duration_secs: float, **kwargs: str | int) -> None:
-    """JAX has done a step of compiling, in this thread."""
-    search = getattr(_here, "search", None)
-    if search is not None and event.startswith("/jax/core/compile/"):
-        search.compiling = event != COMPILED
-
-
-jax.monitoring.register_event_duration_secs_listener(_told)
 
 
 class GivenUp(JShapeError):
@@ -39,8 +23,7 @@ class Search:
 
     def __init__(self, make: Callable[[], Plan]):
         """Start it; `make` makes the plan."""
-        self.compiling = False
-        """Whether it makes machine code rather than a plan: once per bank, view and directions."""
+        compiling.listen()
         self._make = make
         self._began = time.monotonic()
         self._found: Plan | Exception | None = None
@@ -49,7 +32,6 @@ class Search:
         threading.Thread(target=self._run, name="planning").start()
 
     def _run(self) -> None:
-        _here.search = self
         found: Any = None
         try:
             found = self._make()
@@ -66,8 +48,10 @@ class Search:
     @property
     def said(self) -> str:
         """What it does and since when, in words."""
-        what = "compiling, first time only" if self.compiling else "planning"
-        return f"{what}: {time.monotonic() - self._began:.0f} s"
+        compiled = compiling.seconds()
+        if compiled is not None:
+            return f"compiling, first time only: {compiled:.0f} s"
+        return f"planning: {time.monotonic() - self._began:.0f} s"
 
     def result(self) -> Plan:
         """The plan, once there is one.

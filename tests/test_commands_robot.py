@@ -111,6 +111,7 @@ def hang(*given, **named):
     print("hangs", file=sys.stderr, flush=True)
     threading.Event().wait()
 
+SimulatedArm.slowness = 1.0
 for name in {hangs}:
     setattr(SimulatedArm, name, hang)
 sys.exit(main(sys.argv[1:]))

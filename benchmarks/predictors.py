@@ -25,10 +25,11 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.sim_against_mpm import default_data
-from jshape import PAPER_BOX, Pairs, fit, load_bank, load_pairs, sim
+from jshape import PAPER_BOX, Pairs, load_bank, load_pairs, sim
 from jshape.commands.tables import print_table
 from jshape.data.simulate import DEPTH_UNIT, ROIS, look, random_bed
 from jshape.learn.evaluate import Score, candidates_of, compare, roi_errors_mm
+from jshape.learn.fit import fit
 from jshape.learn.floor import Floor, noise_floor
 from jshape.learn.measure import summarise, with_floor
 from jshape.learn.partitions import Candidate, Study

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from jshape.camera import D435_BAZAR, D435_NOMINAL, PAPER_BOX, Camera
     from jshape.data.pairs import Pairs
     from jshape.errors import JShapeError
-    from jshape.learn.fit import fit
+    from jshape.learn.held_out import fit
     from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
     from jshape.planners.base import Status
     from jshape.planning import Plan, plan, plan_depth, rollout
@@ -55,7 +55,7 @@ _HOMES = {
     "jshape.camera": ("D435_BAZAR", "D435_NOMINAL", "PAPER_BOX", "Camera"),
     "jshape.data.pairs": ("Pairs",),
     "jshape.errors": ("JShapeError",),
-    "jshape.learn.fit": ("fit",),
+    "jshape.learn.held_out": ("fit",),
     "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
     "jshape.planners.base": ("Status",),
     "jshape.planning": ("Plan", "plan", "plan_depth", "rollout"),

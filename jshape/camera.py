@@ -21,6 +21,10 @@ GEOMETRY = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max")
 """The fields of a camera that decide what its frames mean to a bank: all but the bits."""
 
 
+FARTHEST = 50.0
+"""Depths beyond it are no bed's: they were meant in millimetres."""
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Camera:
@@ -208,6 +212,11 @@ def check_camera(camera: Camera, where: str = "camera") -> Camera:
             raise BadCamera(
                 f"{where}: {name} is {quoted(value)}; it must be positive, 0.001 to 1000000"
             )
+        if name in ("z_min", "z_max") and float(value) > FARTHEST:
+            raise BadCamera(
+                f"{where}: {name} is {float(value):g}; it is in metres, at most {FARTHEST:g} (in "
+                f"millimetres it would be {float(value) / 1e3:g} m)"
+            )
         if name in ("u0", "v0") and abs(float(value)) > 1e6:
             raise BadCamera(f"{where}: {name} is {quoted(value)}; it must be within ±1000000")
     if float(camera.z_min) >= float(camera.z_max):
@@ -229,6 +238,12 @@ def check_same_camera(ours: Camera, theirs: Camera, whose: str) -> None:
             raise BadCamera(
                 f"the bank is for another camera: its {name} is {mine:g}, {whose} {other:g}"
             )
+
+
+def differing(one: Camera, other: Camera, whose: str) -> str:
+    """The fields in which a camera differs from another one, both numbers named."""
+    numbers = [(n, float(getattr(one, n)), float(getattr(other, n))) for n in GEOMETRY]
+    return ", ".join(f"{n} {a:g} ({whose}: {b:g})" for n, a, b in numbers if a != b)
 
 
 def window_of(inner: Camera, outer: Camera) -> tuple[int, int] | None:

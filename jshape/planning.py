@@ -18,7 +18,7 @@ from jshape import places, tasks
 from jshape._typing import Array, ArrayLike
 from jshape.camera import Camera, unmasked
 from jshape.data.depth import check_unit, to_metres
-from jshape.data.view import image_of_depth, view_of
+from jshape.data.view import View, image_of_depth, view_beside, view_of
 from jshape.errors import BadBank, BadImage, JShapeError, UnknownName, quoted
 from jshape.planned import Plan
 from jshape.planners import PLANNERS
@@ -206,7 +206,7 @@ def plan_depth(
     zstar: ArrayLike,
     *,
     bank: Bank | str | Path | None = None,
-    camera: Camera | None = None,
+    camera: Camera | tuple[Camera, Camera] | None = None,
     reproject: bool = False,
     depth_unit: float = 0.001,
     max_missing: float = 0.1,
@@ -223,10 +223,11 @@ def plan_depth(
       z0: (H, W) depth of the bed now.
       zstar: (H, W) the depth wanted.
       bank: as for `plan`.
-      camera: that took the frames; None is the bank's own.  If the bank's image is a window of
-        this camera's, it is cut out.
+      camera: that took the frames, or (that of z0, that of zstar); None is the bank's own.  If the
+        bank's image is a window of this camera's, it is cut out.
       reproject: see the frames of another camera, or from another distance, as the bank's camera
-        would.  `plan.camera_positions` are the places in the camera's own pixels.
+        would.  `plan.camera_positions` are the places in the camera's own pixels.  Of two cameras
+        the middles of both beds are taken to be equally high.
       depth_unit: metres per count of integer images.
       max_missing: largest share of pixels without a reading that may be filled.
       names: what to call the two images in errors.
@@ -238,10 +239,17 @@ def plan_depth(
       BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
     """
     bank = _as_bank(bank)
-    view = None
+    views: tuple[View | None, View | None] = (None, None)
     if camera is not None:
-        first = check_unit(to_metres(z0, depth_unit, names[0]), camera, names[0])
-        view = view_of(camera, bank.camera, first, reproject=reproject)
+        pair = camera if isinstance(camera, tuple) else (camera, camera)
+        first, last = (
+            check_unit(to_metres(depth, depth_unit, name), one, name)
+            for depth, one, name in zip((z0, zstar), pair, names, strict=True)
+        )
+        view = view_of(pair[0], bank.camera, first, reproject=reproject, where=names[0])
+        seen = view.depth(first, names[0])
+        beside = view_beside(view, seen, pair[1], last, reproject=reproject, where=names[1])
+        views = view, beside
     now, wanted = (
         image_of_depth(
             depth,
@@ -251,13 +259,13 @@ def plan_depth(
             max_missing=max_missing,
             where=name,
         )
-        for name, depth in zip(names, (z0, zstar), strict=True)
+        for name, depth, view in zip(names, (z0, zstar), views, strict=True)
     )
     return replace(
         plan(now.image, wanted.image, bank=bank, **options),
         filled=(now.filled, wanted.filled),
         clamped=(now.clamped, wanted.clamped),
-        view=view,
+        view=views[0],
     )
 
 

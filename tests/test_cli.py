@@ -9,6 +9,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape import PAPER_BOX, Plan, metric, save_bank
+from jshape import PAPER_BOX, Camera, Plan, metric, save_bank
 from jshape.cli import build_parser, main
 from jshape.commands import COMMANDS, settings
 from jshape.commands.arguments import duration
@@ -291,7 +292,6 @@ def test_what_is_there_is_not_overwritten_unless_asked(folder, capsys):
 
 def test_another_camera_with_reproject(folder, capsys):
     """A 640x480 camera at 0.55 m sees the same two beds; places come back in its own pixels."""
-    from jshape import Camera
     from jshape.camera import reproject
 
     other = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, 0.3, 1.0)
@@ -415,8 +415,6 @@ def test_a_bundled_bank_and_a_folder_of_one_name(folder, capsys):
 
 def test_a_wrong_unit_is_not_hidden_by_reproject(folder, capsys):
     """A camera that says 0.3 to 1 m does not see a bed at 4.5 m, however it is looked at again."""
-    from jshape import Camera
-
     other = Camera(480, 395, 433.0, 433.0, 240.0, 197.0, 0.3, 1.0)
     write_camera(folder / "camera.json", other, 1e-4)
     refused([*PLAN, "--reproject"], capsys, "depth_unit 1e-05 instead of 0.0001 would fit it")
@@ -784,3 +782,144 @@ def test_surroundings_that_a_process_may_have(tmp_path, closed, environment, sai
     )  # fmt: skip
     assert process.returncode == code and said in process.stderr
     assert process.stderr.count("\n") == (code > 0)
+
+
+def test_a_goal_of_another_folder_is_read_with_its_own_camera(folder, capsys):
+    """Its unit is its own; another lens is refused with both numbers, or looked at again."""
+    from jshape.camera import reproject
+
+    (folder / "other").mkdir()
+    goal = cv2.imread("goal.png", cv2.IMREAD_UNCHANGED)
+    cv2.imwrite("other/goal.png", np.rint(goal / 5.0).astype(np.uint16))
+    write_camera("other/camera.json", PAPER_BOX, 5e-5)
+    elsewhere = ["plan", "now.png", "other/goal.png", "--bank", "bank",
+                 "--positions", "places.json"]  # fmt: skip
+    assert main([*PLAN, "--json"]) == 0
+    ours = json.loads(capsys.readouterr().out)
+    for more in ([], ["--camera", "camera.json"], ["--depth-unit", "1e-5"]):
+        assert main([*elsewhere, *more, "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["goal_source"] == "other/camera.json"
+        assert [s["action"] for s in found["steps"]] == [s["action"] for s in ours["steps"]]
+        np.testing.assert_allclose(found["distances_mm"], ours["distances_mm"], atol=0.03)
+
+    other = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, 0.3, 1.0)
+    seen = np.asarray(reproject(goal * np.float32(1e-5), PAPER_BOX, other, 0.1)[0])
+    seen = np.where(np.isfinite(seen), seen, 0.56)
+    cv2.imwrite("other/goal.png", np.rint(seen / 5e-5).astype(np.uint16))
+    write_camera("other/camera.json", other, 5e-5)
+    refused(elsewhere, capsys, "other/goal.png: the bank is for another camera: ")
+    assert main(elsewhere) == 2 and "fx 500 (bank: 433)" in capsys.readouterr().err
+    assert main([*elsewhere, "--reproject", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [s["action"] for s in found["steps"]].count("knock") >= 2
+    # What the actions move of the middle's median, 0.2 mm, is taken for the camera's height.
+    assert found["distances_mm"][0] == pytest.approx(ours["distances_mm"][0], abs=0.3)
+
+
+KINECT = Camera(640, 576, 504.0, 504.0, 320.0, 288.0, 0.3, 1.2, bits=16)
+
+
+def on_a_table(folder):
+    """A bed of 251x209 pixels, 30 mm above the table that fills the rest of the view."""
+    v, u = np.mgrid[0:576, 0:640]
+    now = np.full((576, 640), 630.0)
+    bed = (np.abs(u - 320) < 126) & (np.abs(v - 288) < 105)
+    now[bed] = 600 + 2 * np.sin(u[bed] / 21)
+    goal = now + 9 * ((np.abs(u - 320) < 60) & (np.abs(v - 288) < 18))
+    for name, depth in (("now", now), ("goal", goal)):
+        cv2.imwrite(f"{name}.png", depth.astype(np.uint16))
+    write_camera(folder / "camera.json", KINECT, 1e-3)
+
+
+def test_a_bed_smaller_than_the_view_is_planned_on_in_its_window(folder, capsys):
+    """`camera check` and `plan` say the same, and the window that they name is planned on."""
+    on_a_table(folder)
+    said = "surroundings: the bed fills 14% of the view, 0.598 to 0.601 m away, and what is "
+    way = "--window 197,186,247x205 holds only the bed"
+    assert main(["camera", "check", "now.png", "--frames", "1"]) == 0
+    found = capsys.readouterr().out
+    assert "BAD jshape plan would refuse it" in found and said in found and way in found
+    refused(["plan", "now.png", "goal.png"], capsys, "--window or --depth-range plan on the frames")
+    refused(["plan", "now.png", "goal.png", "--reproject"], capsys, said)
+    refused(["plan", "now.png", "goal.png", "--reproject"], capsys, way)
+    window = ["--window", "197,186,247x205"]
+    assert main(["camera", "check", "now.png", "--frames", "1", *window]) == 0
+    assert "good enough to record and to plan with" in capsys.readouterr().out
+    quick = ["--positions", "5x5", "--max-steps", "2", "--json"]
+    assert main(["plan", "now.png", "goal.png", *window, *quick]) == 0
+    found = json.loads(capsys.readouterr().out)
+    # 9 mm over 119 x 35 of the window's pixels, by the ratio of ray to depth more.
+    assert found["distances_mm"][0] == pytest.approx(9 * 119 * 35 / (247 * 205), rel=0.05)
+    for step in found["steps"]:
+        np.testing.assert_array_equal(
+            np.subtract(step["camera_position"], step["position"]), [197, 186]
+        )
+        assert 197 <= step["camera_position"][0] < 197 + 247
+    refused(["plan", "now.png", "goal.png", *window, "--reproject"], capsys, "one or the other")
+    refused(["plan", "now.png", "goal.png", "--bank", "bank", *window], capsys, "bound to its")
+    refused(["plan", "now.png", "goal.png", "--window", "300,300,90x90"], capsys, "changes")
+
+
+def test_a_goal_for_a_window_is_planned_for_with_what_it_prints(folder, capsys):
+    on_a_table(folder)
+    words = ["goal", "now.png", "--window", "197,186,247x205", "--text", "O", "--out", "mine"]
+    assert main([*words, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["level_m"] == pytest.approx(0.600, abs=2e-3)
+    assert " --window 0,0,247x205 " in said["next"]
+    plan = said["next"].split()[1:4]
+    quick = ["--positions", "3x3", "--max-steps", "1", "--json"]
+    assert main([*plan, "--window", "0,0,247x205", *quick]) == 0
+    one = json.loads(capsys.readouterr().out)["distances_mm"][0]
+    # The same from the whole frame: the goal's folder says that it is the window.
+    assert main(["plan", "now.png", plan[2], "--window", "197,186,247x205", *quick]) == 0
+    assert json.loads(capsys.readouterr().out)["distances_mm"][0] == pytest.approx(one, rel=1e-3)
+    # The whole frame is cut to the bed's window; one of another lens is not taken for it.
+    refused(["goal", "mine/now.png", "--frame", "now.png"], capsys, "nothing of it would change")
+    (folder / "other").mkdir()
+    shutil.copy("now.png", "other")
+    write_camera("other/camera.json", replace(KINECT, fx=615.0), 1e-3)
+    refused(["goal", "now.png", "--frame", "other/now.png"], capsys, "fx 615 (bed: 504)")
+
+
+def test_a_heap_taller_than_the_banks_range_is_planned_in_its_own(folder, capsys):
+    v, u = np.mgrid[0:395, 0:480]
+    heap = 4500 - 900 * np.exp(-((u - 240) ** 2 + (v - 197) ** 2) / 7000.0)
+    for name, depth in (("now", heap), ("goal", np.maximum(heap, 3900))):
+        cv2.imwrite(f"{name}.png", depth.astype(np.uint16))
+    write_camera(folder / "camera.json", replace(PAPER_BOX, z_min=0.3, z_max=0.6), 1e-4)
+    said = "range: the bed is 0.367 to 0.450 m away, 83 mm of relief, and the bank's camera sees 50"
+    for more in ([], ["--reproject"]):
+        refused(["plan", "now.png", "goal.png", *more], capsys, said)
+    way = ["--depth-range", "0.357,0.480"]
+    refused(["plan", "now.png", "goal.png"], capsys, " ".join(way))
+    quick = ["--positions", "5x5", "--max-steps", "1", "--json"]
+    assert main(["plan", "now.png", "goal.png", *way, *quick]) == 0
+    found = json.loads(capsys.readouterr().out)
+    gone = np.abs(np.maximum(heap, 3900) - heap).mean() / 10
+    assert found["distances_mm"][0] == pytest.approx(gone, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("fields", "options", "said"),
+    [
+        ({"z_min": 420, "z_max": 470}, [], "z_min is 420; it is in metres, at most 50 (in milli"),
+        ({"z_min": 420, "z_max": 470}, ["--reproject"], "it would be 0.42 m)"),
+        ({"z_min": 0.5, "z_max": 0.6}, [], "z_min and z_max of camera.json must say so"),
+        ({"z_min": 0.5, "z_max": 0.6}, ["--reproject"], "z_min and z_max of camera.json must say"),
+    ],
+)
+def test_advice_on_a_range_that_cannot_be_is_of_use(folder, capsys, fields, options, said):
+    """Metres are meant; and nobody is told to use an option that was used."""
+    _edit_json(folder / "camera.json", **fields)
+    refused([*PLAN, *options], capsys, said)
+    assert main([*PLAN, *options]) == 2 and "reproject" not in capsys.readouterr().err
+
+
+def test_a_tilted_camera_is_named(folder, capsys):
+    v, u = np.mgrid[0:395, 0:480]
+    z = (0.445 / (1 + np.tan(np.radians(8.0)) * (u - 240) / 433.0) / 1e-5).astype(np.uint16)
+    for name in ("now", "goal"):
+        cv2.imwrite(f"{name}.png", z)
+    refused(PLAN, capsys, "tilt: the bed is tilted by 8.0 degrees against the image")

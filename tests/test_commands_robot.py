@@ -1,19 +1,28 @@
 """`jshape mold` and `jshape execute` at the command line, with the simulated arm."""
 
+import argparse
 import json
 import signal
 import subprocess
 import sys
+from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
+from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
 from jshape.cli import main
+from jshape.commands.mold import goal_of, gone_on
+from jshape.data.view import image_of_depth
+from jshape.errors import BadCamera
 from jshape.robot.arms.names import bed_of, open_arm
+from jshape.robot.robot import Robot
 from jshape.robot.simulated import SimulatedWorld
 from jshape.store.cameras import write_camera
+from jshape.store.images import write_depth_png
 from tests.conftest import ROOT
 
 QUICK = ["--bank", "flour-robot", "--frames", "3"]
@@ -140,3 +149,61 @@ def test_an_arm_that_hangs_in_everything_does_not_keep_the_program(goal, tmp_pat
     assert f"jshape mold --resume --out {out} goes on" in said
     assert "simulated arm: close has not ended after 5 s" in said
     assert json.loads((out / "summary.json").read_text())["state"] == "interrupted"
+
+
+def blank_robot(eye, bank):
+    """A robot without an arm, which nobody asks to look or act."""
+    robot = Robot.__new__(Robot)
+    robot.eye, robot.view, robot.camera = eye, None, bank.camera
+    return robot
+
+
+def goal_for(tmp_path, camera, bank, **more):
+    """What `jshape mold` takes for a goal whose whole middle is dug 10 mm, and the bed before."""
+    now = np.full(camera.shape, 0.55, np.float32)
+    h, w = camera.shape
+    wanted = now.copy()
+    wanted[h // 5 : h - h // 5, w // 5 : w - w // 5] += 0.010
+    write_depth_png(tmp_path / "wanted.png", wanted, 1e-4)
+    eye = SimpleNamespace(camera=camera, depth_unit=1e-4, name="it")
+    robot = blank_robot(eye, bank)
+    given = {"camera_file": None, "depth_unit": None, "reproject": False, "window": None,
+             "depth_range": None, "max_missing": 0.1} | more  # fmt: skip
+    said = []
+    found = goal_of(
+        tmp_path / "wanted.png", robot, bank, argparse.Namespace(**given), said.append
+    )  # fmt: skip
+    return now, robot, said, *found
+
+
+def test_a_goal_of_the_robots_own_camera_is_seen_as_the_bed_is(tmp_path, bank):
+    """Moved to the bank's distance alike: a dug middle is not taken for raised surroundings."""
+    camera = replace(PAPER_BOX, fx=350.0, fy=350.0, z_min=0.3, z_max=1.0)
+    now, robot, _, goal, _, known = goal_for(tmp_path, camera, bank, reproject=True)
+    assert known == {"rise_m": pytest.approx(0.445 - 0.56, abs=1e-5)}
+    before = image_of_depth(now, PAPER_BOX, view=robot.view).image
+    dug = float(metric.to_mm(metric.distance(before, goal), PAPER_BOX))
+    assert 8 < dug < 11  # 10 mm over 87 % of the bank's view, along slanted rays
+    assert (before - goal).max() > 0.1 and (goal - before).max() < 0.01  # nothing is raised
+    again = blank_robot(robot.eye, bank)
+    gone_on(known, again, bank)
+    np.testing.assert_array_equal(image_of_depth(now, PAPER_BOX, view=again.view).image, before)
+
+
+def test_a_window_is_molded_in_as_the_robots_camera_sees_it(tmp_path):
+    camera = replace(PAPER_BOX, fx=350.0, fy=350.0, z_min=0.3, z_max=1.0)
+    given = load_bank("pressed-flour-robot")
+    window = {"window": (0, 0, 480, 395)}
+    _, robot, _, goal, bank, known = goal_for(tmp_path, camera, given, **window)
+    assert known == {"bed_m": pytest.approx(0.56, abs=1e-4)} and goal.shape == camera.shape
+    assert robot.camera is bank.camera and bank.camera.fx == 350.0
+    trained = float(given.predictor("knock").ground.depth)
+    smaller = given.roi("knock")[0] * 350 / 433 * trained / 0.56
+    assert bank.roi("knock")[0] == pytest.approx(smaller, abs=1)  # whole pixels
+
+
+def test_a_goal_beside_its_own_camera_is_read_with_it(tmp_path, bank):
+    other = replace(PAPER_BOX, fx=615.0, z_min=0.3, z_max=1.0)
+    write_camera(tmp_path / "camera.json", other, 1e-4)
+    with pytest.raises(BadCamera, match=r"wanted.png: .*fx 615 \(bank: 433\)"):
+        goal_for(tmp_path, PAPER_BOX, bank)

@@ -11,15 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape import PAPER_BOX, Bank, Pairs, fit, metric, save_bank, save_pairs
+from jshape import PAPER_BOX, Bank, Pairs, metric, save_bank, save_pairs
 from jshape.cli import main
+from jshape.commands.evaluate import _explained
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError, UnknownName
 from jshape.learn import evaluate as evaluation
 from jshape.learn import partitions
 from jshape.learn.evaluate import by_size, cross_validate, evaluate, few_shot, roi_errors_mm
-from jshape.learn.fit import FITTERS
+from jshape.learn.fit import FITTERS, fit
 from jshape.learn.floor import noise_floor
-from jshape.learn.measure import Trial, compare, summarise
+from jshape.learn.measure import Comparison, Score, Trial, compare, summarise
 from jshape.learn.partitions import Candidate, Study, split_pairs
 from jshape.predict.difference import Difference, fit_difference
 from jshape.predict.refined import Refined
@@ -417,3 +418,20 @@ def test_without_few_a_small_data_set_adapts_with_what_it_has(folder, capsys, pa
         assert main(call) == 0
         result = json.loads(capsys.readouterr().out)
         assert {s["pairs"] for s in result["transfer"]} == sizes
+
+
+@pytest.mark.parametrize(
+    ("floor", "difference", "said"),
+    [
+        (0.87, 0.08, "is at the noise floor (0.85 mm, floor 0.87), so nothing is to be won here"),
+        (0.5, 0.08, "4 pairs cannot tell them apart"),
+        (None, -0.05, "4 pairs cannot tell them apart"),
+        (0.5, 0.3, None),
+    ],
+)
+def test_it_is_explained_why_a_predictor_is_not_better(floor, difference, said):
+    base = Score("poke", "human", 8, 0.85, 0.01, 3.0, floor, "flat", "D", "human", 4)
+    other = base._replace(predictor="P", mean_mm=0.85 + difference)
+    pair = Comparison("poke", "human", "human", "P", "D", 4, difference, 0.059, 0.25)
+    found = _explained([base, other], [pair])
+    assert found == [] if said is None else said in found[0] and len(found) == 1

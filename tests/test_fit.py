@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jshape import PAPER_BOX, Pairs, fit, metric
+from jshape import PAPER_BOX, Bank, Pairs, fit, load_bank, metric, save_bank
 from jshape.errors import BadDataset, JShapeError, UnknownName
 from jshape.learn.evaluate import cross_validate, evaluate, roi_errors_mm
+from jshape.learn.held_out import held_out
+from jshape.predict.difference import Difference, fit_difference
+from jshape.predict.pressed import Pressed
 
 UNIT = 1e-5
 
@@ -139,3 +142,56 @@ def test_what_cannot_be_fitted_or_tested_is_refused(pairs):
         fit(moved)
     with pytest.raises(UnknownName, match="'tap'; allowed: knock, poke"):
         pairs.of(action="tap")
+
+
+@pytest.mark.parametrize("kind", ["C", "P"])
+def test_a_fit_that_went_wrong_is_not_kept(pairs, monkeypatch, tmp_path, kind):
+    """A predictor that is off on held-out pairs: f_D instead, with a warning and the numbers."""
+    from jshape.learn import fit as fitting
+
+    def wrong_for_pokes(examples, camera, settings, start, hooks):
+        found = fit_difference(examples.prior, examples.posterior)
+        good = examples.prior.shape[2] == 40  # a knock's ROI
+        return found if good else Difference(-3.0 * found.delta)
+
+    monkeypatch.setitem(fitting.FITTERS, kind, wrong_for_pokes)
+    with pytest.warns(UserWarning) as told:
+        bank = fit(pairs, kind, validation=0.4)
+    rows = held_out(fitting.fit(pairs, kind), pairs, validation=0.4)
+    (row,) = [r for r in rows if r.action == "poke"]
+    assert row.worse and not row.useless and row.mm > 3 * row.nothing_mm > 3 * row.difference_mm
+    assert [str(one.message) for one in told] == [
+        f"poke: on {row.tested} held-out pairs, mm off: f_{kind} {row.mm:.2f}, the mean difference "
+        f"{row.difference_mm:.2f}, doing nothing {row.nothing_mm:.2f}; the mean difference is kept "
+        "for it"
+    ]
+    np.testing.assert_allclose(bank.errors_mm[1], row.difference_mm, rtol=1e-6)
+    if kind == "P":  # the mean difference from above: the hand can be turned
+        assert isinstance(bank.predictor("poke"), Pressed)
+        error, change = roi_errors_mm(bank, pairs, "poke")
+        assert error.mean() < 0.5 * change.mean()
+        return
+    one = held_out(fitting.fit(pairs, kind), pairs, validation=0.2)  # a single pair says nothing
+    assert [(r.tested, r.worse, r.useless) for r in one] == [(1, False, False)] * 2
+    delta = fit(pairs, "D").predictor("poke").delta
+    np.testing.assert_array_equal(bank.predictor("poke").delta, delta)
+    bank = Bank(PAPER_BOX, (bank.predictor("poke"),), ("poke",), "C")
+    found = load_bank(save_bank(bank, tmp_path / "bank"))
+    assert found.kind == "C"
+    np.testing.assert_array_equal(found.predictor("poke").delta, delta)
+
+
+def test_pairs_that_show_no_action_are_said(pairs):
+    """Half of them sink and half rise: the mean difference is no better than doing nothing."""
+    prior, posterior = pairs.prior.copy(), pairs.posterior.copy()
+    other = np.arange(len(pairs)) % 4 < 2
+    prior[other], posterior[other] = pairs.posterior[other], pairs.prior[other]
+    with pytest.warns(UserWarning, match="its pairs do not show what it does: look at their boxes"):
+        fit(replace(pairs, prior=prior, posterior=posterior).of(action="poke"))
+
+
+@pytest.mark.parametrize(("count", "rows"), [(1, 0), (2, 1), (3, 1)])
+def test_few_pairs_are_compared_and_their_error_is_not_claimed(pairs, count, rows):
+    few = pairs.of(action="poke").select(np.arange(count))
+    bank = fit(few)
+    assert bank.errors_mm is None and len(held_out(bank, few)) == rows

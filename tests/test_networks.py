@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import jshape
-from jshape import PAPER_BOX, Bank, Pairs, fit, load_bank, save_bank
+from jshape import PAPER_BOX, Bank, Pairs, load_bank, save_bank
 from jshape.data.pairs import Examples
 from jshape.errors import BadBank, BadDataset, JShapeError
 from jshape.learn.evaluate import roi_errors_mm
+from jshape.learn.fit import fit
 from jshape.learn.networks import changed_most, refine
 from jshape.learn.settings import Training
 from jshape.nn import unet

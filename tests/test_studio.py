@@ -4,6 +4,7 @@ import asyncio
 import json
 import threading
 import time
+from dataclasses import replace
 from unittest import mock
 
 import jax
@@ -19,6 +20,8 @@ from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import levelled_world
 from jshape.robot.robot import Robot
 from jshape.store import annotations, datasets
+from jshape.store.cameras import write_camera
+from jshape.store.images import write_depth_png
 from jshape.store.procedures import load_hand
 from jshape.studio import pictures
 from jshape.studio.advice import first_stroke, next_step, why_empty
@@ -489,3 +492,19 @@ def test_work_of_a_page_that_was_closed_draws_nothing_and_says_nothing(monkeypat
     else:
         asyncio.run(asked)
         assert said == ["OSError: no answer \\x1b[2J"] * fails + ["drawn"]
+    assert pictures.data_url(rgb).startswith("data:image/png;base64,")
+
+
+def test_a_goal_of_the_beds_camera_is_seen_from_where_the_bed_is(tmp_path):
+    """Its whole middle is dug 10 mm: that is not taken for raised surroundings."""
+    other = replace(jshape.PAPER_BOX, fx=350.0, fy=350.0, z_max=1.0)
+    write_camera(tmp_path / "camera.json", other, 1e-4)
+    now = np.full(jshape.PAPER_BOX.shape, 0.55, np.float32)
+    wanted = now.copy()
+    wanted[79:316, 96:384] += 0.010
+    desk = Desk("flour-robot")
+    for name, depth, load in (("now", now, desk.load_bed), ("wanted", wanted, desk.load_goal)):
+        write_depth_png(tmp_path / f"{name}.png", depth, 1e-4)
+        load(tmp_path / f"{name}.png", reproject=True)
+    change = desk.goal - desk.bed  # I falls where the bed is lower
+    assert change.min() < -0.1 and change.max() < 0.01

@@ -120,3 +120,16 @@ def test_depths_beyond_the_range_are_counted_or_refused(bank, molded):
     z0[:60] = 0.6
     with pytest.raises(BadImage, match=r"z0: depths are .* 84.8% of the readings are in it"):
         plan_depth(z0, zstar, bank=bank)
+
+
+def test_two_frames_of_two_cameras(bank, molded):
+    """Each is seen with its own; frames of one camera are moved by one distance, however deep."""
+    z0, zstar = depths_of(molded)
+    ours = plan_depth(z0, zstar, bank=bank, max_steps=2)
+    whole = np.full(D435_BAZAR.shape, 0.9, np.float32)
+    whole[46 : 46 + 395, 181 : 181 + 480] = zstar
+    both = plan_depth(z0, whole, bank=bank, camera=(PAPER_BOX, D435_BAZAR), max_steps=2)
+    np.testing.assert_array_equal(both.images, ours.images)
+    np.testing.assert_array_equal(both.camera_positions, ours.positions)
+    with pytest.raises(BadCamera, match=r"zstar: .* fx 500 \(bank: 433\)"):
+        plan_depth(z0, zstar, bank=bank, camera=(PAPER_BOX, OTHER))

@@ -13,6 +13,7 @@ from jshape.commands import COMMANDS, arguments, cameras
 from jshape.commands.tables import print_table, progress
 from jshape.data import camera_check
 from jshape.data.missing import said as said_of
+from jshape.data.view import plannable
 from jshape.errors import BadFile
 from jshape.robot.cameras.base import EndOfFrames, next_frame, still
 from jshape.store import files
@@ -36,6 +37,9 @@ def check(options: argparse.Namespace) -> dict[str, Any]:
         np.stack(frames), camera.camera, camera.depth_unit, still=still(camera)
     )
     said = camera_check.verdict(measured.setup, camera.camera)
+    if all(fine for fine, _ in said):  # else that is to be mended first
+        taken = plannable(measured.depth, camera.camera, own=bool(options.window))
+        said += [] if taken is None else [(False, taken)]
     good = all(fine for fine, _ in said)
     result = {
         "camera": camera.name,

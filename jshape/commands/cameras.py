@@ -50,13 +50,19 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     add_looking(parser, temporal=False)
 
 
+def add_part(parser: argparse.ArgumentParser) -> None:
+    """Which part of the frames is the bed."""
+    parser.add_argument("--depth-range", type=depth_range, metavar="NEAR,FAR",
+                        help="metres between which the bed lies (camera.json's, or 0.42,0.47)"
+                        )  # fmt: skip
+    parser.add_argument("--window", type=window, metavar="LEFT,TOP,WIDTHxHEIGHT",
+                        help="the part of the frames to take: the box (all)")  # fmt: skip
+
+
 def add_looking(parser: argparse.ArgumentParser, *, temporal: bool) -> None:
     """How to look through a camera; `temporal` says whether the SDK's filter is usually on."""
     parser.add_argument("--topic", help="of a bag's depth frames (the only one)")
-    parser.add_argument("--depth-range", type=depth_range, metavar="NEAR,FAR",
-                        help="metres between which the bed lies (0.42,0.47)")  # fmt: skip
-    parser.add_argument("--window", type=window, metavar="LEFT,TOP,WIDTHxHEIGHT",
-                        help="the part of the frames to take: the box (all)")  # fmt: skip
+    add_part(parser)
     parser.add_argument("--temporal", action=argparse.BooleanOptionalAction, default=temporal,
                         help=f"RealSense: the SDK's temporal filter ({'on' if temporal else 'off'})"
                         )  # fmt: skip

@@ -18,6 +18,8 @@ from jshape.store import banks, datasets, files, folders
 SCORES = ("scores.csv", "scores.png", "scores.md", "sizes.csv", "sizes.png", "transfer.csv",
           "transfer.png")  # fmt: skip
 """Files of an evaluation's folder."""
+AT_FLOOR = 1.1
+"""Times its noise floor: a predictor so near to it leaves nothing to win."""
 LEARNING = ("width", "epochs", "batch", "learning_rate", "patience", "validation")
 """Options of training that make sense here; there is nothing to resume."""
 
@@ -45,6 +47,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, Any]:
         trials = watch.trials("partitions", main)
         scores = evaluation.summarise(trials, floors)
         comparisons = evaluation.compare(trials, main.candidates[0].label)
+        notes += _explained(scores, comparisons)
         for name, study in others.items():
             studies[name] = evaluation.summarise(watch.trials(name, study), floors)
         named = ", ".join(f"f_{candidate.label}" for candidate in main.candidates)
@@ -63,6 +66,24 @@ def evaluate(options: argparse.Namespace) -> dict[str, Any]:
     if not options.json:
         _print(how, scores, studies, comparisons, notes)
     return result
+
+
+def _explained(scores: Sequence[Any], comparisons: Sequence[Any]) -> list[str]:
+    """Why a predictor is not better than another: there is nothing to win, or too few pairs."""
+    found = []
+    for c in comparisons:
+        base = next(s for s in scores if (s.predictor, s.action, s.agent, s.trained_on)
+                    == (c.against, c.action, c.agent, c.trained_on))  # fmt: skip
+        whose = f"{c.action} of {c.agent}: f_{c.predictor} against f_{c.against}"
+        if base.floor_mm is not None and base.mean_mm <= AT_FLOOR * base.floor_mm:
+            found.append(
+                f"{whose}: f_{c.against} is at the noise floor ({base.mean_mm:.2f} mm, floor "
+                f"{base.floor_mm:.2f}), so nothing is to be won here: what is left is what the "
+                "hand does otherwise each time; on a level bed the mean change is all there is"
+            )
+        elif abs(c.difference_mm) < 2.0 * c.error_mm:
+            found.append(f"{whose}: {c.count} pairs cannot tell them apart")
+    return found
 
 
 def _studies(

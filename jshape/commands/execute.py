@@ -4,6 +4,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from jshape import metric
+from jshape.camera import differing, window_of
 from jshape.commands import arguments
 from jshape.commands.robot import (
     add_robot,
@@ -15,6 +19,7 @@ from jshape.commands.robot import (
     robot_of,
     tell,
 )
+from jshape.data.view import middle_depth
 from jshape.errors import BadFile
 from jshape.planning import DEFAULT_BANK
 from jshape.robot.loop import HEAD
@@ -31,8 +36,15 @@ def execute(options: argparse.Namespace) -> dict[str, Any]:
         raise BadFile(f"{path}: holds no images, so nothing says what is wanted")
     session = resumed(options, say) if options.resume else None
     bank = banks.load_bank(options.bank or DEFAULT_BANK)
+    foreign = window_of(plan.camera, bank.camera) is None
+    if foreign and plan.initial is not None and all(hasattr(p, "seen_by") for p in bank.predictors):
+        # Made with --window or --depth-range: on the frames of another camera, as they are.
+        first = np.asarray(plan.camera.depth(metric.unweigh(plan.initial, plan.camera)))
+        bank = bank.seen_by(plan.camera, middle_depth(first))
     confirm = asking(options)
     with robot_of(options, bank, say) as robot:
+        if plan.view is not None and not differing(plan.view.source, robot.eye.camera, ""):
+            robot.view = plan.view  # the same looks as those it was made for
         if session is None:
             meta = {
                 "what": "execute", "plan": str(options.plan), "arm": options.arm,

@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape import sim
-from jshape.camera import Camera, check_camera, window_of
+from jshape.camera import Camera, window_of
 from jshape.commands import arguments
+from jshape.commands.cameras import add_part
+from jshape.commands.frames import Source, frame_of, source_of
 from jshape.commands.goal_sources import NAMES, wanted_of
-from jshape.commands.plan import source_of
+from jshape.data.intrinsics import within
 from jshape.data.missing import said as said_of
 from jshape.data.simulate import DEPTH_UNIT
 from jshape.errors import BadCamera, BadImage, UnknownName, quoted
@@ -42,9 +44,9 @@ class Bed(NamedTuple):
     depth: np.ndarray
     """(H, W) metres, NaN: no reading."""
     camera: Camera
-    depth_unit: float
-    said: str
-    """How we know the camera, for people."""
+    """Of `raw`, which may be a part of the frame."""
+    source: Source
+    """Of the whole frame."""
     left_out: Counter[str]
     """Why pixels are no readings."""
 
@@ -62,7 +64,7 @@ def goal(options: argparse.Namespace) -> dict[str, Any]:
     bed = bed_map(
         now.depth, now.camera, window=window, max_missing=options.max_missing, where=options.bed
     )
-    wanted = wanted_of(options, bed, now.camera, now.depth_unit, bank)
+    wanted = wanted_of(options, bed, now.camera, now.source, bank)
     material = MATERIALS[options.material]
     limits = Limits(
         steepest=_steepest(options, wanted.stands),
@@ -73,7 +75,7 @@ def goal(options: argparse.Namespace) -> dict[str, Any]:
     result = {
         "made_from": wanted.name,
         "bed": options.bed,
-        "camera": now.said,
+        "camera": now.source.said,
         "assumed": wanted.assumed,
         "size_mm": wanted.size_mm,
         "at": wanted.at,
@@ -106,16 +108,19 @@ def _bed(options: argparse.Namespace, bank: Bank) -> Bed:
         depth = np.asarray(sim.render(sim.flat_bed(), bank.camera))
         raw = images.to_counts(depth, DEPTH_UNIT)
         said = "the bundled bank's, above a simulated level bed"
-        return Bed(raw, raw * np.float32(DEPTH_UNIT), bank.camera, DEPTH_UNIT, said, Counter())
+        source = Source(bank.camera, DEPTH_UNIT, said, True)
+        return Bed(raw, raw * np.float32(DEPTH_UNIT), bank.camera, source, Counter())
     raw = formats.read_array(path)
     source = source_of(path, raw.shape, options.camera, bank, options.depth_unit)
-    camera, unit = check_camera(source.camera), source.depth_unit
     left_out: Counter[str] = Counter()
-    depth = images.depth_of_array(
-        raw, options.bed, depth_unit=unit, camera=camera, check_range=source.stated,
-        left_out=left_out,
-    )  # fmt: skip
-    return Bed(raw, depth, camera, unit, source.said, left_out)
+    # A goal may lie at any height.
+    depth = frame_of(path, source, reproject=True, raw=raw, left_out=left_out)
+    camera = within(source.camera, options.depth_range)
+    if options.window:
+        left, top, width, height = options.window
+        camera = camera.crop(left, top, width, height)
+        raw, depth = (x[top : top + height, left : left + width] for x in (raw, depth))
+    return Bed(raw, depth, camera, source, left_out)
 
 
 def _steepest(options: argparse.Namespace, stands: bool) -> float:
@@ -150,11 +155,14 @@ def _write(
 
     counts = now.raw.dtype.kind == "u"
     # 8 bits are luminance: both frames become counts, finer than its levels.
-    unit = now.depth_unit if now.raw.dtype != np.uint8 else DEPTH_UNIT
+    unit = now.source.depth_unit if now.raw.dtype != np.uint8 else DEPTH_UNIT
     suffix = "png" if counts else "npy"
     out = Path(options.out)
     names = f"{out / f'now.{suffix}'} {out / f'goal.{suffix}'}"
-    reproject = " --reproject" if said["window"] is None else ""
+    # What is written is the part that was asked for.
+    part = options.window or options.depth_range
+    own = f" --window 0,0,{now.camera.width}x{now.camera.height}" if part else " --reproject"
+    reproject = own if said["window"] is None else ""
     tried = "--stride 12 --strengths 0.2,0.5,1,1.6,2.3 --yaws 4 --caution 0.5"
     added = {"out": str(out), "next": f"jshape plan {names}{reproject} {tried} --out my-plan"}
     with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
@@ -285,6 +293,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--depth-unit", type=arguments.positive, help="metres per count of 16-bit images"
     )
+    add_part(parser)
     parser.add_argument("--bank", default=None, help="name or folder, for --actions")
     parser.add_argument(
         "--max-missing", type=arguments.share, default=0.1,

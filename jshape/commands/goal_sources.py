@@ -13,11 +13,13 @@ import numpy as np
 from scipy import ndimage
 
 from jshape import metric
-from jshape.camera import Camera, check_same_camera, window_of
+from jshape.camera import Camera, check_same_camera, differing, window_of
+from jshape.commands.frames import Source, frame_of, goal_source
+from jshape.data.intrinsics import within
 from jshape.data.missing import fill_missing
 from jshape.data.missing import said as said_of
 from jshape.data.view import View, image_of_depth, view_of
-from jshape.errors import BadFile, BadPosition, JShapeError, quoted
+from jshape.errors import BadCamera, BadFile, BadPosition, JShapeError, quoted
 from jshape.goals import (
     BedMap,
     Relief,
@@ -81,15 +83,15 @@ class Acts(NamedTuple):
 
 
 def wanted_of(
-    options: argparse.Namespace, bed: BedMap, camera: Camera, depth_unit: float, bank: Bank
+    options: argparse.Namespace, bed: BedMap, camera: Camera, source: Source, bank: Bank
 ) -> Wanted:
     """The change that the options ask for.
 
     Args:
       options: of `jshape goal`.
       bed: to change.
-      camera: of the whole frame.
-      depth_unit: metres per count of another frame.
+      camera: of the frame, or of the part of it that was asked for.
+      source: of the whole frame, and of another frame unless its own folder says otherwise.
       bank: predicts actions.
 
     Raises:
@@ -102,7 +104,7 @@ def wanted_of(
                 option = name.replace("_", "-")
                 raise JShapeError(f"--{option} says nothing of --{kind}: its places are its own")
     if kind == "frame":
-        return _frame(options, bed, camera, depth_unit)
+        return _frame(options, bed, camera, source)
     if kind == "actions":
         return _actions(options, bed, camera, bank)
     return _DRAWN[kind](options, bed)
@@ -156,11 +158,19 @@ def _mesh(options: argparse.Namespace, bed: BedMap) -> Wanted:
     return _laid(relief, options, bed, assumed, sized=True)
 
 
-def _frame(options: argparse.Namespace, bed: BedMap, camera: Camera, depth_unit: float) -> Wanted:
+def _frame(options: argparse.Namespace, bed: BedMap, camera: Camera, source: Source) -> Wanted:
+    path = Path(options.frame)
+    own = goal_source(path, source, Path(options.bed).parent)
     left_out: Counter[str] = Counter()
-    found = points.read_goal(
-        options.frame, camera, depth_unit, check_range=False, left_out=left_out
-    )
+    # Its depths may be any: neither range matters.
+    found = frame_of(path, own._replace(stated=False), reproject=True, left_out=left_out)
+    theirs = within(own.camera, (float(camera.z_min), float(camera.z_max)))
+    at = window_of(camera, theirs)
+    if at is None:
+        raise BadCamera(
+            f"{path}: of another camera than the bed: {differing(theirs, camera, 'bed')}"
+        )
+    found = found[at[1] : at[1] + camera.height, at[0] : at[0] + camera.width]
     frame, filled = fill_missing(found, limit=options.max_missing, where=options.frame)
     gaps = f"{filled} pixels of {options.frame} without depth, filled{said_of(left_out)}"
     said = [gaps] if filled else []

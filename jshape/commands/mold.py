@@ -1,15 +1,16 @@
 """`jshape mold DESIRED`: look, plan, act, look again, until the bed is as wanted."""
 
 import argparse
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jshape import metric
-from jshape.camera import check_camera
+from jshape.camera import Camera, differing, window_of
 from jshape.commands import arguments
-from jshape.commands.plan import Source, source_of
+from jshape.commands.frames import Source, frame_of, goal_source, source_of
 from jshape.commands.robot import (
     add_robot,
     add_run,
@@ -20,9 +21,10 @@ from jshape.commands.robot import (
     robot_of,
     tell,
 )
-from jshape.data.view import image_of_depth, view_of
+from jshape.data.intrinsics import within
+from jshape.data.view import View, image_of_depth, middle_depth, view_of
 from jshape.devices import over_devices
-from jshape.errors import BadFile
+from jshape.errors import BadCamera, BadFile
 from jshape.planning import DEFAULT_BANK
 from jshape.predict.bank import Bank
 from jshape.robot.loop import HEAD
@@ -43,12 +45,15 @@ def mold(options: argparse.Namespace) -> dict[str, Any]:
     confirm = asking(options)
     with robot_of(options, bank, say) as robot:
         if session is None:
-            goal = goal_of(options.desired, robot, bank, options)
+            goal, bank, known = goal_of(options.desired, robot, bank, options, say)
             meta = {
                 "what": "mold", "bank": str(bank_name), "arm": options.arm,
                 "camera": robot.eye.name, "goal": str(options.desired), "planner": options.planner,
+                **known,
             }  # fmt: skip
             session = Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
+        else:
+            bank = gone_on(session.run.meta, robot, bank)
         may_move(options)
         say(HEAD)
         per_mm = 1.0 / float(metric.to_mm(1.0, bank.camera))
@@ -65,25 +70,79 @@ def mold(options: argparse.Namespace) -> dict[str, Any]:
     return summary
 
 
-def goal_of(path: Path, robot: Robot, bank: Bank, options: argparse.Namespace) -> np.ndarray:
-    """The image (H, W) that is wanted, from a file of any camera that can be known.
+def goal_of(
+    path: Path, robot: Robot, bank: Bank, options: argparse.Namespace, say: Callable[[str], Any]
+) -> tuple[np.ndarray, Bank, dict[str, float]]:
+    """What is wanted, from a file of any camera that can be known, and how the robot is to look.
+
+    A goal of the robot's own camera is seen as the bed will be: moved by the same distance.
+
+    Returns:
+      The image (H, W); the bank, for the robot's camera as it is where `--window` or
+      `--depth-range` asks for that; and what a run that is gone on with must know.
 
     Raises:
-      BadFile, BadImage, BadCamera: as for `jshape plan`.
+      BadFile, BadImage, BadCamera, BadBank: as for `jshape plan`.
     """
+    eye = robot.eye.camera
+    whole: Camera = getattr(robot.eye, "whole", eye)
+    own = Source(eye, robot.eye.depth_unit, robot.eye.name, True)
     if path.suffix.lower() in points.SUFFIXES:
-        source = Source(robot.eye.camera, robot.eye.depth_unit, robot.eye.name, True)
+        source = own
     else:
         shape = formats.read_array(path).shape
-        source = source_of(path, shape, options.camera_file, bank, options.depth_unit)
-    depth = points.read_goal(
-        path, check_camera(source.camera), source.depth_unit,
-        check_range=source.stated or not options.reproject,
+        of_eye = [camera for camera in (eye, whole) if camera.shape == shape]
+        beside = goal_source(path, own, None)
+        if beside is not own:
+            source = beside
+        elif options.camera_file is None and of_eye and window_of(bank.camera, of_eye[0]) is None:
+            unit = options.depth_unit or own.depth_unit
+            source = own._replace(camera=of_eye[0], depth_unit=unit)  # no preset of the same size
+        else:
+            source = source_of(path, shape, options.camera_file, bank, options.depth_unit)
+    depth = frame_of(path, source, reproject=options.reproject)
+    theirs = within(source.camera, (float(eye.z_min), float(eye.z_max)))
+    at = window_of(eye, theirs)
+    if at is not None:  # the robot's own camera, or a part of its frames
+        depth = depth[at[1] : at[1] + eye.height, at[0] : at[0] + eye.width]
+        source = source._replace(camera=eye)
+    elif source.camera is not eye:
+        say(f"goal: {source.said}, of another camera than {robot.eye.name}")
+    known: dict[str, float] = {}
+    if (options.window or options.depth_range) and not options.reproject and at is not None:
+        known["bed_m"] = middle_depth(depth)
+        bank = gone_on(known, robot, bank)
+    view = view_of(
+        source.camera, bank.camera, depth, reproject=options.reproject, where=str(path)
     )  # fmt: skip
-    return image_of_depth(
-        depth, bank.camera, max_missing=options.max_missing, where=str(path),
-        view=view_of(source.camera, bank.camera, depth, reproject=options.reproject),
+    if at is None and (view.window is None) != (window_of(bank.camera, eye) is None):
+        raise BadCamera(
+            f"{path}: of another camera than {robot.eye.name} ({differing(theirs, eye, 'its')}); "
+            "nothing says how high it is above the bed; make the goal from a frame of that camera"
+        )
+    if at is not None and view.window is None:
+        known["rise_m"] = view.rise
+        robot.view = view
+    image = image_of_depth(
+        depth, bank.camera, max_missing=options.max_missing, where=str(path), view=view
     ).image  # fmt: skip
+    return image, bank, known
+
+
+def gone_on(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
+    """The bank, and the robot, as a run began: see `goal_of`.
+
+    Raises:
+      BadBank, BadCamera: as for `Bank.seen_by`.
+    """
+    eye = robot.eye.camera
+    if isinstance(known.get("bed_m"), float):
+        if differing(bank.camera, eye, ""):
+            bank = bank.seen_by(eye, known["bed_m"])
+        robot.camera = bank.camera
+    if isinstance(known.get("rise_m"), float):
+        robot.view = View(eye, bank.camera, None, known["rise_m"])
+    return bank
 
 
 def add(commands: Any) -> None:

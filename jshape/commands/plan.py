@@ -4,23 +4,25 @@ import argparse
 from collections import Counter
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from jshape import metric
-from jshape.camera import PRESETS, Camera, check_camera, window_of
+from jshape.camera import differing
 from jshape.commands import arguments
-from jshape.commands.cameras import described
+from jshape.commands.cameras import add_part
+from jshape.commands.frames import Source, bank_over, frame_of, goal_source, source_of
 from jshape.commands.tables import print_table
+from jshape.data.intrinsics import within
 from jshape.data.missing import said as said_of
 from jshape.data.view import View, view_of
 from jshape.devices import over_devices
-from jshape.errors import BadImage, BadPosition
+from jshape.errors import BadImage, BadPosition, JShapeError
 from jshape.planners.base import Status
 from jshape.planning import DEFAULT_BANK, Plan, plan_depth
 from jshape.predict.bank import Bank
-from jshape.store import banks, cameras, drawings, files, folders, formats, images, plans, points
+from jshape.store import banks, drawings, files, folders, formats, plans
 from jshape.viz.style import Drawing, drawn
 
 POSITIONS = "21x15"
@@ -37,22 +39,30 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
     bank = banks.load_bank(bank_name)
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=CONTENTS)
+    if options.reproject and (options.window or options.depth_range):
+        raise JShapeError(
+            "--reproject looks as the bank's camera would, --window and --depth-range plan on the "
+            "frames as they are; give one or the other"
+        )
     raw = formats.read_array(options.initial)
     source = source_of(options.initial, raw.shape, options.camera, bank, options.depth_unit)
-    reading = {
-        "camera": check_camera(source.camera),
-        "depth_unit": source.depth_unit,
-        # A guessed camera's range says nothing of a bed at another height; a stated one does, and
-        # it is what tells a wrong unit.
-        "check_range": source.stated or not options.reproject,
-    }
     left_out: tuple[Counter[str], Counter[str]] = Counter(), Counter()
-    first = images.depth_of_array(raw, str(options.initial), **reading, left_out=left_out[0])
+    again = options.reproject
+    first = frame_of(options.initial, source, reproject=again, raw=raw, left_out=left_out[0])
+    wanted = goal_source(options.desired, source, options.initial.parent)
+    goal = frame_of(options.desired, wanted, reproject=again, left_out=left_out[1])
+    if options.window or options.depth_range:
+        own = within(source.camera, options.depth_range)
+        bank = bank_over(bank, own.crop(*options.window) if options.window else own, first, own)
+        source, wanted = (
+            one._replace(camera=within(one.camera, (float(own.z_min), float(own.z_max))))
+            for one in (source, wanted)
+        )
     found = plan_depth(
         first,
-        points.read_goal(options.desired, **reading, left_out=left_out[1]),
+        goal,
         bank=bank,
-        camera=source.camera,
+        camera=(source.camera, wanted.camera),
         reproject=options.reproject,
         planner=options.planner,
         **_tried(options),
@@ -72,6 +82,10 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
         names=(str(options.initial), str(options.desired)),
     )
     said = {"bank": str(bank_name), "source": source.said, "planner": options.planner}
+    if wanted.said != source.said:
+        said["goal_source"] = wanted.said
+        if options.reproject and differing(wanted.camera, source.camera, ""):
+            said["goal_source"] += " (the middles of both beds are taken to be equally high)"
     result = said | plans.plan_fields(found) | {"left_out": left_out}
     if options.out is not None:
         with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
@@ -84,50 +98,6 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
         if options.out is not None:
             print(f"plan and pictures: {options.out}")
     return result
-
-
-class Source(NamedTuple):
-    """Where frames come from, as far as it was said or could be guessed."""
-
-    camera: Camera
-    depth_unit: float
-    """Metres per count."""
-    said: str
-    """How we know, for people."""
-    stated: bool
-    """Somebody described the camera; False: it was guessed."""
-
-
-def source_of(
-    initial: Path,
-    shape: tuple[int, ...],
-    given: str | None,
-    bank: Bank,
-    depth_unit: float | None = None,
-) -> Source:
-    """The camera of the images: named, found beside them, or guessed from their size.
-
-    Its unit is `depth_unit`, else what its camera.json says; only a guess or a preset needs none.
-
-    Raises:
-      BadCamera: neither a preset nor a camera.json.
-      BadImage: nothing says whose size this is.
-    """
-    assumed = "" if depth_unit else f", {cameras.DEPTH_UNIT:g} m per count (--depth-unit)"
-    if given is not None:
-        camera, unit, stated = described(given, depth_unit)
-        return Source(camera, unit, given if stated else f"preset {given}{assumed}", stated)
-    beside = initial.parent / "camera.json"
-    if beside.is_file():
-        return Source(*cameras.read_camera(beside, depth_unit), str(beside), True)
-    for name, camera in {"the bank's own": bank.camera, **PRESETS}.items():
-        if shape == camera.shape and window_of(bank.camera, camera) is not None:
-            said = f"{name}, guessed from the size {shape[1]}x{shape[0]}; --camera says otherwise"
-            return Source(camera, depth_unit or cameras.DEPTH_UNIT, said + assumed, False)
-    raise BadImage(
-        f"{initial}: has {shape} (rows, columns); the bank's camera makes {bank.camera.shape}; "
-        "describe your camera in a camera.json beside the image, or name one with --camera"
-    )
 
 
 def _tried(options: argparse.Namespace) -> dict[str, Any]:
@@ -202,7 +172,8 @@ def _pictures(found: Plan, rois: dict[str, tuple[int, int]]) -> dict[str, Drawin
 
 
 def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]) -> None:
-    print(f"bank: {said['bank']}; camera: {said['source']}")
+    own = f"; of the goal: {said['goal_source']}" if "goal_source" in said else ""
+    print(f"bank: {said['bank']}; camera: {said['source']}{own}")
     filled, clamped = found.filled, found.clamped
     now, goal = (f"{n}{said_of(why)}" for n, why in zip(filled, left_out, strict=True))
     print(f"pixels without depth, filled: {now} now, {goal} in the goal; "
@@ -235,13 +206,14 @@ def add(commands: Any) -> None:
         dest="camera",
         metavar="FILE",
         help="camera.json, or a preset's name (default: camera.json beside INITIAL, else the "
-        "bank's)",
+        "bank's); of DESIRED too, unless its own folder has one",
     )
     parser.add_argument(
         "--reproject",
         action="store_true",
         help="see the frames of another camera or height as the bank's camera would",
     )
+    add_part(parser)
     parser.add_argument(
         "--depth-unit", type=arguments.positive, help="metres per count of 16-bit images"
     )

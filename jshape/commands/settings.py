@@ -26,6 +26,9 @@ NO_SETTINGS = ("help", "json", "config", "version")
 OWN_TABLE = ("dataset", "train", "evaluate", "experiment", "grid")
 """Commands about data and measurements, which a camera and a bank for molding must not change: keys
 outside of their own table do not reach them."""
+OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "goal")
+"""Options that say how to look through a camera, and commands that take frames which may be cut
+already: they read these only from tables of their own."""
 NAMES_OR_FILES = ("bank", "camera", "camera-file", "positions", "start")
 """Options that take the name of something, or a file or folder."""
 
@@ -129,6 +132,8 @@ def settings_for(leaf: argparse.ArgumentParser, file: Path) -> dict[str, Given]:
     if not _is_shared(leaf) or any(name not in mine for name in shared):
         _check_shared(shared, file)
     given: dict[str, Given] = {}
+    if table in FROM_FILES:
+        shared = {name: value for name, value in shared.items() if name not in OF_A_CAMERA}
     layers = {"": shared if _is_shared(leaf) else {}, table: tables.get(table, {})}
     for name, part in layers.items():
         where = f"{file}: [{name}] " if name else f"{file}: "

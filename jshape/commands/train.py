@@ -28,7 +28,7 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     process, mesh = _devices(options)  # first of all: what loads a bank starts JAX
     from jshape import metric
     from jshape.learn.fit import fit
-    from jshape.learn.held_out import LEAST_PAIRS
+    from jshape.learn.held_out import LEAST_PAIRS, without_worse
     from jshape.learn.shared import shared_over
     from jshape.viz import curves as drawings
 
@@ -63,6 +63,9 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
                 keep=(lambda action: keep(kept, action)) if keeps else None,
                 **settings,
             )
+            watch.close()
+            rows = _held_out(bank, pairs, start, settings)
+            bank = without_worse(bank, pairs, rows)
     except KeyboardInterrupt:
         watch.close()
         if keeps and kept.is_dir():
@@ -77,17 +80,20 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
         "agents": list(dict.fromkeys(pairs.agent.tolist())),
         "materials": list(dict.fromkeys(pairs.material.tolist())),
     }
-    if keeps:
-        errors = watch.errors_mm()
-    else:
-        errors = _held_out(bank, pairs, start, settings)
+    errors = watch.errors_mm() | {r.action: r.kept_mm for r in rows if r.worse or not keeps}
     errors = {name: mm for name, mm in errors.items() if data["pairs"][name] >= LEAST_PAIRS}
-    rows = [{"action": name, "mm": mm} for name, mm in errors.items() if not np.isnan(mm)]
-    info: dict[str, Any] = {"data": data, "errors": rows, "licence": options.licence}
+    known = [{"action": name, "mm": mm} for name, mm in errors.items() if not np.isnan(mm)]
+    compared = [
+        {"kept": "D" if row.worse else bank.kind}
+        | {name: value for name, value in row._asdict().items() if name not in ("worse", "useless")}
+        for row in rows
+    ]
+    info: dict[str, Any] = {"data": data, "errors": known, "licence": options.licence}
+    info["held_out"] = compared
     if watch.curves:
         info["training"] = watch.summary()
     result = {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
-    result |= {"errors": rows, "training": info.get("training", {})}
+    result |= {"errors": known, "held_out": compared, "training": info.get("training", {})}
     if process > 0:  # the first one writes and tells
         return result
     curves: dict[str, str | bytes] = {}
@@ -97,16 +103,21 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     banks.save_bank(bank, options.out, info=info, extras=curves, overwrite=options.overwrite)
     if keeps:
         checkpoints.discard(kept)
+    for row in rows:
+        if warning := row.warning(bank.kind):
+            print(f"warning: {warning}", file=sys.stderr)
     if not options.json:
         print(f"bank of kind {bank.kind}: {options.out}")
-        known = {row["action"]: f"{row['mm']:.2f}" for row in rows}
+        beside = {r.action: (f"{r.nothing_mm:.2f}", f"{r.difference_mm:.2f}") for r in rows}
+        mine = {row["action"]: f"{row['mm']:.2f}" for row in known}
         print_table(
-            ("action", "pairs", "ROI (w x h)", "error (mm)"),
+            ("action", "pairs", "ROI (w x h)", "doing nothing (mm)", "f_D (mm)", "error (mm)"),
             [
-                (name, data["pairs"][name], "{}x{}".format(*bank.roi(name)), known.get(name, "—"))
+                (name, data["pairs"][name], "{}x{}".format(*bank.roi(name)),
+                 *beside.get(name, ("—", "—")), mine.get(name, "—"))
                 for name in bank.actions
             ],
-        )
+        )  # fmt: skip
         for name, found in info.get("training", {}).items():
             print(
                 f"{name}: {found['epochs']} epochs, {found['seconds']:.0f} s; best is epoch "
@@ -131,9 +142,9 @@ def _devices(options: argparse.Namespace) -> tuple[int, Any]:
     return process, devices.mesh_of(options.devices or 1, "batch") if shared else None
 
 
-def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> dict[str, float]:
-    """The errors of a bank that is fitted in seconds: by fitting it again to some of the pairs."""
-    from jshape.learn.held_out import held_out_errors
+def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> list[Any]:
+    """How the bank does on pairs that were held out, beside f_D and doing nothing."""
+    from jshape.learn.held_out import held_out
 
     # It says nothing of what is done before a person wonders.
     with tqdm(
@@ -146,8 +157,7 @@ def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> di
             bar.set_postfix_str(action, refresh=False)
             bar.update(made - bar.n)
 
-        errors = held_out_errors(bank, pairs, start=start, report=tell, **settings)
-    return dict(zip(bank.actions, errors.tolist(), strict=True))
+        return held_out(bank, pairs, start=start, report=tell, **settings)
 
 
 def _refuse_unused(options: argparse.Namespace) -> None:

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from jshape._typing import Float, Num
 from jshape.camera import Camera
@@ -25,10 +26,19 @@ INSIDE_LEAST = 0.99
 FLAT_LEAST = 0.5
 """Least share of the readings that belong to one plane; else it is not the bed that fills the
 view, and what is said of the plane is not said of the bed."""
+FILLS = 0.95
+"""Share of its rectangle that a bed fills; if that is as much of the view, nothing surrounds it."""
+MOSTLY = 0.85
+"""Share of what is level with the middle that lies in that rectangle: less of a round heap."""
+INSET, MIN_SIDE = 2, 16
+"""Pixels: left out at the bed's edge, where readings mix; and the smallest bed."""
 HEIGHT = 0.45
 """Distance of the paper's camera from the bed, metres."""
 HEIGHT_OFF = 0.015
 """Banks are trained at `HEIGHT`; so far from it, effects are 3 % larger or smaller in pixels."""
+
+ROOM = 0.01, 0.03
+"""What a depth range leaves nearer and farther than the bed is, metres: for heaps, for strokes."""
 
 _NEAR = 0.010
 _TRIES = 200
@@ -113,6 +123,127 @@ def measure(
         inside=float(inside.mean()),
     )
     return Measured(setup, depth, noise, off)
+
+
+class Bed(NamedTuple):
+    """Where in a frame the bed is, and how it lies."""
+
+    window: tuple[int, int, int, int] | None
+    """(left, top, width, height) that holds only the bed, pixels; None: it fills the view."""
+    near: float
+    """Depth that a hundredth of its readings is nearer than, metres."""
+    far: float
+    around: float
+    """Median depth of what is beside it, metres; NaN without."""
+    tilt_deg: float
+    """Of its plane against the image plane."""
+    relief: float
+    """What is left of its depths without that tilt, metres."""
+
+
+def bed_of(depth: Float[np.ndarray, "H W"], camera: Camera) -> Bed:
+    """The bed of a frame (metres, NaN: no reading): what is level with the middle of the view.
+
+    A table under it, or the floor around a table, lies higher or lower by a step; if what is level
+    with the middle fills a rectangle, that is the bed.
+
+    Raises:
+      BadImage: fewer than 100 readings.
+    """
+    off, _ = _off(depth, camera, _plane(depth, camera))
+    with np.errstate(invalid="ignore"):
+        level = np.where(np.isnan(off), 0, np.where(np.abs(off) < 1e3 * _NEAR, 1, 2 + (off > 0)))
+    height, width = depth.shape
+    middle = np.s_[height * 2 // 5 : height - height * 2 // 5,
+                   width * 2 // 5 : width - width * 2 // 5]  # fmt: skip
+    usual = np.bincount(level[middle].ravel(), minlength=4)[1:].argmax() + 1
+    parts = np.zeros(depth.shape, np.int32)
+    ndimage.label(level == usual, output=parts)
+    found = parts[middle][level[middle] == usual]
+    window = _filled(parts == np.bincount(found).argmax()) if found.size else None
+    left, top, w, h = window or (0, 0, width, height)
+    inside, around = depth[top : top + h, left : left + w], depth.copy()
+    around[top : top + h, left : left + w] = np.nan
+    plane = _plane(inside, camera.crop(left, top, w, h))
+    relief = 1e-3 * _off(inside, camera.crop(left, top, w, h), plane)[0]
+    seen = np.isfinite(inside)
+    (near, far), (low, high) = (np.percentile(part[seen], (1, 99)) for part in (inside, relief))
+    return Bed(
+        window,
+        float(near),
+        float(far),
+        float(np.nanmedian(around)) if np.isfinite(around).any() else float("nan"),
+        float(np.degrees(np.arccos(np.clip(plane[2] / np.linalg.norm(plane), -1.0, 1.0)))),
+        float(high - low),
+    )
+
+
+def _filled(part: np.ndarray) -> tuple[int, int, int, int] | None:
+    """The rectangle (left, top, width, height) that a part fills; None: all, or no rectangle."""
+    found = []
+    for axis in (0, 1):
+        count = part.sum(axis)
+        most = np.flatnonzero(count >= 0.8 * np.percentile(count[count > 0], 90))
+        found.append((int(most[0]) + INSET, int(most[-1]) + 1 - INSET))
+    (left, right), (top, bottom) = found
+    if right - left < MIN_SIDE or bottom - top < MIN_SIDE:
+        return None
+    height, width = part.shape
+    share = (right - left) * (bottom - top) / (width * height)
+    inside = part[top:bottom, left:right]
+    whole = inside.mean() > FILLS and inside.sum() > MOSTLY * part.sum()
+    return (left, top, right - left, bottom - top) if whole and share < FILLS else None
+
+
+def way_out(
+    depth: Float[np.ndarray, "H W"],
+    camera: Camera,
+    target: Camera,
+    corner: tuple[int, int] = (0, 0),
+    *,
+    moved: bool = True,
+) -> str | None:
+    """Why a frame is not a bed within another camera's range, and what to do, for an error's end.
+
+    Args:
+      depth: the frame, metres; NaN: no reading.
+      camera: that took it.
+      target: of the bank; a bed is moved to the middle of its range.
+      corner: (left, top) of what is given here in the whole frame, pixels.
+      moved: the bed was, or it is no use.
+
+    Returns:
+      A clause; None where all of the view only lies at another distance.
+    """
+    span = float(target.z_max) - float(target.z_min)
+    seen = depth[np.isfinite(depth)]
+    if not moved and seen.size and np.ptp(np.percentile(seen, (1, 99))) <= span:
+        return None
+    try:
+        bed = bed_of(depth, camera)
+    except JShapeError:  # too few readings, or all in a row
+        return "; is all of the picture the bed?"
+    if bed.window is not None:
+        left, top, width, height = bed.window
+        share = width * height / depth.size
+        return (
+            f"; surroundings: the bed fills {share:.0%} of the view, {bed.near:.3f} to "
+            f"{bed.far:.3f} m away, and what is around it is {bed.around:.3f} m away; "
+            f"--window {left + corner[0]},{top + corner[1]},{width}x{height} holds only the bed"
+        )
+    if bed.tilt_deg > TILT_MOST_DEG and bed.relief < bed.far - bed.near:
+        return (
+            f"; tilt: the bed is tilted by {bed.tilt_deg:.1f} degrees against the image, "
+            f"{bed.near:.3f} to {bed.far:.3f} m away; level the camera (at most "
+            f"{TILT_MOST_DEG:g} degrees)"
+        )
+    low, high = bed.near - ROOM[0], bed.far + ROOM[1]
+    high_mm = 1e3 * (bed.far - bed.near)
+    return (
+        f"; range: the bed is {bed.near:.3f} to {bed.far:.3f} m away, {high_mm:.0f} mm of relief, "
+        f"and the bank's camera sees {1e3 * span:.0f} mm; --depth-range "
+        f"{low:.3f},{high:.3f} plans within that range of your own camera"
+    )
 
 
 def verdict(setup: SetUp, camera: Camera) -> list[tuple[bool, str]]:

@@ -75,7 +75,7 @@ def check_depth(
       depth_unit: the metres per count that it was read with, for the hint in the error.
       least_inside: share of the readings that must lie in the camera's range.  The default asks
         for little, since a whole frame shows the surroundings too; a wrong unit still fails it.
-      hint: how to mend it, for the end of the error; None guesses.
+      hint: how to mend it, for the end of the error, if no other unit would; None guesses.
 
     Raises:
       BadImage: another shape, no reading, or too few readings inside the camera's range.
@@ -88,8 +88,8 @@ def check_depth(
     low, high = float(camera.z_min), float(camera.z_max)
     inside = 1.0 - float(np.mean(outside_range(found, camera)))
     if inside < least_inside:
-        if hint is None:
-            hint = _unit_hint(float(np.median(found)), low, high, depth_unit) or _HEIGHT_HINT
+        unit = _unit_hint(float(np.median(found)), low, high, depth_unit)
+        hint = unit or (_HEIGHT_HINT if hint is None else hint)
         raise BadImage(
             f"{where}: depths are {found.min():.4g} to {found.max():.4g} m; the camera sees "
             f"{low:g} to {high:g} m, and {inside:.1%} of the readings are in it{hint}"

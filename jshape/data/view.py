@@ -1,6 +1,6 @@
 """From a raw depth frame of any camera to the weighed image of a bank's camera."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,10 +8,11 @@ import numpy as np
 from jshape import camera as cameras
 from jshape import metric
 from jshape._typing import ArrayLike, Float
-from jshape.camera import GEOMETRY, Camera, check_camera, window_of
+from jshape.camera import PAPER_BOX, Camera, check_camera, differing, window_of
+from jshape.data.camera_check import way_out
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
 from jshape.data.missing import fill_missing, missing
-from jshape.errors import BadCamera, BadImage, JShapeError, quoted
+from jshape.errors import BadCamera, BadImage, JShapeError, MissingDepth, quoted
 
 MAX_CLAMPED = 0.1
 """Largest share of a frame's readings that may lie beyond the camera's depth range."""
@@ -55,6 +56,20 @@ class View:
         )
         return seen
 
+    def hint(self, depth: np.ndarray) -> str | None:
+        """Why a frame (H, W) in metres is no bed within the target's range: see `way_out`."""
+        if self.window is None:
+            return way_out(depth, self.source, self.target)
+        part = self.depth(depth, "frame")
+        return way_out(part, self.target, self.target, self.window, moved=False)
+
+    def shown(self) -> float:
+        """Share of the target's pixels that the source's frames show."""
+        rows, columns = np.indices(self.target.shape).reshape(2, -1)
+        u, v = self.pixels(np.stack([columns, rows], -1)).T
+        height, width = self.source.shape
+        return float(((u >= 0) & (u < width) & (v >= 0) & (v < height)).mean())
+
     def pixels(self, positions: np.ndarray) -> np.ndarray:
         """Where positions (N, 2) of (u, v) in the target's image are in the source's: (N, 2).
 
@@ -71,7 +86,14 @@ class View:
         return np.rint(np.stack(both, -1)).astype(int)
 
 
-def view_of(source: Camera, target: Camera, first: np.ndarray, *, reproject: bool = False) -> View:
+def view_of(
+    source: Camera,
+    target: Camera,
+    first: np.ndarray,
+    *,
+    reproject: bool = False,
+    where: str = "frame",
+) -> View:
     """The view from `source` frames to `target` frames.
 
     Args:
@@ -79,6 +101,7 @@ def view_of(source: Camera, target: Camera, first: np.ndarray, *, reproject: boo
       target: the bank's camera.
       first: (H, W) metres, a frame: the middle of its bed goes to the middle of target's range.
       reproject: allow another camera than the bank's, or another distance from the bed.
+      where: what to call the frame in errors.
 
     Raises:
       BadCamera: another camera, and `reproject` is False; or a camera that makes no sense.
@@ -88,23 +111,74 @@ def view_of(source: Camera, target: Camera, first: np.ndarray, *, reproject: boo
     if window is not None and not reproject:
         return View(source, target, window)
     if not reproject:
-        numbers = [(n, float(getattr(source, n)), float(getattr(target, n))) for n in GEOMETRY]
-        differ = ", ".join(f"{n} {a:g} (bank: {b:g})" for n, a, b in numbers if a != b)
+        way = (
+            "; with reproject (--reproject) the frames are seen as its camera would see them, and "
+            "--window or --depth-range plan on the frames as they are"
+        )
+        if first.shape == source.shape and _relief(first) > float(target.z_max - target.z_min):
+            way = way_out(np.where(missing(first), np.nan, first), source, target) or way
         raise BadCamera(
-            f"the bank is for another camera: {differ}; with reproject (--reproject) the frames "
-            "are seen as its camera would see them"
+            f"{where}: the bank is for another camera: {differing(source, target, 'bank')}{way}"
         )
     if first.shape != source.shape:
         raise BadImage(f"a frame has shape {first.shape}; the camera makes {source.shape}")
-    height, width = source.shape
-    middle = first[height // 4 : height - height // 4, width // 4 : width - width // 4]
-    seen = middle[~missing(middle)]
-    if seen.size == 0:
-        raise BadImage("no depth reading in the middle of the frame: where is the bed?")
-    bed = float(np.median(seen))
+    bed = middle_depth(first)
     if window is not None and float(target.z_min) <= bed <= float(target.z_max):
         return View(source, target, window)
     return View(source, target, None, _middle(target) - bed)
+
+
+def view_beside(
+    view: View,
+    first: np.ndarray,
+    camera: Camera,
+    frame: np.ndarray,
+    *,
+    reproject: bool = False,
+    where: str = "frame",
+) -> View:
+    """The view of a second frame: of the same camera, or a part of it, from the same distance.
+
+    Of another camera that is looked at again, the middles of both beds are taken to be equally
+    high, since nothing says how the two cameras stood.  Depth ranges may differ.
+
+    Args:
+      view: of the first frame.
+      first: (h, w) metres, what the target sees of the first.
+      camera: that took the second.
+      frame: (H, W) metres, the second.
+      reproject: as for `view_of`.
+      where: what to call it in errors.
+
+    Raises:
+      BadImage: as for `view_of`.
+      BadCamera: as for `view_of`.
+    """
+    source = view.source
+    ranged = replace(camera, z_min=source.z_min, z_max=source.z_max)
+    if not differing(ranged, source, ""):
+        return view
+    if view.window is None and (window_of(ranged, source) or window_of(source, ranged)):
+        return View(camera, view.target, None, view.rise)
+    own = view_of(camera, view.target, frame, reproject=reproject, where=where)
+    if own.window is not None and view.window is not None:
+        return own
+    seen = own.depth(frame, where)
+    return View(camera, view.target, None, own.rise + middle_depth(first) - middle_depth(seen))
+
+
+def middle_depth(frame: np.ndarray) -> float:
+    """How far the bed is: the median depth over the middle half of a frame (H, W), metres.
+
+    Raises:
+      BadImage: nothing was seen there.
+    """
+    height, width = frame.shape
+    middle = frame[height // 4 : height - height // 4, width // 4 : width - width // 4]
+    seen = middle[~missing(middle)]
+    if seen.size == 0:
+        raise BadImage("no depth reading in the middle of the frame: where is the bed?")
+    return float(np.median(seen))
 
 
 class Seen(NamedTuple):
@@ -137,17 +211,53 @@ def image_of_depth(
     if not (np.ndim(max_missing) == 0 and 0 <= max_missing <= 1):
         raise JShapeError(f"max_missing is {quoted(max_missing)}; it must be a share from 0 to 1")
     metres, hint = to_metres(depth, depth_unit, where), None
+    whole = metres
     if view is not None:
-        metres = view.depth(metres, where)
+        metres = view.depth(whole, where)
         if view.window is None:
             nearer = "nearer" if view.rise < 0 else "farther"
             where = f"{where}, seen by the bank's camera from {abs(view.rise):.3f} m {nearer}"
-            hint = "; is all of the picture the bed, and is its relief within that range?"
+        found = metres[~missing(metres)]
+        if found.size and outside_range(found, camera).mean() > MAX_CLAMPED:
+            hint = view.hint(whole)
     check_depth(metres, camera, where, least_inside=1 - MAX_CLAMPED, hint=hint)
-    metres, filled = fill_missing(metres, limit=max_missing, where=where)
+    try:
+        metres, filled = fill_missing(metres, limit=max_missing, where=where)
+    except MissingDepth as problem:
+        if view is None or view.window is not None or (shown := view.shown()) > 1 - max_missing:
+            raise
+        height, width = view.source.shape
+        raise MissingDepth(
+            f"{problem}; the frames show only {shown:.0%} of what the bank's camera would see: "
+            f"without --reproject, --window 0,0,{width}x{height} plans on what they show"
+        ) from None
     clamped = int(outside_range(metres, camera).sum())
     level = camera.luminance(metres, quantize=False)
     return Seen(np.asarray(metric.weigh(level, camera)), filled, clamped)
+
+
+def plannable(depth: np.ndarray, camera: Camera, *, own: bool = False) -> str | None:
+    """Why `jshape plan` would refuse a frame with a bundled bank; None: it would not.
+
+    Args:
+      depth: (H, W) metres, NaN: no reading.
+      camera: that took it.
+      own: it is what `--window` holds, which is planned on as it is.
+    """
+    try:
+        target = camera if own else PAPER_BOX
+        image_of_depth(
+            depth, target, view=view_of(camera, target, depth, reproject=not own), where="the bed"
+        )
+    except BadImage as problem:
+        return f"jshape plan would refuse it: {problem}"
+    return None
+
+
+def _relief(depth: np.ndarray) -> float:
+    """Between the nearest and the farthest hundredth of the readings, metres; 0 without any."""
+    seen = depth[~missing(depth)]
+    return float(np.ptp(np.percentile(seen, (1, 99)))) if seen.size else 0.0
 
 
 def _middle(camera: Camera) -> float:

@@ -11,7 +11,7 @@ from jshape.learn.pressed import fit_pressed
 from jshape.learn.settings import Training, settings_from
 from jshape.learn.training import Hooks, Keep, Progress
 from jshape.predict.bank import Bank, Predictor
-from jshape.predict.difference import fit_difference
+from jshape.predict.difference import Difference, fit_difference
 from jshape.predict.pressed import Pressed
 
 Fitter = Callable[[Examples, Camera, Training, Predictor | None, Hooks], Predictor]
@@ -80,26 +80,9 @@ def fit(
     keep: Callable[[str], Keep | None] | None = None,
     **options: Any,
 ) -> Bank:
-    """A bank of one kind, fitted to pairs: one predictor per action in them.
+    """A bank of one kind, fitted to pairs, however good it is: `held_out.fit` asks that.
 
-    Args:
-      pairs: of any actions; each action's ROI size is the mean over its pairs.
-      kind: "D" is f_D, the mean difference (Eq. DiffImage), which needs no training; "C" a U-Net
-        (Eq. Coutput), "DC" one applied to I + ΔI (Eq. lossD); "CR" and "DCR" the same two, refined
-        (Eq. RCoutput, Eq. DRCoutput).
-      start: a bank of the same kind with all the actions, whose predictors training starts from:
-        few pairs are then enough.  Their ROI sizes are used.
-      report: told of every epoch of every action's training.
-      keep: name of an action -> where its training is saved and resumed from, or None.
-      options: fields of `Training`: epochs, batch, learning_rate, validation, patience, seed, ...
-
-    Raises:
-      UnknownName: no such kind.
-      BadDataset: no pairs, a ROI outside the image, pixels that no pair has seen, too few pairs, or
-        strengths other than 1 for a network.
-      BadBank: `start` is of another kind, or lacks an action.
-      BadCamera: `start` is for another camera.
-      JShapeError: an unknown option, or one out of its range.
+    Arguments and errors are those of `held_out.fit`.
     """
     if kind not in FITTERS:
         raise UnknownName("kind of bank", kind, FITTERS)
@@ -125,6 +108,8 @@ def fit(
         try:
             size = first.roi if first is not None else None
             examples = pairs.rois(name, size, padded=first is not None)
+            if kind != "D" and isinstance(first, Difference):
+                first = None  # the bank to start from had nothing better: `held_out.without_worse`
             predictors.append(FITTERS[kind](examples, pairs.camera, settings, first, hooks))
         except BadDataset as error:
             raise BadDataset(f"{name}: {error}") from None

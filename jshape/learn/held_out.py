@@ -1,19 +1,34 @@
-"""How wrong a bank that was fitted here usually is, on pairs that are held out for it."""
+"""How wrong a bank that was fitted here usually is, on pairs that are held out for it.
 
-from collections.abc import Callable
+`fit` is `learn.fit.fit` with that question asked: beside the mean difference f_D and beside doing
+nothing, and f_D is kept for an action that the bank's own kind predicts worse.
+"""
+
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
-from jshape._typing import Float
-from jshape.data.pairs import Pairs
+from jshape import metric
+from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadDataset
+from jshape.learn import fit as fitting
+from jshape.learn.measure import errors_of
 from jshape.learn.partitions import Candidate, Study
-from jshape.predict.bank import Bank
+from jshape.learn.pressed import mean_pressed
+from jshape.learn.settings import settings_from
+from jshape.learn.training import split
+from jshape.predict.bank import Bank, Predictor
+from jshape.predict.difference import fit_difference
 
 LEAST_PAIRS = 4
 """With fewer pairs of an action its error is not known: one is tested, and three are fitted to."""
+LEAST_COMPARED = 2
+"""Pairs that a kind is compared with f_D on: both are then fitted to one and tested on the other,
+which tells a fit that went wrong, though not how good the bank is."""
 ENOUGH = 24
 """Pairs tested that are enough: errors vary by a third from pair to pair, their mean by 7 %."""
 TEST_SHARE = 0.25
@@ -21,21 +36,116 @@ TEST_SHARE = 0.25
 MOST = {"D": 4, "P": 2}
 """Most partitions, for the kinds that are fitted in seconds.  Networks take hours and know their
 error from training."""
+WORSE = 0.1
+"""A kind is worse than another if it is by this share and by twice the standard error of their
+difference: f_P and f_D differ by less on a level bed, where nothing is to be won."""
 
 
-def held_out_errors(
+class HeldOut(NamedTuple):
+    """What pairs that were held out say of one action's predictor; mean errors in mm."""
+
+    action: str
+    tested: int
+    """Pairs tested, over all partitions."""
+    mm: float
+    """Of the bank's kind."""
+    difference_mm: float
+    """Of f_D, fitted to the same pairs."""
+    nothing_mm: float
+    """Of predicting no change."""
+    worse: bool
+    """f_D is clearly better, so that it is kept for this action."""
+    useless: bool
+    """Even the better of the two is not clearly better than predicting no change."""
+
+    @property
+    def kept_mm(self) -> float:
+        """Of what the bank holds for this action."""
+        return self.difference_mm if self.worse else self.mm
+
+    def warning(self, kind: str) -> str:
+        """What is wrong with it, in one sentence; "" is nothing."""
+        if not (self.worse or self.useless):
+            return ""
+        off = f"the mean difference {self.difference_mm:.2f}, doing nothing {self.nothing_mm:.2f}"
+        if kind != "D":
+            off = f"f_{kind} {self.mm:.2f}, {off}"
+        said = []
+        if self.worse:
+            said.append("the mean difference is kept for it")
+        if self.useless:
+            said.append("its pairs do not show what it does: look at their boxes, or bring more")
+        return f"{self.action}: on {self.tested} held-out pairs, mm off: {off}; {'; '.join(said)}"
+
+
+def fit(
+    pairs: Pairs,
+    kind: str = "D",
+    *,
+    start: Bank | None = None,
+    report: Callable[[Any], None] | None = None,
+    keep: Callable[[str], Any] | None = None,
+    **options: Any,
+) -> Bank:
+    """A bank of one kind, fitted to pairs: one predictor per action in them.
+
+    Every action is compared with the mean difference f_D on pairs that were held out (networks: on
+    those of their validation).  Where the kind is worse, by a tenth and by twice the standard
+    error, the mean difference is kept for that action and a warning says so with the numbers;
+    another says where even that is no better than predicting no change.  With one pair of an
+    action, or without validation, nothing is compared.
+
+    Args:
+      pairs: of any actions; each action's ROI size is the mean over its pairs.
+      kind: "D" is f_D, the mean difference (Eq. DiffImage), which needs no training; "P" a tool
+        pressed into the ground; "C" a U-Net (Eq. Coutput), "DC" one applied to I + ΔI (Eq. lossD);
+        "CR" and "DCR" the same two, refined (Eq. RCoutput, Eq. DRCoutput).
+      start: a bank of the same kind with all the actions, whose predictors training starts from:
+        few pairs are then enough.  Their ROI sizes are used.
+      report: told of every epoch of every action's training.
+      keep: name of an action -> where its training is saved and resumed from, or None.
+      options: fields of `Training`: epochs, batch, learning_rate, validation, patience, seed, ...
+
+    Returns:
+      The bank, with the errors on held-out pairs of actions with at least 4 pairs as `errors_mm`.
+
+    Raises:
+      UnknownName: no such kind.
+      BadDataset: no pairs, a ROI outside the image, pixels that no pair has seen, too few pairs, or
+        strengths other than 1 for a network.
+      BadBank: `start` is of another kind, or lacks an action.
+      BadCamera: `start` is for another camera.
+      JShapeError: an unknown option, or one out of its range.
+    """
+    bank = fitting.fit(pairs, kind, start=start, report=report, keep=keep, **options)
+    rows = held_out(bank, pairs, start=start, **options)
+    for row in rows:
+        if warning := row.warning(kind):
+            warnings.warn(warning, stacklevel=2)
+    known = {
+        row.action: row.kept_mm
+        for row in rows
+        if int((pairs.action == row.action).sum()) >= LEAST_PAIRS
+    }
+    errors = jnp.array([known.get(name, np.nan) for name in bank.actions], jnp.float32)
+    return replace(without_worse(bank, pairs, rows), errors_mm=errors if known else None)
+
+
+def held_out(
     bank: Bank,
     pairs: Pairs,
     *,
     start: Bank | None = None,
     report: Callable[[str, int, int], None] | None = None,
     **options: Any,
-) -> Float[np.ndarray, "A"]:
-    """Mean errors of a bank's kind on pairs of each action that it was not fitted to, mm.
+) -> list[HeldOut]:
+    """Mean errors of a bank's kind on pairs of each action that it was not fitted to.
 
-    Random partitions of 75/25, as `learn.evaluate.cross_validate` makes, but over the bank's own
-    ROIs and, as in the bank, with the pairs of all agents together.  What is tested was fitted to
-    a quarter less than the bank, so the bank is a little better.
+    Kinds that are fitted in seconds are fitted again, to random partitions of 75/25 as
+    `learn.evaluate.cross_validate` makes, but over the bank's own ROIs and, as in the bank, with
+    the pairs of all agents together.  What is tested was fitted to a quarter less than the bank, so
+    the bank is a little better.  Networks are tested on the pairs that chose their best epoch, so
+    they are a little worse.
 
     Args:
       bank: that was fitted to all the pairs.
@@ -45,29 +155,94 @@ def held_out_errors(
       options: of training, as for `fit`.
 
     Returns:
-      Per action of the bank; NaN where it has too few pairs, or too few readings to do without
-      some of them, or the kind takes too long to fit again.
+      A row per action; none where it has too few pairs, or too few readings to do without some.
     """
+    if bank.kind not in MOST:
+        return _on_validation(bank, pairs, options)
     counts = {name: int((pairs.action == name).sum()) for name in bank.actions}
     partitions = {
-        name: min(-(-ENOUGH // round(TEST_SHARE * count)), MOST[bank.kind])
+        name: min(-(-ENOUGH // max(1, round(TEST_SHARE * count))), MOST[bank.kind])
         for name, count in counts.items()
-        if count >= LEAST_PAIRS and bank.kind in MOST
+        if count >= LEAST_COMPARED
     }
-    found, made = {}, 0
+    candidates = [Candidate(bank.kind, start, name="mine"), Candidate("D")]
+    if bank.kind == "D":
+        candidates = candidates[:1]
+    total = len(candidates) * sum(partitions.values())
+    found, made = [], 0
     for name, many in partitions.items():
         mine = pairs.of(action=name)  # one action at a time: its frames are copied
         one_agent, size = np.full(len(mine), "all"), np.full_like(mine.size, bank.roi(name))
         mine = replace(mine, agent=one_agent, size=size)
-        study = Study(mine, [Candidate(bank.kind, start)], many, TEST_SHARE, options=options)
-        errors = []
+        study = Study(mine, candidates, many, TEST_SHARE, options=options)
+        errors: dict[str, list[np.ndarray]] = {}
         try:
             for trials in study:
-                errors += [trial.error_mm for trial in trials]
+                for trial in trials:
+                    errors.setdefault(trial.predictor, []).append(trial.error_mm)
+                    errors.setdefault(f"nothing beside {trial.predictor}", []).append(
+                        trial.change_mm
+                    )
                 made += 1
                 if report is not None:
-                    report(name, made, sum(partitions.values()))
+                    report(name, made, total)
         except BadDataset:  # pixels that only the pairs left out have seen
             continue
-        found[name] = float(np.concatenate(errors).mean())
-    return np.array([found.get(name, np.nan) for name in bank.actions], np.float32)
+        whole = {who: np.concatenate(parts) for who, parts in errors.items()}
+        own = whole["mine"]
+        found.append(_row(name, own, whole.get("D", own), whole["nothing beside mine"]))
+    return found
+
+
+def _on_validation(bank: Bank, pairs: Pairs, options: Mapping[str, Any]) -> list[HeldOut]:
+    """The rows of networks: what they cost is one prediction of each pair."""
+    settings, found = settings_from(dict(options)), []
+    to_mm = float(metric.to_mm(1.0, bank.camera))
+    for name in bank.actions:
+        examples = pairs.rois(name, bank.roi(name), padded=True)
+        training, kept_out = split(examples, settings)
+        if len(kept_out.prior) == 0:
+            continue
+        try:
+            plain = fit_difference(training.prior, training.posterior)
+        except BadDataset:  # pixels that only the pairs kept out have seen
+            continue
+        own, nothing = errors_of(bank.predictor(name), kept_out, to_mm)
+        found.append(_row(name, own, errors_of(plain, kept_out, to_mm)[0], nothing))
+    return found
+
+
+def _row(name: str, own: np.ndarray, difference: np.ndarray, nothing: np.ndarray) -> HeldOut:
+    worse = _worse(own, difference)
+    useless = len(own) > 1 and not _worse(nothing, difference if worse else own)
+    means = float(own.mean()), float(difference.mean()), float(nothing.mean())
+    return HeldOut(name, len(own), *means, worse, useless)
+
+
+def _worse(errors: np.ndarray, others: np.ndarray) -> bool:
+    """Whether errors (n,) of the same pairs are clearly larger; one pair says nothing."""
+    gap = errors - others
+    if len(gap) < 2:
+        return False
+    spread = float(gap.std(ddof=1)) / len(gap) ** 0.5
+    return bool(gap.mean() > max(WORSE * float(others.mean()), 2.0 * spread))
+
+
+def without_worse(bank: Bank, pairs: Pairs, rows: list[HeldOut]) -> Bank:
+    """The bank with the mean difference of all pairs for the actions it is better for.
+
+    In a bank of f_P it is the mean change of the ground, so that the hand can still be turned and
+    the camera be another one.
+    """
+    worse = {row.action for row in rows if row.worse}
+
+    def kept(name: str, predictor: Predictor) -> Predictor:
+        if name not in worse:
+            return predictor
+        examples: Examples = pairs.rois(name, bank.roi(name), padded=True)
+        if bank.kind == "P":
+            return mean_pressed(examples, bank.camera)
+        return fit_difference(examples.prior, examples.posterior, examples.strengths)
+
+    predictors = zip(bank.actions, bank.predictors, strict=True)
+    return replace(bank, predictors=tuple(kept(name, one) for name, one in predictors))

@@ -118,7 +118,20 @@ def roi_errors_mm(
     predicted = _predict(bank.predictor(action), inside, strength)
     if measured is not inside:
         predicted = _pasted(predicted, inside, measured)
-    to_mm = float(metric.to_mm(1.0, bank.camera))
+    return _mean_gaps(predicted, measured, float(metric.to_mm(1.0, bank.camera)))
+
+
+def errors_of(
+    predictor: Predictor, examples: Examples, to_mm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same of one predictor on examples of its ROI; `to_mm` is what d = 1 comes to."""
+    return _mean_gaps(_predict(predictor, examples, 1.0), examples, to_mm)
+
+
+def _mean_gaps(
+    predicted: np.ndarray, measured: Examples, to_mm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    seen = np.isfinite(measured.prior) & np.isfinite(measured.posterior)
     count = seen.sum((1, 2))
     error = np.where(seen, np.abs(predicted - measured.posterior), 0.0)
     change = np.where(seen, np.abs(measured.posterior - measured.prior), 0.0)

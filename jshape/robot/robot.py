@@ -64,7 +64,8 @@ class Robot(Closing):
         """Called after each operation of an action."""
         self.looked = looked
         """Called with each look."""
-        self._view: View | None = None
+        self.view: View | None = None
+        """How looks become those of the bank's camera; None: the first look says it."""
         self._seen: np.ndarray | None = None  # (H, W) the last look
         self._whole: np.ndarray | None = None  # the same without gaps, once it was asked for
 
@@ -82,9 +83,9 @@ class Robot(Closing):
           Occluded: something is in front of the bed.
         """
         depth = look(self._sight, self._frames)
-        if self._view is None:
-            self._view = view_of(self.eye.camera, self.camera, depth, reproject=self._reproject)
-        seen = self._view.depth(depth, self.eye.name)
+        if self.view is None:
+            self.view = view_of(self.eye.camera, self.camera, depth, reproject=self._reproject)
+        seen = self.view.depth(depth, self.eye.name)
         check_clear(seen, self.camera, self.eye.name)
         self._whole = None
         self._seen = seen
@@ -115,11 +116,11 @@ class Robot(Closing):
         Raises:
           JShapeError: nothing was looked at yet.
         """
-        if self._seen is None or self._view is None:
+        if self._seen is None or self.view is None:
             raise JShapeError("look before you act")
         if self._whole is None:  # once a look: a plan's actions are all checked on the first
             self._whole, _ = fill_missing(self._seen, limit=1.0, where=self.eye.name)
-        return surface_point(self._whole, self.camera, position, rise=self._view.rise)
+        return surface_point(self._whole, self.camera, position, rise=self.view.rise)
 
     def check(
         self,

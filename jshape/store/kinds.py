@@ -145,12 +145,24 @@ def _unpack_pressed(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Pre
     return found if "stroke" in later else replace(found, stroke=found.deepest)
 
 
+def _or_difference(kind: Kind) -> Kind:
+    """A kind of which some actions hold the mean difference: it was better for them."""
+    return Kind(
+        lambda one: (_pack_difference if isinstance(one, Difference) else kind.pack)(one),
+        lambda arrays, roi, camera: (
+            _unpack_difference(arrays, roi)
+            if set(arrays) == {"delta"}
+            else kind.unpack(arrays, roi, camera)
+        ),
+    )
+
+
 KINDS: dict[str, Kind] = {
     "D": Kind(_pack_difference, lambda arrays, roi, _: _unpack_difference(arrays, roi)),
-    "C": Kind(_pack_network, lambda arrays, roi, _: _unpack_network(arrays, roi)),
-    "CR": Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, False)),
-    "DC": Kind(_pack_after, lambda arrays, roi, _: _unpack_after(arrays, roi)),
-    "DCR": Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, True)),
+    "C": _or_difference(Kind(_pack_network, lambda arrays, roi, _: _unpack_network(arrays, roi))),
+    "CR": _or_difference(Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, False))),
+    "DC": _or_difference(Kind(_pack_after, lambda arrays, roi, _: _unpack_after(arrays, roi))),
+    "DCR": _or_difference(Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, True))),
     "P": Kind(_pack_pressed, _unpack_pressed),
 }
 """The kinds of bank that can be saved and loaded.  Another kind is one more entry."""

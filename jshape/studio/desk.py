@@ -12,8 +12,8 @@ import numpy as np
 
 from jshape import metric
 from jshape.camera import Camera, check_camera
-from jshape.commands.plan import source_of
-from jshape.data.view import image_of_depth, view_of
+from jshape.commands.frames import frame_of, source_of
+from jshape.data.view import View, image_of_depth, view_beside, view_of
 from jshape.errors import JShapeError, quoted
 from jshape.planned import Plan
 from jshape.planning import DEFAULT_BANK, plan, rollout
@@ -62,6 +62,7 @@ class Desk(Canvas):
     """Why the last plan is empty."""
     selected: int = 0
     """How many of the plan's actions are looked at as done."""
+    _view: View | None = None  # how a bed of a file was seen
 
     def __post_init__(self) -> None:
         self.bank = banks.load_bank(self.bank_name)
@@ -97,20 +98,32 @@ class Desk(Canvas):
           JShapeError: as for `jshape plan`.
         """
         self.check_free()
-        self.see(self._read(path, camera, reproject), str(path))
+        image, view = self._read(path, camera, reproject)
+        self.see(image, str(path))
+        self._view = view
 
-    def _read(self, path: Path, camera: str | None, reproject: bool) -> np.ndarray:
+    def see(self, image: np.ndarray, came_from: str, *, same_goal: bool = False) -> None:
+        """As `Canvas.see`; how an earlier bed was seen says nothing of this one."""
+        self._view = None
+        super().see(image, came_from, same_goal=same_goal)
+
+    def _read(
+        self, path: Path, camera: str | None, reproject: bool, bed: View | None = None
+    ) -> tuple[np.ndarray, View | None]:
+        """The image of a file and how it was seen: as the bed was, if its camera is the bed's."""
         if path.suffix.lower() in points.SUFFIXES:
             depth, view = points.read_goal(path, check_camera(self.camera)), None
         else:
             raw = formats.read_array(path)
             source = source_of(path, raw.shape, camera, self.bank)
-            depth = images.depth_of_array(
-                raw, str(path), camera=check_camera(source.camera), depth_unit=source.depth_unit,
-                check_range=source.stated or not reproject,
-            )  # fmt: skip
-            view = view_of(source.camera, self.camera, depth, reproject=reproject)
-        return image_of_depth(depth, self.camera, view=view, where=str(path)).image
+            depth = frame_of(path, source, reproject=reproject, raw=raw)
+            how: dict[str, Any] = {"reproject": reproject, "where": str(path)}
+            view = (
+                view_beside(bed, self.depth_of(self.bed), source.camera, depth, **how)
+                if bed is not None and self.bed is not None
+                else view_of(source.camera, self.camera, depth, **how)
+            )
+        return image_of_depth(depth, self.camera, view=view, where=str(path)).image, view
 
     # The goal.
 
@@ -121,7 +134,7 @@ class Desk(Canvas):
           JShapeError: as for `jshape plan`.
         """
         self.check_free()
-        self.want(self._read(path, camera, reproject))
+        self.want(self._read(path, camera, reproject, self._view)[0])
 
     # The plan.
 

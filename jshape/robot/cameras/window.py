@@ -17,6 +17,8 @@ class Window(Closing):
           BadCamera: it is empty or leaves the image.
         """
         self.camera = inside.camera.crop(left, top, width, height)
+        self.whole = inside.camera
+        """The other camera's, whose frames the window is cut out of."""
         self.name = inside.name
         self.depth_unit = inside.depth_unit
         self.still = bool(getattr(inside, "still", False))

@@ -145,16 +145,25 @@ def _unpack_pressed(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Pre
     return found if "stroke" in later else replace(found, stroke=found.deepest)
 
 
+_INSTEAD = "instead"
+"""The mean difference that a bank of networks holds for an action: never named as in one of f_D, so
+that a manifest with another kind than the arrays' is refused."""
+
+
 def _or_difference(kind: Kind) -> Kind:
     """A kind of which some actions hold the mean difference: it was better for them."""
-    return Kind(
-        lambda one: (_pack_difference if isinstance(one, Difference) else kind.pack)(one),
-        lambda arrays, roi, camera: (
-            _unpack_difference(arrays, roi)
-            if set(arrays) == {"delta"}
-            else kind.unpack(arrays, roi, camera)
-        ),
-    )
+
+    def pack(one: Any) -> dict[str, np.ndarray]:
+        if isinstance(one, Difference):
+            return {_INSTEAD: np.asarray(one.delta, np.float32)}
+        return kind.pack(one)
+
+    def unpack(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Any:
+        if set(arrays) == {_INSTEAD}:
+            return Difference(jnp.asarray(checked(arrays[_INSTEAD], (roi[1], roi[0]), _INSTEAD)))
+        return kind.unpack(arrays, roi, camera)
+
+    return Kind(pack, unpack)
 
 
 KINDS: dict[str, Kind] = {

@@ -43,7 +43,7 @@ class _Strict(yaml.SafeLoader):
         """As the safe loader, unless it is an alias."""
         if self.check_event(yaml.AliasEvent):
             event = self.peek_event()
-            raise yaml.composer.ComposerError(
+            raise yaml.constructor.ConstructorError(
                 None, None, "aliases (*name) are not read; write the value out", event.start_mark
             )
         return super().compose_node(parent, index)

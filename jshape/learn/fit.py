@@ -54,6 +54,8 @@ def _of_one_strength(fitter: Fitter) -> Fitter:
                 f"pairs of strengths from {least:g} to {most:g}; networks are trained at a "
                 "strength of 1 only, banks of kind P and D at any"
             )
+        if isinstance(start, Difference):  # that bank had nothing better, see `held_out`
+            start = None
         return fitter(examples, camera, settings, start, hooks)
 
     return checked
@@ -108,8 +110,6 @@ def fit(
         try:
             size = first.roi if first is not None else None
             examples = pairs.rois(name, size, padded=first is not None)
-            if kind != "D" and isinstance(first, Difference):
-                first = None  # the bank to start from had nothing better: `held_out.without_worse`
             predictors.append(FITTERS[kind](examples, pairs.camera, settings, first, hooks))
         except BadDataset as error:
             raise BadDataset(f"{name}: {error}") from None

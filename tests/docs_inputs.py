@@ -180,6 +180,7 @@ INPUTS = {
     "dough-pairs": lambda folder: save_pairs(pokes(4, 5, "dough"), folder / "dough-pairs"),
     "both": lambda folder: save_pairs(pokes(2, 6), folder / "both"),
     "more-pairs": lambda folder: save_pairs(pokes(2, 3), folder / "more-pairs"),
+    "uneven": lambda folder: save_pairs(pokes(4, 7), folder / "uneven"),
     "my-bank": bank,
     "my-goal": goal,
     "my-plan": plan,

@@ -58,6 +58,8 @@ SLOW = {
     "jshape evaluate PAIRS --start": "",
     "jshape evaluate pokes": QUICK_NETWORKS,
     "jshape dataset simulate pokes": "--pairs 4",
+    "jshape dataset simulate uneven": "--pairs 4",
+    "jshape evaluate uneven": "",
     "jshape evaluate pairs --kinds D P": "",
     "jshape evaluate pairs --start": "",
     "jshape record sim --frames 100": "",

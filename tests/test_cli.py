@@ -646,7 +646,7 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["plna"], "unknown command 'plna'; allowed: demo, plan"),
+        (["plna"], "unknown command 'plna'; allowed: demo, samples, plan"),
         (["plna"], "did you mean plan? (see jshape --help)"),
         (["Train"], "did you mean train?"),
         (["dataset", "anotate", "x"], "did you mean annotate? (see jshape dataset --help)"),

@@ -19,8 +19,9 @@ LIMIT = 0.1
 """Default largest share of pixels that is filled."""
 MANY = 16
 """So many pixels of exactly one value can be a code for "no reading"."""
-FAR = 2.0
-"""A code is at least so many times as far as the farthest other reading, or that much nearer.
+FAR, NEAR = 2.0, 8.0
+"""A code is at least so many times as far as all other readings, or so many times nearer: codes on
+that side are a count or two, and a mesh's or a table's exact depth may stand before a far floor.
 The largest step between two values of 378 frames of the RealSense SR300 and of material point
 simulations is 1.19 times; a raw Kinect v2 frame has steps of 2.9, to single flying pixels."""
 CODES = 4
@@ -41,7 +42,7 @@ def readings(depth: ArrayLike) -> Readings:
     No reading are: 0, negative numbers, NaN and infinity; what a NumPy mask (or a file's NODATA)
     hides; of whole numbers the largest of their type (65535 of uint16); and codes: up to `CODES`
     exact values, held by `MANY` pixels each and by less than half of the readings together, that
-    lie `FAR` times beyond all others.
+    lie `FAR` times beyond all others, or `NEAR` times before them.
     """
     values = np.ma.getdata(depth)
     whole = values.dtype.kind in "ui"
@@ -76,11 +77,11 @@ def _codes(values: np.ndarray) -> list[float]:
     else:
         found, held = np.unique(values, return_counts=True)
     found, codes, most = found.astype(np.float64), [], len(values) / 2
-    for sign in (1, -1):
+    for sign, factor in ((1, FAR), (-1, NEAR)):
         rising = found[::sign] ** sign
         for k in range(min(CODES, len(found) - 1), 0, -1):
             counts = held[::sign][-k:]
-            if (rising[-k] >= FAR * rising[-k - 1] and counts.min() >= MANY
+            if (rising[-k] >= factor * rising[-k - 1] and counts.min() >= MANY
                     and counts.sum() < most):  # fmt: skip
                 codes += found[::sign][-k:].tolist()
                 break

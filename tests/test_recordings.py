@@ -260,6 +260,17 @@ def test_labels_with_columns_and_names(tmp_path):
         assert [x[:2] for x in read_labels(path, None, "sand").values()] == [
             ("poke", "robot"), ("-", "human")
         ]  # fmt: skip
+        path.write_text(text.lstrip("\ufeff"), encoding="utf-16")  # a spreadsheet's "Unicode text"
+        assert [x.action for x in read_labels(path, None, "sand").values()] == ["poke", "-"]
+    path.write_text("action,agent\nknöck,human\n", encoding="latin-1")
+    with pytest.raises(BadDataset, match="is not UTF-8 text; save it as CSV UTF-8"):
+        read_labels(path, None, "sand")
+    path.write_text("action,agent,material\nknock,,\n-,,\npoke,robot,clay\n")
+    assert list(read_labels(path, "human", "sand").values()) == [
+        Label("knock", "human", "sand"), Label("-", "human", "sand"), Label("poke", "robot", "clay")
+    ]  # fmt: skip
+    path.write_text("action,agent\npoke,robot\n-,\n")  # what makes no pair needs no agent
+    assert [x.action for x in read_labels(path, None, "sand").values()] == ["poke", "-"]
     path.write_text("action\npoke\n-\n\n\n")
     assert [x.action for x in read_labels(path, "robot", "sand").values()] == ["poke", "-"]
     path.write_text("name,action\nb,poke\na,knock\n")

@@ -252,7 +252,7 @@ def read_labels(
 
     Args:
       path: the file.
-      agent: where it has no such column.
+      agent: where it has no such column, or an empty cell.
       material: likewise.
       named: there is a column `name` that says what a row is about; else rows are numbered.
 
@@ -273,18 +273,20 @@ def read_labels(
     labels: dict[str, Label] = {}
     for line, cells in zip(table.lines, table.rows, strict=True):
         where = f"{path}: line {line}"
-        cells = {name: text.strip() for name, text in cells.items()}
-        row = {"agent": agent, "material": material} | cells
-        lacking = [name for name in (*needed, *Label._fields) if not row.get(name)]
+        said = {name: text.strip() for name, text in cells.items() if text.strip()}
+        row = {"agent": agent, "material": material} | said
+        left_out = row.get("action") == LEAVE_OUT  # of which nothing else is asked
+        asked = needed if left_out else (*needed, *Label._fields)
+        lacking = [name for name in asked if not row.get(name)]
         if lacking:
             hint = "" if lacking[0] in needed else f"; give a column or --{lacking[0]}"
             raise BadDataset(f"{where}: has no {lacking[0]}{hint}")
         name = str(row["name"]) if named else str(len(labels) + 1)
         if name in labels:
             raise BadDataset(f"{where}: {quoted(name)} is there twice")
-        if row["action"] != LEAVE_OUT:
+        if not left_out:
             check_action(str(row["action"]), f"{where} ('{LEAVE_OUT}' leaves it out)")
-        labels[name] = Label(*(str(row[field]) for field in Label._fields))
+        labels[name] = Label(*(str(row[field] or "") for field in Label._fields))
     if not labels:
         raise BadDataset(f"{path}: has no rows, so there are no labels")
     return labels

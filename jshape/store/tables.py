@@ -3,6 +3,7 @@
 Columns are separated by commas, semicolons or tabs, whichever gives the expected names.
 """
 
+import codecs
 import csv
 import io
 import os
@@ -45,14 +46,16 @@ def read_table(path: str | os.PathLike, needed: Sequence[str]) -> Table:
     """The table of a CSV file; empty lines are left out.
 
     Args:
-      path: UTF-8, with or without a byte order mark.
+      path: UTF-8, with or without a byte order mark, or UTF-16 with one.
       needed: names that the header must have, in any order and among others.
 
     Raises:
       BadDataset: it cannot be read, a name is missing or twice, a row has more or fewer cells.
     """
     try:
-        text = read_bytes(path, limit=FILE_LIMIT).decode("utf-8-sig")
+        data = read_bytes(path, limit=FILE_LIMIT)
+        utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text"
+        text = data.decode("utf-16" if utf16 else "utf-8-sig")
         separator = _separator(text, needed)
         lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
         header = [name.strip() for name in next(lines, [])]
@@ -85,7 +88,7 @@ def read_table(path: str | os.PathLike, needed: Sequence[str]) -> Table:
     except BadFile as problem:
         raise BadDataset(str(problem)) from None
     except UnicodeDecodeError:
-        raise BadDataset(f"{path}: is not UTF-8 text") from None
+        raise BadDataset(f"{path}: is not UTF-8 text; save it as CSV UTF-8") from None
     except csv.Error as problem:
         raise BadDataset(f"{path}: not CSV that can be read: {one_line(problem)}") from None
 

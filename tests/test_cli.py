@@ -917,6 +917,18 @@ def test_advice_on_a_range_that_cannot_be_is_of_use(folder, capsys, fields, opti
     assert main([*PLAN, *options]) == 2 and "reproject" not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda name: os.symlink("gone", name)])
+def test_a_camera_json_that_is_no_file_is_not_passed_over(folder, capsys, make):
+    (folder / "camera.json").rename("mine.json")
+    make("camera.json")
+    refused(PLAN, capsys, "camera.json: is ")
+    (folder / "other").mkdir()
+    shutil.copy("goal.png", "other")
+    make("other/camera.json")
+    goal = ["plan", "now.png", "other/goal.png", "--camera", "mine.json", *PLAN[3:]]
+    refused(goal, capsys, "other/camera.json: is ")
+
+
 def test_a_tilted_camera_is_named(folder, capsys):
     v, u = np.mgrid[0:395, 0:480]
     z = (0.445 / (1 + np.tan(np.radians(8.0)) * (u - 240) / 433.0) / 1e-5).astype(np.uint16)

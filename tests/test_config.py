@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import re
 
 import numpy as np
@@ -192,6 +193,14 @@ def test_a_file_that_is_named_must_be_there(capsys, monkeypatch):
     with pytest.raises(SystemExit):
         main([*PLAN, "--conf", "off"])
     assert "--config is written in full" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda name: os.symlink("gone", name)])
+def test_what_is_there_and_no_file_is_not_passed_over(capsys, make):
+    make("jshape.toml")
+    for words in (PLAN, ["--config", "jshape.toml", *PLAN]):
+        assert main([*words]) == 2
+        assert re.search("jshape.toml: is (not a regular|a folder|a link)", capsys.readouterr().err)
 
 
 def test_an_empty_file_sets_nothing(asked, capsys):

@@ -1,5 +1,6 @@
 """Depth images that commands read: of which camera they are, and as frames in metres."""
 
+import os
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
@@ -50,7 +51,7 @@ def source_of(
         camera, unit, stated = described(given, depth_unit)
         return Source(camera, unit, given if stated else f"preset {given}{assumed}", stated)
     beside = initial.parent / CAMERA
-    if beside.is_file():
+    if os.path.lexists(beside):  # one that is no file is refused, not passed over
         return Source(*cameras.read_camera(beside, depth_unit), str(beside), True)
     for name, camera in {"the bank's own": bank.camera, **PRESETS}.items():
         if shape == camera.shape and window_of(bank.camera, camera) is not None:
@@ -75,7 +76,7 @@ def goal_source(path: Path, now: Source, folder: Path | None) -> Source:
     """
     beside = path.parent / CAMERA
     here = folder is not None and beside.parent.resolve() == folder.resolve()
-    if path.suffix.lower() in points.SUFFIXES or here or not beside.is_file():
+    if path.suffix.lower() in points.SUFFIXES or here or not os.path.lexists(beside):
         return now
     return Source(*cameras.read_camera(beside), str(beside), True)
 

@@ -61,9 +61,9 @@ def file_of(name: str | None) -> Path | None:
     """
     name = name or os.environ.get(VARIABLE)
     path = Path(name or NAME)
-    if name == OFF or not (name or path.is_file()):
+    if name == OFF or not (name or os.path.lexists(path)):
         return None
-    if not path.is_file():
+    if not os.path.lexists(path):
         raise BadSetting(f"{path}: no such configuration file (--config {OFF}: without one)")
     return path
 

@@ -108,7 +108,8 @@ def regular(path: str, flags: int) -> int:
             _check_regular(os.stat(path), path)
         handle = os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
     except FileNotFoundError:
-        raise BadFile(f"{path}: no such file") from None
+        what = "is a link to no file" if os.path.islink(path) else "no such file"
+        raise BadFile(f"{path}: {what}") from None
     try:
         _check_regular(os.fstat(handle), path)  # which may have become another file since
     except BadFile:

@@ -77,7 +77,7 @@ def picture_camera(
 
 
 def _beside(path: Path, shape: tuple[int, ...], depth_unit: float | None) -> tuple[Camera, float]:
-    if (path.parent / CAMERA).is_file():
+    if os.path.lexists(path.parent / CAMERA):
         return read_camera(path.parent / CAMERA, depth_unit)
     for known in (PAPER_BOX, D435_BAZAR):
         if known.shape == shape:

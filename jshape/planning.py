@@ -19,7 +19,7 @@ from jshape._typing import Array, ArrayLike
 from jshape.camera import Camera, unmasked
 from jshape.data.depth import check_unit, to_metres
 from jshape.data.view import View, image_of_depth, view_beside, view_of
-from jshape.errors import BadBank, BadImage, JShapeError, UnknownName, quoted
+from jshape.errors import BadBank, BadCamera, BadImage, JShapeError, UnknownName, quoted
 from jshape.planned import Plan
 from jshape.planners import PLANNERS
 from jshape.planners.base import Found, Status, Task
@@ -242,6 +242,9 @@ def plan_depth(
     views: tuple[View | None, View | None] = (None, None)
     if camera is not None:
         pair = camera if isinstance(camera, tuple) else (camera, camera)
+        for one in pair:
+            if not isinstance(one, Camera):
+                raise BadCamera(f"camera is {quoted(one)}; expected a Camera or two of them")
         first, last = (
             check_unit(to_metres(depth, depth_unit, name), one, name)
             for depth, one, name in zip((z0, zstar), pair, names, strict=True)

@@ -286,6 +286,13 @@ def test_refused_in_one_line(rng, what, said):
     assert said in str(problem.value) and "\n" not in str(problem.value)
 
 
+def test_poses_written_with_three_decimals_are_taken(rng):
+    hands, targets, camera = pairs_of(rng, False)
+    found = calibrate(hands.round(3), targets.round(3))
+    mm, degrees = off(found.pose, camera)
+    assert mm < 1.0 and degrees < 0.2  # 0.27 mm and 0.10 degrees
+
+
 def test_a_method_that_finds_nothing_is_refused(rng, monkeypatch):
     import cv2
 

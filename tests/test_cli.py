@@ -106,8 +106,10 @@ def test_every_kind_of_image(folder, capsys, kind):
     suffix = {"npy": ".npy", "8-bit": "8.png"}.get(kind, ".tiff")
     options = ["plan", f"now{suffix}", f"goal{suffix}", *PLAN[3:], "--json"]
     assert main(options) == 0
-    steps = json.loads(capsys.readouterr().out)["steps"]
-    assert sorted(s["action"] for s in steps)[:3] == ["knock", "knock", "poke"]
+    found = json.loads(capsys.readouterr().out)
+    assert sorted(s["action"] for s in found["steps"])[:3] == ["knock", "knock", "poke"]
+    light = "8 bits are luminance: white is 0.42 m away, black 0.47 m"
+    assert (light in found["source"]) == (kind == "8-bit")
 
 
 def test_a_goal_as_a_point_cloud(folder, capsys):

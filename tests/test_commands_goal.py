@@ -227,7 +227,7 @@ def test_what_a_phone_turned_comes_in_upright(tmp_path, kind, orientation):
 @pytest.mark.parametrize(
     "words, said",
     [
-        (["--text", ""], "the text is empty"),
+        (["--text", ""], "argument --text: is empty"),
         (["--text", "J", "--at", "900,100"], "the place (900, 100) is outside the view"),
         (["--text", "HELLO", "--size-mm", "900"], "is the largest that fits"),
         (["--text", "J", "--depth-mm", "5", "--raise-mm", "5"], "not both"),

@@ -105,6 +105,23 @@ def test_masks_codes_and_ragged_rows(bank, molded):
         plan_depth([[1, 2], [3]], zstar, bank=bank)
 
 
+def test_other_forms_of_a_depth_image(bank, molded):
+    """Other byte orders and widths hold the same numbers; a wrong unit of counts is named."""
+    z0, zstar = (depth_of(image) for image in molded[:2])
+    truth = plan_depth(z0, zstar, bank=bank, max_steps=1)
+    for kind in (">f4", ">f8", np.longdouble):
+        found = plan_depth(z0.astype(kind), zstar, bank=bank, max_steps=1)
+        np.testing.assert_array_equal(found.distances, truth.distances)
+    counts = np.rint(z0 * 1e4).astype(np.uint16)
+    same = plan_depth(counts, zstar, bank=bank, depth_unit=1e-4, max_steps=1)
+    swapped = plan_depth(counts.astype(">u2"), zstar, bank=bank, depth_unit=1e-4, max_steps=1)
+    np.testing.assert_array_equal(swapped.distances, same.distances)
+    with pytest.raises(BadImage, match="depth_unit 0.0001 instead of 0.001 would fit"):
+        plan_depth(counts, zstar, bank=bank)
+    with pytest.raises(BadImage, match=r"holds int64; .*\.astype\(np.uint16\)"):
+        plan_depth(counts.astype(np.int64), zstar, bank=bank)
+
+
 def test_missing_depth_is_filled_and_reported_or_refused(bank, molded, rng):
     now, goal, _ = molded
     z0, zstar = depth_of(now).copy(), depth_of(goal)

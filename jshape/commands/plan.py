@@ -46,6 +46,10 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
         )
     raw = formats.read_array(options.initial)
     source = source_of(options.initial, raw.shape, options.camera, bank, options.depth_unit)
+    if raw.dtype == np.uint8:
+        near, far = float(source.camera.z_min), float(source.camera.z_max)
+        light = f"8 bits are luminance: white is {near:g} m away, black {far:g} m"
+        source = source._replace(said=f"{source.said}; {light}")
     left_out: tuple[Counter[str], Counter[str]] = Counter(), Counter()
     again = options.reproject
     first = frame_of(options.initial, source, reproject=again, raw=raw, left_out=left_out[0])

@@ -36,16 +36,17 @@ def to_metres(
         raw = np.ma.asarray(raw) if np.ma.isMaskedArray(raw) else np.asarray(raw)
     except ValueError as problem:  # rows of different lengths
         raise BadImage(f"{where}: is no array of numbers: {one_line(problem, 100)}") from None
-    if raw.dtype not in (np.uint16, np.float16, np.float32, np.float64):
+    if raw.dtype.kind != "f" and raw.dtype.newbyteorder("=") != np.uint16:
         raise BadImage(
-            f"{where}: holds {raw.dtype}; raw depth is uint16 (counts) or floating point (metres)"
+            f"{where}: holds {raw.dtype}; raw depth is uint16 (counts: .astype(np.uint16)) or "
+            "floating point (metres)"
         )
     found = readings(raw)
     if left_out is not None:
         left_out.update(found.left_out)
     with np.errstate(over="ignore"):
         depth = np.ma.getdata(raw).astype(np.float32)
-    if raw.dtype == np.uint16:
+    if raw.dtype.kind == "u":
         depth *= np.float32(depth_unit)
     return np.where(found.there, depth, np.float32(np.nan))
 
@@ -160,5 +161,8 @@ def _unit_hint(median: float, low: float, high: float, depth_unit: float | None)
         return ""
     if depth_unit is not None:
         return f"; depth_unit {depth_unit * factor:g} instead of {depth_unit:g} would fit it"
-    unit = " (are they millimetres?)" * (factor == 1e-3)
-    return f"; {factor:g} times those numbers would fit it{unit}"
+    unit = "are they millimetres? " * (factor == 1e-3)
+    return (
+        f"; {factor:g} times those numbers would fit it ({unit}floating point is read as metres, "
+        "whatever depth_unit says)"
+    )

@@ -211,6 +211,7 @@ def image_of_depth(
     if not (np.ndim(max_missing) == 0 and 0 <= max_missing <= 1):
         raise JShapeError(f"max_missing is {quoted(max_missing)}; it must be a share from 0 to 1")
     metres, hint = to_metres(depth, depth_unit, where), None
+    unit = depth_unit if np.asarray(depth).dtype.kind == "u" else None
     whole = metres
     if view is not None:
         metres = view.depth(whole, where)
@@ -220,7 +221,7 @@ def image_of_depth(
         found = metres[~missing(metres)]
         if found.size and outside_range(found, camera).mean() > MAX_CLAMPED:
             hint = view.hint(whole)
-    check_depth(metres, camera, where, least_inside=1 - MAX_CLAMPED, hint=hint)
+    check_depth(metres, camera, where, unit, least_inside=1 - MAX_CLAMPED, hint=hint)
     try:
         metres, filled = fill_missing(metres, limit=max_missing, where=where)
     except MissingDepth as problem:

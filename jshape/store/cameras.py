@@ -104,7 +104,10 @@ def camera_from(fields: dict[str, Any], where: str) -> Camera:
     """
     missing = [name for name in REQUIRED if name not in fields]
     if missing:
-        raise BadCamera(f"{where}: missing {', '.join(missing)}")
+        means = {"z_min": "; z_min and z_max are the depths between which the bed lies, metres",
+                 "u0": "; u0, v0 is the principal point (cx, cy), pixels"}  # fmt: skip
+        said = "".join(text for name, text in means.items() if name in missing)
+        raise BadCamera(f"{where}: missing {', '.join(missing)}{said}")
     unknown = [name for name in fields if name not in REQUIRED + OPTIONAL]
     if unknown:
         raise BadCamera(

@@ -14,10 +14,10 @@ import pytest
 
 from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
-from jshape.cli import main
-from jshape.commands.mold import goal_of, gone_on
+from jshape.cli import build_parser, main
+from jshape.commands.mold import goal_of, gone_on, keep_on
 from jshape.data.view import image_of_depth
-from jshape.errors import BadCamera
+from jshape.errors import BadCamera, BadFile
 from jshape.robot.arms.names import bed_of, open_arm
 from jshape.robot.robot import Robot
 from jshape.robot.simulated import SimulatedWorld
@@ -55,13 +55,37 @@ def test_the_bed_is_molded_and_the_run_says_how(goal, tmp_path, capsys):
     written = {"goal.npy", "log.jsonl", "plan.json", "result.png", "run.json", "start.png"}
     assert written | {"steps.png", "summary.json"} <= {p.name for p in out.iterdir()}
 
-    again = ["mold", "--resume", "--arm", "sim:3", "--yes", "--out", str(out), *QUICK, *TRIED]
+    again = ["mold", "--resume", "--arm", "sim:3", "--yes", "--out", str(out), *QUICK]
     assert main(again) == 2
-    assert "all 1 actions of the run are done" in capsys.readouterr().err
+    found = capsys.readouterr()
+    assert "all 1 actions of the run are done; a larger --max-steps goes on" in found.err
+    assert "going on with: --stride 24 --strengths 1.0 --max-steps 1\n" in found.out
     assert main([*again, "--arm", "sim:4"]) == 2
     assert "was begun with the arm sim:3, not sim:4" in capsys.readouterr().err
     assert main([*again, "--max-steps", "2"]) == 0  # the bed of this process is untouched
     assert len((out / "steps.jsonl").read_text().splitlines()) == 2
+
+
+def test_a_run_goes_on_as_it_began(tmp_path):
+    """The command line beats the run, the run beats defaults; older runs say nothing."""
+
+    def kept(known, *words):
+        options = build_parser().parse_args(["mold", "--out", str(tmp_path), *words])
+        said = []
+        keep_on(known, options, said.append)
+        return options, said
+
+    began = {
+        "max_steps": 2, "min_gain_mm": 0.2, "tolerance_mm": 0.0, "strengths": [0.5, 1], "time": None
+    }  # fmt: skip
+    options, said = kept(began, "--max-steps", "16")
+    assert (options.max_steps, options.min_gain_mm, options.strengths) == (16, 0.2, [0.5, 1.0])
+    assert said == ["going on with: --strengths 0.5,1.0 --min-gain-mm 0.2"] and options.time is None
+    assert kept(began)[0].max_steps == 2
+    options, said = kept({"planner": "greedy"})
+    assert (options.max_steps, options.min_gain_mm, said) == (16, 0.01, [])
+    with pytest.raises(BadFile, match="the run's max-steps: 'two' is not a whole number from 1"):
+        kept({"max_steps": "two"})
 
 
 def test_a_plan_is_carried_out(goal, tmp_path, capsys):

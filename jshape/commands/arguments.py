@@ -61,6 +61,15 @@ class Parser(argparse.ArgumentParser):
         raise argparse.ArgumentError(None, str(UnknownName(what, value, names)))
 
 
+class Remembered(argparse._StoreAction):
+    """Stores a value, and that the command line gave it: a default or a file may be beaten."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
+        """As usual; the option's name is added to `options.given`."""
+        super().__call__(parser, namespace, values, option_string)
+        namespace.given = {*getattr(namespace, "given", ()), self.dest}
+
+
 def command(
     parent: Any,
     name: str,

@@ -9,7 +9,7 @@ import numpy as np
 
 from jshape import metric
 from jshape.camera import Camera, differing, window_of
-from jshape.commands import arguments
+from jshape.commands import arguments, settings
 from jshape.commands.frames import Source, frame_of, goal_source, source_of
 from jshape.commands.robot import (
     add_robot,
@@ -24,13 +24,19 @@ from jshape.commands.robot import (
 from jshape.data.intrinsics import within
 from jshape.data.view import View, image_of_depth, middle_depth, view_of
 from jshape.devices import over_devices
-from jshape.errors import BadCamera, BadFile
+from jshape.errors import BadCamera, BadFile, JShapeError
 from jshape.planning import DEFAULT_BANK
 from jshape.predict.bank import Bank
 from jshape.robot.loop import HEAD
 from jshape.robot.robot import Robot
 from jshape.robot.session import Session
 from jshape.store import banks, formats, points
+
+KEPT = (
+    "max_steps", "min_gain_mm", "tolerance_mm", "caution", "planner", "stride", "strengths", "yaws",
+    "time", "seed", "max_missing",
+)  # fmt: skip
+"""Options that a run is gone on with as it began, unless the command line says otherwise."""
 
 
 def mold(options: argparse.Namespace) -> dict[str, Any]:
@@ -40,6 +46,8 @@ def mold(options: argparse.Namespace) -> dict[str, Any]:
     if options.resume == (options.desired is not None):
         raise BadFile("give either the image DESIRED, or --resume to go on with the run in --out")
     session = resumed(options, say) if options.resume else None
+    if session is not None:
+        keep_on(session.run.meta, options, say)
     bank_name = options.bank or (session.run.meta["bank"] if session else DEFAULT_BANK)
     bank = banks.load_bank(bank_name)
     confirm = asking(options)
@@ -48,8 +56,8 @@ def mold(options: argparse.Namespace) -> dict[str, Any]:
             goal, bank, known = goal_of(options.desired, robot, bank, options, say)
             meta = {
                 "what": "mold", "bank": str(bank_name), "arm": options.arm,
-                "camera": robot.eye.name, "goal": str(options.desired), "planner": options.planner,
-                **known,
+                "camera": robot.eye.name, "goal": str(options.desired),
+                **{name: getattr(options, name) for name in KEPT}, **known,
             }  # fmt: skip
             session = Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
         else:
@@ -145,9 +153,35 @@ def gone_on(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
     return bank
 
 
+def keep_on(
+    known: Mapping[str, Any], options: argparse.Namespace, say: Callable[[str], Any]
+) -> None:
+    """Set the options of `KEPT` as a run began; what differs from the defaults is said.
+
+    Raises:
+      BadFile: one that the option does not take, in a run.json that was changed.
+    """
+    said = []
+    for action in options.kept:
+        name, key = action.dest, settings.key_of(action)
+        if known.get(name) is None or name in getattr(options, "given", ()):
+            continue  # a run of an older version does not say it
+        try:
+            then = settings.read_value(action, key, known[name], options.out)
+        except JShapeError as problem:
+            raise BadFile(f"{options.out}: the run's {key}: {problem}") from None
+        if then != getattr(options, name):
+            setattr(options, name, then)
+            text = ",".join(map(str, then)) if isinstance(then, list) else str(then)
+            said.append(f"--{key} {text}")
+    if said:
+        say(f"going on with: {' '.join(said)}")
+
+
 def add(commands: Any) -> None:
     """The parser of `jshape mold`."""
     parser = arguments.command(commands, "mold", mold)
+    parser.register("action", None, arguments.Remembered)
     parser.add_argument("desired", type=Path, nargs="?", help="depth image wanted, or a PLY or PCD")
     add_robot(parser)
     add_run(parser)
@@ -189,3 +223,4 @@ def add(commands: Any) -> None:
         "--max-missing", type=arguments.share, default=0.1,
         help="largest share of pixels without depth to fill (0.1)",
     )  # fmt: skip
+    parser.set_defaults(kept=[one for one in parser._actions if one.dest in KEPT])

@@ -274,9 +274,10 @@ class Session:
         path = self.run.folder / SUMMARY
         finished = path.is_file() and files.read_json(path).get("state") == "finished"
         if finished or len(self.run) < self.done or not self.run.steps:
+            more = "a larger --max-steps goes on, " * (self.run.meta.get("what") == "mold")
             raise JShapeError(
-                f"{self.run.folder}: all {max_steps} actions of the run are done; --overwrite "
-                "replaces it"
+                f"{self.run.folder}: all {max_steps} actions of the run are done; {more}"
+                "--overwrite replaces it"
             )
         last = self.run.steps[-1]
         obtained = last["obtained_mm"]

@@ -174,6 +174,8 @@ def test_frames_come_in_the_order_of_their_numbers(names, folder):
         ("1.9.png 1.11.png 2.8.png 2.9.png 1.10.png", "which comes first, 1.9.png and 1.10.png"),
         ("7.0.png 7.33333333.png 7.66666666.png 7.100000000.png 7.133333333.png", "comes first"),
         ("1_5.png 2_4.png", "two kinds, 1_5.png and 2_4.png; only the number at the end may"),
+        ("2024-05-01_1.png 2024-05-02_1.png", "rename all in the order of time, as 000000.png"),
+        ("20240501_115959_9.png 20240501_120000_9.png 20240501_120000_10.png", "comes first"),
         ("0001.png 0002.npy", "two kinds, 0001.png and 0002.npy"),
         ("a1.png b2.png", "two kinds"),
     ],
@@ -181,6 +183,34 @@ def test_frames_come_in_the_order_of_their_numbers(names, folder):
 def test_frames_of_which_order_is_open_are_refused(names, match, tmp_path):
     with pytest.raises(BadDataset, match=match):
         in_order(tmp_path / name for name in names.split())
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "2024-04-30_23-59-58 2024-05-01_00-00-00 2024-05-01_12-00-07",
+        "bed_2024-05-01T12:00:00 bed_2024-05-01T12:00:20 bed_2024-05-01T12:01:00",
+        "20240501_115959_750 20240501_120000_000 20240501_120000_250",
+        "20240430-235959 20240501-000000",
+        "2024.05.01.12.00.00 2024.05.01.12.00.10",
+        "2024-05-01_12-00-00 2024-05-01_12-00-00.500000 2024-05-01_12-00-01",
+    ],
+)
+def test_frames_named_by_date_and_time_come_in_its_order(names, folder):
+    names = names.split()
+    for path, name in zip(
+        sorted((folder / "frames").iterdir()), [*names, None, None], strict=False
+    ):
+        path.rename(path.with_name(f"{name}.png")) if name else path.unlink()
+    assert [path.stem for path in open_recording(folder).files] == names
+
+
+def test_a_date_before_a_number_leaves_it_a_number(folder):
+    for path in (folder / "frames").iterdir():
+        path.rename(path.with_name(f"20240501_{path.name}"))
+    assert len(open_recording(folder)) == 4
+    (folder / "frames" / "20240501_000001.png").unlink()
+    refused(folder, "missing frames: 1;")
 
 
 def test_frames_named_by_time_have_no_gaps(folder):

@@ -35,6 +35,12 @@ LEAVE_OUT = "-"
 """A label that makes no pair: an action that went wrong."""
 
 _NUMBERED = re.compile(r"(.*?)([0-9]{1,30})(?:\.([0-9]{1,30}))?", re.DOTALL)
+_STAMPED = re.compile(
+    r"(|.*[^0-9])((?:19|20)[0-9]{2})([-_.]?)(0[1-9]|1[0-2])\3(0[1-9]|[12][0-9]|3[01])[-_.T ]?"
+    r"([01][0-9]|2[0-3])([-_.:]?)([0-5][0-9])\7([0-5][0-9])(?:[-_.,]([0-9]{1,9}))?",
+    re.DOTALL,
+)
+"""A date and a time: 2024-05-01_12-00-00, 20240501_120000.25."""
 _COUNTED = 10**9
 """Numbers from here on are times (seconds since 1970 and finer), between which nothing lacks."""
 _SUFFIXES = (".png", ".tif", ".tiff", ".npy")
@@ -143,7 +149,8 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
 def in_order(paths: Iterable[Path]) -> dict[Decimal, Path]:
     """Files in the order of the numbers at the end of their names; those without are left out.
 
-    A number may have a fraction, since names are often times: 100.1 comes after 100.033333.
+    A number may have a fraction, since names are often times: 100.1 comes after 100.033333; a date
+    and a time are one number.
 
     Raises:
       BadDataset: the names differ in more than that number, two have the same one, or the dot may
@@ -152,21 +159,19 @@ def in_order(paths: Iterable[Path]) -> dict[Decimal, Path]:
     found: dict[Decimal, Path] = {}
     parts: dict[Path, tuple[int, int]] = {}
     kinds: dict[tuple[str, str], Path] = {}
-    for path in sorted(paths):
-        match = _NUMBERED.fullmatch(path.stem)
-        if not match:
-            continue
-        kinds.setdefault((match[1], path.suffix.lower()), path)
+    for path, (start, whole, fraction) in _read(sorted(paths)).items():
+        kinds.setdefault((start, path.suffix.lower()), path)
         if len(kinds) > 1:
             raise BadDataset(
                 f"{path.parent}: holds frames of two kinds, {_names(kinds.values())}; only the "
-                "number at the end may differ; keep one of them"
+                "number at the end may differ; keep one of them, or rename all in the order of "
+                "time, as 000000.png"
             )
-        number = Decimal(f"{match[2]}.{match[3]}" if match[3] else match[2])
+        number = Decimal(f"{whole}.{fraction}" if fraction else whole)
         if number in found:
             raise BadDataset(f"{path.parent}: {_names([found[number], path])} have the same number")
         found[number] = path
-        parts[path] = int(match[2]), int(match[3] or 0)
+        parts[path] = int(whole), int(fraction or 0)
     ordered = {number: found[number] for number in sorted(found)}
     as_parts = sorted(parts, key=parts.__getitem__)
     if as_parts != list(ordered.values()):
@@ -181,6 +186,20 @@ def in_order(paths: Iterable[Path]) -> dict[Decimal, Path]:
                 "decimal point or stand between two numbers; rename them, as 000000.png"
             )
     return ordered
+
+
+def _read(paths: Sequence[Path]) -> dict[Path, tuple[str, str, str | None]]:
+    """What names start with, and the number at their end, of which a date and time makes one."""
+    numbered = {path: match for path in paths if (match := _NUMBERED.fullmatch(path.stem))}
+    stamps = {path: match for path in numbered if (match := _STAMPED.fullmatch(path.stem))}
+    # 20240501_000007 may as well be the eighth frame of a day.
+    times = all(m[7] for m in stamps.values()) or len({m[1] for m in numbered.values()}) > 1
+    if len(stamps) == len(numbered) and times:
+        return {
+            path: (m[1], m[2] + m[4] + m[5] + m[6] + m[8] + m[9], m[10])
+            for path, m in stamps.items()
+        }
+    return {path: (m[1], m[2], m[3]) for path, m in numbered.items()}
 
 
 def by_number(name: str) -> list[str | Decimal]:

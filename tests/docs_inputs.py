@@ -137,7 +137,8 @@ def mcap(folder: Path) -> None:
     from tests.written_bags import depth_bag
 
     _, shots = simulate_recording(jax.random.key(3), ["poke"], still=2, move=1, rest=1)
-    made = depth_bag(folder / "bag", "mcap", PAPER_BOX, list(shots))
+    in_mm = [np.rint(shot * (DEPTH_UNIT / 1e-3)).astype(np.uint16) for shot in shots]
+    made = depth_bag(folder / "bag", "mcap", PAPER_BOX, in_mm)
     shutil.copy(next(made.glob("*.mcap")), folder / "session.mcap")
 
 

@@ -88,7 +88,7 @@ def test_a_raw_frame_with_holes_is_refused_in_words(shared_data, tmp_path, capsy
     for arguments, words in [
         ([str(kinect), str(kinect)], "(424, 512)"),
         (frames, "(480, 640)"),
-        ([*frames, "--camera", str(path)], "--reproject"),
+        ([*frames, "--camera", str(path)], "tilt: the bed is tilted by 34.1 degrees"),
         ([*frames, "--camera", str(path), "--reproject"], "seen by the bank's camera"),
     ]:
         assert main(["plan", *arguments]) == 2

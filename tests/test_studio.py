@@ -492,7 +492,6 @@ def test_work_of_a_page_that_was_closed_draws_nothing_and_says_nothing(monkeypat
     else:
         asyncio.run(asked)
         assert said == ["OSError: no answer \\x1b[2J"] * fails + ["drawn"]
-    assert pictures.data_url(rgb).startswith("data:image/png;base64,")
 
 
 def test_a_goal_of_the_beds_camera_is_seen_from_where_the_bed_is(tmp_path):

@@ -278,7 +278,9 @@ def test_searches_on_the_ground_report_what_they_reach(pressed, beds):
     again, now, distances = measured(terrain, found)
     assert float(found.distance) == pytest.approx(float(again.distance), rel=1e-5)
     assert (np.diff(distances[:5]) < 0).all()
-    assert float(terrain.limits[0]) <= float(now.min()) <= float(now.max()) <= terrain.limits[1]
+    low, high = (float(x) for x in terrain.limits)
+    digit = 3e-8  # m, the last of float32 there: some processors round up once more (fused sums)
+    assert low - digit <= float(now.min()) <= float(now.max()) <= high + digit
     refined = refine.refined(task, found)
     assert float(refined.distance) < 0.99 * float(found.distance)
     assert float(measured(terrain, refined)[0].distance) == pytest.approx(

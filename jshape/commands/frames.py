@@ -15,9 +15,6 @@ from jshape.errors import BadCamera, BadImage
 from jshape.predict.bank import Bank
 from jshape.store import cameras, formats, images, points
 
-CAMERA = "camera.json"
-"""What describes the camera of the frames beside it."""
-
 
 class Source(NamedTuple):
     """Where frames come from, as far as it was said or could be guessed."""
@@ -50,7 +47,7 @@ def source_of(
     if given is not None:
         camera, unit, stated = described(given, depth_unit)
         return Source(camera, unit, given if stated else f"preset {given}{assumed}", stated)
-    beside = initial.parent / CAMERA
+    beside = initial.parent / cameras.CAMERA
     if os.path.lexists(beside):  # one that is no file is refused, not passed over
         return Source(*cameras.read_camera(beside, depth_unit), str(beside), True)
     for name, camera in {"the bank's own": bank.camera, **PRESETS}.items():
@@ -74,7 +71,7 @@ def goal_source(path: Path, now: Source, folder: Path | None) -> Source:
     Raises:
       BadCamera, BadFile: a camera.json that is none.
     """
-    beside = path.parent / CAMERA
+    beside = path.parent / cameras.CAMERA
     here = folder is not None and beside.parent.resolve() == folder.resolve()
     if path.suffix.lower() in points.SUFFIXES or here or not os.path.lexists(beside):
         return now

@@ -15,6 +15,8 @@ from jshape.errors import BadCamera, JShapeError, quoted
 from jshape.store.files import read_json, write_json
 from jshape.store.formats import read_array
 
+CAMERA = "camera.json"
+"""What describes the camera of the frames beside it."""
 DEPTH_UNIT = 0.001
 """Metres per count where no camera.json says it (a guessed camera, a ROS topic): millimetres."""
 

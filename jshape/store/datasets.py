@@ -21,7 +21,7 @@ from jshape.camera import Camera
 from jshape.data.depth import check_unit, to_metres
 from jshape.data.pairs import Frames, Pairs
 from jshape.errors import BadDataset, BadFile, BadImage, quoted
-from jshape.store.cameras import read_camera, write_camera
+from jshape.store.cameras import CAMERA, read_camera, write_camera
 from jshape.store.files import inside, write_atomic
 from jshape.store.folders import atomic_folder
 from jshape.store.images import read_counts, write_counts_png
@@ -34,7 +34,6 @@ COLUMNS = (
 STRENGTH = "strength"
 """A column that is there if some pair is not of strength 1: how many times as deep as the trained
 action it goes."""
-CAMERA = "camera.json"
 TABLE = "pairs.csv"
 FRAMES = "frames"
 CONTENTS = (TABLE, CAMERA, FRAMES)

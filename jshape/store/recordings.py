@@ -19,13 +19,12 @@ import numpy as np
 from jshape.camera import Camera
 from jshape.data.depth import check_unit, to_metres, wrong_shape
 from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
-from jshape.store.cameras import read_camera, write_camera
+from jshape.store.cameras import CAMERA, read_camera, write_camera
 from jshape.store.files import write_atomic, write_json
 from jshape.store.folders import atomic_folder
 from jshape.store.images import read_counts, write_counts_png
 from jshape.store.tables import check_action, read_table
 
-CAMERA = "camera.json"
 FRAMES = "frames"
 TRUTH = "truth.json"
 LABELS = "labels.csv"

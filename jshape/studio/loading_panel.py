@@ -17,7 +17,6 @@ from jshape.studio.page import upload
 
 ACCEPT = ".png,.tif,.tiff,.npy,.exr,.ply,.pcd,.json"
 """What can be dropped: frames, point clouds, and the camera.json of frames."""
-CAMERA = "camera.json"
 
 
 class LoadingPanel:
@@ -75,8 +74,8 @@ class LoadingPanel:
                 load(path, **how)
             except JShapeError as problem:
                 said = str(problem).replace(f"{path.parent}{os.sep}", "")
-                if "depth_unit" in said or CAMERA in said:
-                    said += f"; here: drop the {CAMERA} of the frames first"
+                if "depth_unit" in said or cameras.CAMERA in said:
+                    said += f"; here: drop the {cameras.CAMERA} of the frames first"
                 raise JShapeError(said) from None
             if load == self._desk.load_bed:
                 self._desk.came_from = path.name
@@ -86,7 +85,7 @@ class LoadingPanel:
     def _use_camera(self, path: Path) -> None:
         """Read the files that are loaded from now on with a camera.json that was dropped."""
         camera, unit = cameras.read_camera(path)
-        kept = self._bench.out / CAMERA
+        kept = self._bench.out / cameras.CAMERA
         cameras.write_camera(kept, camera, unit)
         self._bench.camera = str(kept)
 

@@ -671,7 +671,7 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
         ([*PLAN[:-1], ""], "--positions: is empty"),
         ([*PLAN, "--out", ""], "--out: is empty"),
         (["plan", "", "goal.png"], "initial: is empty"),
-        ([*PLAN, "--strengths", ","], "',' is not positive numbers with commas between"),
+        ([*PLAN, "--strengths", ","], "--strengths: '' is not a positive number"),
         ([*PLAN, "--tolerance-mm", "1e999"], "'1e999' is not a number from 0"),
         ([*PLAN, "--min-gain-mm", "nan"], "'nan' is not a number from 0"),
         ([*PLAN, "--planner", "x" * 999], "xxx...xxx"),

@@ -48,7 +48,11 @@ def change_mm(folder, suffix="png"):
 
 
 def refused(capsys, said, *words):
-    assert main(["goal", *words]) == 2
+    try:
+        code = main(["goal", *words])
+    except SystemExit as exit_:
+        code = exit_.code
+    assert code == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1, error
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
 _hook = install_import_hook("jshape", "beartype.beartype")
@@ -18,6 +19,9 @@ ROOT = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("JSHAPE_SHARED", ROOT.parent / "shared"))
 
 jax.config.update("jax_debug_key_reuse", True)
+
+settings.register_profile("shared", deadline=None)  # other programs may hold the processor
+settings.load_profile("shared")
 
 
 @pytest.fixture

@@ -15,11 +15,11 @@ from benchmarks.problems import Problem, half_size, made_problem
 from benchmarks.report import Report
 from jshape.actions import PAPER_ROIS
 from jshape.data.simulate import ROIS
-from jshape.places import dense_positions
-from jshape.planned import Plan
-from jshape.planning import DEFAULT_BANK
-from jshape.predict.sweep import candidates_at, sweep
-from jshape.predict.terrain import terrain_of
+from jshape.planning.api import DEFAULT_BANK
+from jshape.planning.candidates import dense_positions
+from jshape.planning.evaluate import candidates_at, sweep
+from jshape.planning.plan import Plan
+from jshape.planning.state import terrain_of
 
 SPREAD = (0.6, 1.4)
 """How deep the goals' actions are: no two gain alike, so that rounding decides nothing."""

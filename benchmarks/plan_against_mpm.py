@@ -13,8 +13,8 @@ from pathlib import Path
 
 from benchmarks.sim_against_mpm import default_data
 from jshape import fit, load_bank, load_pairs, plan_depth
-from jshape.planning import DEFAULT_BANK
-from jshape.store.images import read_depth
+from jshape.io.images import read_depth
+from jshape.planning.api import DEFAULT_BANK
 
 PAIRS_OF = {
     ("flat", "flour", "robot"): "flat_flour_robot",

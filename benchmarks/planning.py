@@ -13,17 +13,17 @@ from benchmarks.timing import in_turns, seconds
 from jshape.actions import PAPER_ROIS
 from jshape.data.simulate import ROIS
 from jshape.learn.networks import changed_most
-from jshape.nn import unet
-from jshape.places import dense_positions
-from jshape.planners import greedy
-from jshape.planners.base import Limits
-from jshape.planning import DEFAULT_BANK
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.network import Network
-from jshape.predict.refined import Refined
-from jshape.predict.sweep import Candidates, candidates_at, sweep
-from jshape.predict.terrain import Terrain, terrain_of
+from jshape.models import unet
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.models.network import Network
+from jshape.models.refined import Refined
+from jshape.planning.api import DEFAULT_BANK
+from jshape.planning.candidates import dense_positions
+from jshape.planning.evaluate import Candidates, candidates_at, sweep
+from jshape.planning.search import greedy
+from jshape.planning.search.base import Limits
+from jshape.planning.state import Terrain, terrain_of
 
 
 def smooth_bank(rois: dict[str, tuple[int, int]], camera: jshape.Camera = jshape.PAPER_BOX) -> Bank:

@@ -26,7 +26,7 @@ from tqdm import tqdm
 
 from benchmarks.sim_against_mpm import default_data
 from jshape import PAPER_BOX, Pairs, load_bank, load_pairs, sim
-from jshape.commands.tables import print_table
+from jshape.cli.tables import print_table
 from jshape.data.simulate import DEPTH_UNIT, ROIS, look, random_bed
 from jshape.learn.evaluate import Score, candidates_of, compare, roi_errors_mm
 from jshape.learn.fit import fit

@@ -10,8 +10,8 @@ import jshape
 from jshape import actions, metric
 from jshape.actions import PAPER_ROIS
 from jshape.camera import Camera
-from jshape.planned import Plan
-from jshape.predict.bank import Bank
+from jshape.models.bank import Bank
+from jshape.planning.plan import Plan
 from tests.reference import greedy as reference
 
 LEVEL = 0.6

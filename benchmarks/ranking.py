@@ -10,17 +10,17 @@ import numpy as np
 
 import jshape
 from benchmarks import metric_pictures
+from benchmarks.experiments.metric import seen
+from benchmarks.experiments.ranking import CAMERA, HILLS, Distance, distances, rank
+from benchmarks.experiments.samples import silent
 from benchmarks.metric_words import ratio
 from benchmarks.report import Report
 from jshape import metric, sim
 from jshape.actions import first_pixels, grid
 from jshape.data.view import image_of_depth
-from jshape.experiments.metric import seen
-from jshape.experiments.ranking import CAMERA, HILLS, Distance, distances, rank
-from jshape.experiments.samples import silent
-from jshape.planning import DEFAULT_BANK
-from jshape.predict.bank import Bank
-from jshape.predict.rollout import after_action
+from jshape.models.bank import Bank
+from jshape.planning.api import DEFAULT_BANK
+from jshape.planning.apply import after_action
 from jshape.robot.simulated import SimulatedWorld
 
 SEED = 0

@@ -16,7 +16,7 @@ from PIL import Image
 
 from jshape import PAPER_BOX, load_bank, metric, plan, sim
 from jshape.data.simulate import random_bed, simulate_pairs, together
-from jshape.experiments.demo import run_demo
+from jshape.demo import run_demo
 from jshape.goals import bed_map
 from jshape.learn.evaluate import cross_validate
 from jshape.viz import pictures, scores, sheets

@@ -9,13 +9,13 @@ if TYPE_CHECKING:
     from jshape.camera import D435_BAZAR, D435_NOMINAL, PAPER_BOX, Camera
     from jshape.data.pairs import Pairs
     from jshape.errors import JShapeError
+    from jshape.io.banks import list_banks, load_bank, save_bank
+    from jshape.io.datasets import load_pairs, save_pairs
     from jshape.learn.held_out import fit
     from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
-    from jshape.planners.base import Status
-    from jshape.planning import Plan, plan, plan_depth, rollout
-    from jshape.predict.bank import Bank
-    from jshape.store.banks import list_banks, load_bank, save_bank
-    from jshape.store.datasets import load_pairs, save_pairs
+    from jshape.models.bank import Bank
+    from jshape.planning.api import Plan, plan, plan_depth, rollout
+    from jshape.planning.search.base import Status
 
 __version__ = "0.1.0"
 
@@ -57,11 +57,11 @@ _HOMES = {
     "jshape.errors": ("JShapeError",),
     "jshape.learn.held_out": ("fit",),
     "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
-    "jshape.planners.base": ("Status",),
-    "jshape.planning": ("Plan", "plan", "plan_depth", "rollout"),
-    "jshape.predict.bank": ("Bank",),
-    "jshape.store.banks": ("list_banks", "load_bank", "save_bank"),
-    "jshape.store.datasets": ("load_pairs", "save_pairs"),
+    "jshape.planning.search.base": ("Status",),
+    "jshape.planning.api": ("Plan", "plan", "plan_depth", "rollout"),
+    "jshape.models.bank": ("Bank",),
+    "jshape.io.banks": ("list_banks", "load_bank", "save_bank"),
+    "jshape.io.datasets": ("load_pairs", "save_pairs"),
 }
 """Where each name is.  They are loaded when they are asked for: JAX takes a second, and neither
 `jshape --help` nor a misspelt command needs it."""

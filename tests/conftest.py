@@ -38,8 +38,8 @@ def shared_data():
 def bank():
     """A bank for the paper's box with two smooth craters: quick, and easy to reason about."""
     from jshape import PAPER_BOX
-    from jshape.predict.bank import Bank
-    from jshape.predict.difference import Difference
+    from jshape.models.bank import Bank
+    from jshape.models.difference import Difference
 
     def crater(w, h, depth):
         x, y = (np.linspace(-2, 2, n) for n in (w, h))

@@ -10,12 +10,12 @@ import numpy as np
 
 from jshape import D435_BAZAR, PAPER_BOX, Camera, Pairs, metric, rollout, save_pairs, sim
 from jshape.camera import reproject
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT, look, simulate_pairs, together
+from jshape.io.cameras import write_camera
+from jshape.io.images import write_depth_png
 from jshape.robot.cameras.played import Played
-from jshape.store.cameras import write_camera
-from jshape.store.images import write_depth_png
 from jshape.viz.style import png
 from tests.conftest import ROOT, SHARED
 
@@ -76,7 +76,6 @@ def bank(folder: Path) -> None:
 
 def plan(folder: Path, name: str = "my-plan") -> None:
     """What `jshape plan --out my-plan` leaves, of actions that were given."""
-    from jshape.store import plans
     from jshape.viz import pictures
 
     whole = [np.where(depth > 0, depth, np.median(depth)) for depth in bed_and_goal()]
@@ -84,7 +83,7 @@ def plan(folder: Path, name: str = "my-plan") -> None:
     names, places = zip(*APPLIED, strict=True)
     found = rollout(now, wanted, names, np.array(places), bank="flour-robot")
     (folder / name).mkdir()
-    plans.write_plan(folder / name / "plan.json", found)
+    found.to_json(folder / name / "plan.json")
     (folder / name / "plan.png").write_bytes(png(pictures.plan_figure(found)))
 
 

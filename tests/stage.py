@@ -11,11 +11,11 @@ import numpy as np
 
 from jshape import PAPER_BOX, metric
 from jshape.actions import PAPER_Z
+from jshape.io import journal
 from jshape.robot.arms.base import Moved
+from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
 from jshape.robot.session import Session
-from jshape.store import journal
-from jshape.store.procedures import load_hand
 
 UNIT = 0.00005
 PLACES = np.array([[91, 92], [239, 197], [387, 302]])

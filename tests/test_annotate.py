@@ -11,11 +11,11 @@ import pytest
 
 from benchmarks.annotation import iou, overlaps, pairs_with_truth
 from jshape import Camera, load_pairs, save_pairs
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.annotate import find_effect, place_boxes
 from jshape.data.pairs import Pairs
 from jshape.data.recording import changed_box
-from jshape.store.annotations import boxes_by_hand
+from jshape.io.annotations import boxes_by_hand
 from jshape.viz import sheets
 
 UNIT = 1e-4

@@ -15,7 +15,7 @@ from jshape.robot.arms.base import Arm, ArmError, ArmLost, Doing, EffortLimit, M
 from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.arms.names import KINDS, open_arm
 from jshape.robot.procedure import NAMES, perform, pose_of
-from jshape.store.procedures import load_hand
+from jshape.robot.procedure_file import load_hand
 
 NEEDS = {"mujoco": ("mujoco", "mink")}
 

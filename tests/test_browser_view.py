@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, plan
-from jshape.store import journal, runs
-from jshape.store.banks import save_bank
-from jshape.view.read import read_story, story_of_plan
+from jshape.app.view.read import read_story, story_of_plan
+from jshape.io import journal, runs
+from jshape.io.banks import save_bank
 from tests.browser import chromium, complaints, outside, until  # noqa: F401 (a fixture)
 from tests.stage import PLACES
 from tests.studio_stage import EVIL
@@ -22,7 +22,7 @@ HARMLESS = "blob:"
 
 @pytest.fixture
 def viewer(bank, molded):
-    from jshape.view.browser import Viewer
+    from jshape.app.view.browser import Viewer
 
     now, goal, _ = molded
     with Viewer(
@@ -77,7 +77,7 @@ def test_it_plays_to_the_end(chromium, viewer):  # noqa: F811
 
 
 def test_a_hostile_run_is_shown_as_text(chromium, tmp_path, bank, molded):  # noqa: F811
-    from jshape.view.browser import Viewer
+    from jshape.app.view.browser import Viewer
 
     now, goal, _ = molded
     first, second = EVIL[0], "$\\frac$" + EVIL[1]
@@ -113,7 +113,7 @@ def test_other_pages_are_not_answered(viewer, monkeypatch):
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
-    from jshape.view import door
+    from jshape.app.view import door
 
     where = viewer.url.replace("http", "ws")
 
@@ -135,8 +135,8 @@ def test_other_pages_are_not_answered(viewer, monkeypatch):
 
 
 def test_a_viser_that_serves_otherwise_is_refused():
+    from jshape.app.view.door import door
     from jshape.errors import JShapeError
-    from jshape.view.door import door
 
     with pytest.raises(JShapeError, match="cannot be told whom to answer"), door("127.0.0.1"):
         pass

@@ -8,8 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jshape import D435_BAZAR
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.errors import BadFile, JShapeError, UnknownName
+from jshape.io.cameras import write_camera
+from jshape.robot import pose_file as poses
 from jshape.robot.calibration import METHODS, calibrate, least_turn_deg
 from jshape.robot.rigid import (
     BadPose,
@@ -20,8 +22,6 @@ from jshape.robot.rigid import (
     pose_at,
     quaternion_of,
 )
-from jshape.store import poses
-from jshape.store.cameras import write_camera
 from tests.reference import hand_eye
 
 SET_UPS = pytest.mark.parametrize("eye_in_hand", [False, True], ids=["to-hand", "in-hand"])

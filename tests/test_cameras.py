@@ -13,6 +13,8 @@ from jshape import PAPER_BOX, Camera, sim
 from jshape.camera import D435_BAZAR
 from jshape.data.missing import fill_missing
 from jshape.errors import BadCamera, BadDataset, BadFile, BadImage, JShapeError, MissingDepth
+from jshape.io.cameras import write_camera
+from jshape.io.recordings import recording_writer
 from jshape.robot.cameras.bag import bag_camera
 from jshape.robot.cameras.base import CameraLost, DepthCamera, EndOfFrames, look
 from jshape.robot.cameras.folder import folder_camera, picture_camera
@@ -21,8 +23,6 @@ from jshape.robot.cameras.played import Played
 from jshape.robot.cameras.realsense import RealSense
 from jshape.robot.cameras.simulated import levelled_world, simulated_camera
 from jshape.robot.cameras.window import Window
-from jshape.store.cameras import write_camera
-from jshape.store.recordings import recording_writer
 
 SMALL = Camera(64, 48, 60.0, 61.0, 31.0, 24.0, 0.42, 0.47)
 COUNT = 6

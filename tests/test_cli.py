@@ -18,14 +18,15 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Camera, Plan, metric, save_bank
-from jshape.cli import build_parser, main
-from jshape.commands import COMMANDS, settings
-from jshape.commands.arguments import duration
-from jshape.commands.colours import coloured, shows_colours
-from jshape.commands.examples import EXAMPLES, of
+from jshape.cli import COMMANDS, settings
+from jshape.cli.arguments import duration
+from jshape.cli.colours import coloured, shows_colours
+from jshape.cli.examples import EXAMPLES, of
+from jshape.cli.main import main
+from jshape.cli.parser import build_parser
 from jshape.errors import UnknownName
-from jshape.store.banks import MANIFEST
-from jshape.store.cameras import write_camera
+from jshape.io.banks import MANIFEST
+from jshape.io.cameras import write_camera
 from tests.conftest import ROOT
 
 
@@ -527,7 +528,7 @@ def test_uses_and_budgets(folder, capsys):
 def test_every_option_reaches_the_planner(folder, monkeypatch):
     given = {}
     monkeypatch.setattr(
-        "jshape.commands.plan.plan_depth", lambda *images, **options: given.update(options) or 1 / 0
+        "jshape.cli.plan.plan_depth", lambda *images, **options: given.update(options) or 1 / 0
     )
     options = ["--stride", "4", "--planner", "mcts", "--time", "500ms", "--evaluations", "70"]
     options += ["--caution", "0.5", "--clearance-mm", "8", "--most", "poke=2", "--seed", "3"]
@@ -558,7 +559,7 @@ def test_what_is_no_time(text):
 def test_devices_are_made_once():
     """In a new process: three of them, then no more, and as few as asked for."""
     code = """
-from jshape.devices import over_devices
+from jshape.planning.devices import over_devices
 print(over_devices(3).mesh.size, over_devices(5).mesh.size, over_devices(2).mesh.size)
 print(over_devices(1).mesh)
 """
@@ -574,7 +575,7 @@ print(over_devices(1).mesh)
 def test_what_needs_no_jax_does_not_load_it(words, loads, tmp_path):
     """Help, a misspelt command and a new configuration file are there at once."""
     code = (
-        "import sys\nfrom jshape.cli import main\n"
+        "import sys\nfrom jshape.cli.main import main\n"
         f"try:\n    main({words.split()!r})\nexcept SystemExit:\n    pass\n"
         "print([n for n in ('jax', 'cv2', 'matplotlib', 'scipy') if n in sys.modules])"
     )

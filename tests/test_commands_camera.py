@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Camera
-from jshape.cli import main
-from jshape.commands import cameras
+from jshape.cli import cameras
+from jshape.cli.main import main
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT
 from jshape.errors import BadCamera, BadFile
+from jshape.io.banks import load_bank
+from jshape.io.cameras import write_camera
+from jshape.io.recordings import open_recording, recording_writer
 from jshape.robot.cameras.base import CameraLost
 from jshape.robot.cameras.played import Played
-from jshape.store.banks import load_bank
-from jshape.store.cameras import write_camera
-from jshape.store.recordings import open_recording, recording_writer
 
 SMALL = Camera(64, 48, 60.0, 61.0, 31.0, 24.0, 0.42, 0.47)
 
@@ -197,7 +197,7 @@ def test_a_stuck_camera_ends_the_recording(watched, tmp_path, capsys, rng):
 
 
 def test_a_full_disk_keeps_what_was_recorded(watched, tmp_path, capsys, rng, monkeypatch):
-    from jshape.store import recordings
+    from jshape.io import recordings
 
     real, calls = recordings.write_counts_png, []
 

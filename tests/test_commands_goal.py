@@ -9,11 +9,11 @@ import pytest
 from PIL import Image
 
 from jshape import PAPER_BOX, Camera, load_bank, rollout, sim
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.view import image_of_depth
-from jshape.store.cameras import read_camera, write_camera
-from jshape.store.drawings import read_drawing
-from jshape.store.images import read_depth, write_depth_png
+from jshape.io.cameras import read_camera, write_camera
+from jshape.io.drawings import read_drawing
+from jshape.io.images import read_depth, write_depth_png
 
 OTHER = Camera(320, 240, 280.0, 280.0, 161.0, 118.0, 0.3, 1.0)
 UNIT = 1e-4

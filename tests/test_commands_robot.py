@@ -14,15 +14,16 @@ import pytest
 
 from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
-from jshape.cli import build_parser, main
-from jshape.commands.mold import goal_of, gone_on, keep_on
+from jshape.cli.main import main
+from jshape.cli.mold import goal_of, gone_on, keep_on
+from jshape.cli.parser import build_parser
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile
+from jshape.io.cameras import write_camera
+from jshape.io.images import write_depth_png
 from jshape.robot.arms.names import bed_of, open_arm
 from jshape.robot.robot import Robot
 from jshape.robot.simulated import SimulatedWorld
-from jshape.store.cameras import write_camera
-from jshape.store.images import write_depth_png
 from tests.conftest import ROOT
 
 QUICK = ["--bank", "flour-robot", "--frames", "3"]
@@ -137,7 +138,7 @@ def test_every_arm_by_name_acts(capsys):
 
 HUNG = """
 import sys, threading
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.robot.arms.simulated import SimulatedArm
 
 def hang(*given, **named):

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX
-from jshape.cli import build_parser, main
-from jshape.commands import settings
-from jshape.commands.config import EXAMPLE
+from jshape.cli import settings
+from jshape.cli.config import EXAMPLE
+from jshape.cli.main import main
+from jshape.cli.parser import build_parser
 from jshape.errors import BadSetting
-from jshape.store.cameras import write_camera
+from jshape.io.cameras import write_camera
 
 
 @pytest.fixture(autouse=True)
@@ -39,7 +40,7 @@ def asked(monkeypatch):
                     leaf.set_defaults(run=lambda options: seen.append(options) or {})
             return parser
 
-        monkeypatch.setattr("jshape.cli.build_parser", without_work)
+        monkeypatch.setattr("jshape.cli.main.build_parser", without_work)
         assert main(list(words)) == 0
         return seen[-1]
 

@@ -18,18 +18,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.pairs import Examples
 from jshape.errors import BadFile
+from jshape.io.checkpoints import check_folder, discard
+from jshape.io.shared_checkpoints import SharedCheckpoints
 from jshape.learn.settings import Training
 from jshape.learn.training import Hooks, roi_loss, train
-from jshape.predict.difference import Difference
-from jshape.store.checkpoints import check_folder, discard
-from jshape.store.shared_checkpoints import SharedCheckpoints
+from jshape.models.difference import Difference
 
 PROGRAM = """
 import json, sys
-from jshape.devices import join, mesh_of, over_devices
+from jshape.planning.devices import join, mesh_of, over_devices
 
 devices, coordinator, process = int(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 if coordinator:
@@ -43,10 +43,10 @@ from jshape.data.pairs import Examples
 from jshape.learn import training
 from jshape.learn.settings import Training
 from jshape.learn.shared import shared_over
-from jshape.nn import unet
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.network import Network
+from jshape.models import unet
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.models.network import Network
 
 rng = np.random.default_rng(3)
 v, u = np.mgrid[:18, :20]

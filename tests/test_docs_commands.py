@@ -16,8 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from jshape.cli import build_parser, main
-from jshape.commands.settings import leaf_of
+from jshape.cli.main import main
+from jshape.cli.parser import build_parser
+from jshape.cli.settings import leaf_of
 from tests import docs_inputs
 from tests.conftest import ROOT, SHARED
 from tests.docs_inputs import INPUTS, input_of
@@ -95,7 +96,7 @@ def _begins(command, table):
 
 
 def _words(command, more=""):
-    """A command as `jshape.cli.main` takes it; what the shell does with its output is left out."""
+    """A command as `jshape.cli.main` takes it, without what the shell does with its output."""
     words = shlex.split(command.partition(" > ")[0])[1:] + shlex.split(more)
     return [PLACEHOLDERS.get(word, word) for word in words]
 
@@ -185,9 +186,9 @@ def _stand_ins(monkeypatch):
     monkeypatch.setattr(names, "RealSense", plugged)
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
     if find_spec("viser"):
-        monkeypatch.setattr("jshape.view.browser.Viewer.wait", _interrupted)
+        monkeypatch.setattr("jshape.app.view.browser.Viewer.wait", _interrupted)
     if find_spec("nicegui"):
-        monkeypatch.setattr("jshape.studio.server.serve", lambda *more, **options: None)
+        monkeypatch.setattr("jshape.app.server.serve", lambda *more, **options: None)
     return words
 
 

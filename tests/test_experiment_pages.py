@@ -10,11 +10,11 @@ import pytest
 from matplotlib.figure import Figure
 
 import jshape
-from jshape.cli import main
+from benchmarks.experiments import EXPERIMENTS, LeftOut, pages, report, samples
+from benchmarks.experiments.pages import Picture, Result, Table
+from jshape.cli.main import main
 from jshape.errors import BadFile, JShapeError, UnknownName
-from jshape.experiments import EXPERIMENTS, LeftOut, pages, report, samples
-from jshape.experiments.pages import Picture, Result, Table
-from jshape.store import files
+from jshape.io import files
 from jshape.viz.planning import gains_figure
 
 EVIL = "<script>alert(\"1\")</script> & 'so on'"

@@ -10,17 +10,17 @@ import jax
 import numpy as np
 import pytest
 
+from benchmarks.experiments import baselines, entries, measures, planning, results
+from benchmarks.experiments.planning import Case, Settings, run_planning
+from benchmarks.experiments.problems import Applied, Problem
 from jshape import PAPER_BOX, JShapeError, metric, plan, sim
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.errors import BadBank, BadDataset, BadFile, UnknownName
-from jshape.experiments import baselines, entries, measures, planning, results
-from jshape.experiments.planning import Case, Settings, run_planning
-from jshape.experiments.problems import Applied, Problem
-from jshape.planned import Plan
-from jshape.planners import PLANNERS
-from jshape.planners.base import Limits, Status, Task
-from jshape.predict.sweep import candidates_at
-from jshape.predict.terrain import terrain_of
+from jshape.planning.evaluate import candidates_at
+from jshape.planning.plan import Plan
+from jshape.planning.search import PLANNERS
+from jshape.planning.search.base import Limits, Status, Task
+from jshape.planning.state import terrain_of
 
 SMALL = {
     "tiny": {"bank": "flour-robot", "positions": "4x3"},

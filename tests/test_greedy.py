@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 from jshape import Camera, Status, distance
 from jshape.actions import grid
-from jshape.planners import greedy
-from jshape.planners.base import Limits, Task
-from jshape.planners.sequence import measured
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.rollout import after_action
-from jshape.predict.sweep import Board, candidates_at, refresh, sweep
-from jshape.predict.terrain import terrain_of
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.planning.apply import after_action
+from jshape.planning.evaluate import Board, candidates_at, refresh, sweep
+from jshape.planning.search import greedy
+from jshape.planning.search.base import Limits, Task
+from jshape.planning.search.sequence import measured
+from jshape.planning.state import terrain_of
 from tests.reference import greedy as twin
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)

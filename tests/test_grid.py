@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from jshape import Camera, Pairs, load_bank, save_pairs
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.simulate import simulate_pairs
-from jshape.engines import OnRay, forking
 from jshape.errors import BadDataset, BadFile, JShapeError, UnknownName
-from jshape.experiments import grid as grids
-from jshape.experiments import shards
-from jshape.experiments.grid import Cell, Grid
+from jshape.grid import grid as grids
+from jshape.grid import shards
+from jshape.grid.engines import OnRay, forking
+from jshape.grid.grid import Cell, Grid
+from jshape.io import files
+from jshape.io.datasets import load_pairs
 from jshape.learn.evaluate import cross_validate
-from jshape.store import files
-from jshape.store.datasets import load_pairs
 
 QUICK = {"width": 1, "epochs": 2, "batch": 4}
 CAMERA = Camera(48, 40, 50.0, 50.0, 24.0, 20.0, 0.42, 0.47)

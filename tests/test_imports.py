@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from jshape import D435_BAZAR, D435_NOMINAL, Camera, load_pairs, metric
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.errors import BadDataset
-from jshape.store.annotations import boxes_by_hand
-from jshape.store.authors import authors_pairs, depth_unit_for, place_of_r, read_annotation
-from jshape.store.cameras import write_camera
+from jshape.io.annotations import boxes_by_hand
+from jshape.io.authors import authors_pairs, depth_unit_for, place_of_r, read_annotation
+from jshape.io.cameras import write_camera
 
 W, H = 60, 44
 PLACES = {"0001": (200, 150), "0002": (788, 436)}  # the second in the last corner

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, fit, load_bank, load_pairs, plan_depth
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.relief import depth_of_relief
+from jshape.io.images import read_depth
 from jshape.learn.evaluate import cross_validate
-from jshape.store.images import read_depth
 
 SEQUENCES = {
     "dev1_flour_flat": "flat_flour_robot",

@@ -16,9 +16,9 @@ from scipy.ndimage import gaussian_filter
 from jshape import Camera, Status, distance, plan
 from jshape.actions import fits, grid
 from jshape.errors import BadBank
-from jshape.places import dense_positions, placed_positions, reachable, within
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.planning.candidates import dense_positions, placed_positions, reachable, within
 from tests.conftest import ROOT
 
 CAMERA = Camera(48, 40, 60.0, 50.0, 24.0, 20.0, 0.42, 0.47)
@@ -264,7 +264,7 @@ def refusals():
         import json, sys
         import jax.numpy as jnp, numpy as np
         import jshape
-        from jshape.predict.difference import Difference
+        from jshape.models.difference import Difference
 
         camera = jshape.Camera(48, 40, 60.0, 60.0, 24.0, 20.0, 0.42, 0.47)
         bank = jshape.Bank(camera, (Difference(jnp.ones((7, 7)) / 8),), ("poke",))

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from jshape import Camera, Status
-from jshape.places import dense_positions, within
-from jshape.planners import PLANNERS, beam, greedy, improve, refine
-from jshape.planners.base import EVER, Budget, Limits, Task, nothing
-from jshape.planners.polish import polished
-from jshape.planners.sequence import bounds, measured, without
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.sweep import candidates_at, fresh_board, sweep
-from jshape.predict.terrain import terrain_of
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.planning.candidates import dense_positions, within
+from jshape.planning.evaluate import candidates_at, fresh_board, sweep
+from jshape.planning.search import PLANNERS, beam, greedy, improve, refine
+from jshape.planning.search.base import EVER, Budget, Limits, Task, nothing
+from jshape.planning.search.local import polished
+from jshape.planning.search.sequence import bounds, measured, without
+from jshape.planning.state import terrain_of
 from tests.reference import beam as twin
 
 CAMERA = Camera(48, 40, 60.0, 60.0, 24.0, 20.0, 0.42, 0.47)

@@ -64,7 +64,7 @@ def test_limits_and_positions_per_action(bank, molded):
 
 
 def test_a_grid_by_name_spans_the_image_for_each_action(bank, molded):
-    from jshape.places import placed_positions
+    from jshape.planning.candidates import placed_positions
 
     placed = placed_positions(bank, "21x15")
     for name, (w, h) in bank.rois.items():

@@ -4,14 +4,14 @@ import jax
 import numpy as np
 import pytest
 
+from benchmarks.experiments.problems import OVERLAPPING, applied_problems, shape_problems
+from benchmarks.experiments.recorded import mpm_problems
 from jshape import PAPER_BOX, metric, sim
 from jshape.data import shapes
 from jshape.data.simulate import ROIS
 from jshape.errors import BadDataset, BadImage
-from jshape.experiments.problems import OVERLAPPING, applied_problems, shape_problems
-from jshape.experiments.recorded import mpm_problems
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
 from jshape.robot.simulated import SimulatedWorld
 
 EDGE = 40

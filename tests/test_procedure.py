@@ -9,8 +9,8 @@ from jshape.robot.arms.base import Arm, ArmError, EffortLimit, Moved, PoseRefuse
 from jshape.robot.arms.dry_run import DryRun
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.procedure import NAMES, Limits, Operation, Procedure, perform, pose_of, turned
+from jshape.robot.procedure_file import load_hand, read_procedure
 from jshape.robot.simulated import SimulatedWorld
-from jshape.store.procedures import load_hand, read_procedure
 
 POINT = np.array([0.03, -0.02, 0.45])
 HERE = np.eye(4)

@@ -9,7 +9,7 @@ import pytest
 import jshape
 from jshape import JShapeError, Status, plan, rollout
 from jshape.errors import BadBank, BadImage, BadPosition, UnknownName
-from jshape.predict.bank import Bank
+from jshape.models.bank import Bank
 
 
 @jax.tree_util.register_dataclass

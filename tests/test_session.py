@@ -19,16 +19,16 @@ import pytest
 from jshape import PAPER_BOX, JShapeError
 from jshape.closing import SIGNALS
 from jshape.errors import BadCamera, BadFile, MissingDepth
+from jshape.io import journal, runs
 from jshape.robot.arms.base import ArmError, ArmLost, EffortLimit, Moved, PoseRefused
 from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import CameraLost
 from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.checks import BedMoved, Occluded, check_still, moved_mm, touched_by
 from jshape.robot.procedure import NAMES
+from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
 from jshape.robot.session import Session
-from jshape.store import journal, runs
-from jshape.store.procedures import load_hand
 from tests.conftest import ROOT
 from tests.stage import Arm, Eye, mold, robot_of
 

@@ -18,10 +18,10 @@ from PIL import Image
 from jshape import D435_BAZAR, PAPER_BOX, Camera
 from jshape.data.missing import only_readings
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
-from jshape.store import images
-from jshape.store.drawings import read_drawing
-from jshape.store.formats import read_array
-from jshape.store.images import check_depth, depth_of_array, read_counts, read_depth
+from jshape.io import images
+from jshape.io.drawings import read_drawing
+from jshape.io.formats import read_array
+from jshape.io.images import check_depth, depth_of_array, read_counts, read_depth
 
 SMALL = Camera(12, 9, 15.0, 15.0, 5.5, 4.0, 0.4, 0.5)
 

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from jshape import Camera
-from jshape.planners import greedy
-from jshape.planners.base import Limits
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.sweep import How, candidates_at, fresh_board, refresh, sweep, touch
-from jshape.predict.terrain import terrain_of
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.planning.evaluate import How, candidates_at, fresh_board, refresh, sweep, touch
+from jshape.planning.search import greedy
+from jshape.planning.search.base import Limits
+from jshape.planning.state import terrain_of
 from tests.conftest import ROOT
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
@@ -140,12 +140,12 @@ def test_devices_change_nothing():
         import json
         import jax, jax.numpy as jnp, numpy as np
         from jshape import Camera
-        from jshape.planners import greedy
-        from jshape.planners.base import Limits
-        from jshape.predict.bank import Bank
-        from jshape.predict.difference import Difference
-        from jshape.predict.sweep import How, candidates_at, fresh_board, refresh, sweep
-        from jshape.predict.terrain import terrain_of
+        from jshape.planning.search import greedy
+        from jshape.planning.search.base import Limits
+        from jshape.models.bank import Bank
+        from jshape.models.difference import Difference
+        from jshape.planning.evaluate import How, candidates_at, fresh_board, refresh, sweep
+        from jshape.planning.state import terrain_of
 
         assert jax.device_count() == 4
         rng = np.random.default_rng(5)
@@ -197,11 +197,11 @@ def test_a_dense_sweep_fits_into_memory():
         from pathlib import Path
         import jax, jax.numpy as jnp, numpy as np
         from jshape import PAPER_BOX
-        from jshape.places import dense_positions
-        from jshape.predict.bank import Bank
-        from jshape.predict.difference import Difference
-        from jshape.predict.sweep import candidates_at, sweep
-        from jshape.predict.terrain import terrain_of
+        from jshape.planning.candidates import dense_positions
+        from jshape.models.bank import Bank
+        from jshape.models.difference import Difference
+        from jshape.planning.evaluate import candidates_at, sweep
+        from jshape.planning.state import terrain_of
 
         def most_kb():  # ru_maxrss would begin with what the program that started this one took
             status = Path("/proc/self/status").read_text()

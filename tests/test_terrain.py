@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from jshape import PAPER_BOX, Camera, distance, load_bank, metric, sim
-from jshape.places import placed_positions
-from jshape.planners import greedy, refine
-from jshape.planners.base import Limits, Task
-from jshape.planners.sequence import act_between, measured
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.rollout import after_action, shift
-from jshape.predict.sweep import candidates_at, sweep
-from jshape.predict.terrain import terrain_of
-from jshape.predict.turn import turn
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.models.turn import turn
+from jshape.planning.apply import after_action, shift
+from jshape.planning.candidates import placed_positions
+from jshape.planning.evaluate import candidates_at, sweep
+from jshape.planning.search import greedy, refine
+from jshape.planning.search.base import Limits, Task
+from jshape.planning.search.sequence import act_between, measured
+from jshape.planning.state import terrain_of
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
 QUARTER = replace(PAPER_BOX, width=120, height=98, fx=433 / 4, fy=433 / 4, u0=240 / 4, v0=197 / 4)

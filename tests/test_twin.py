@@ -16,7 +16,7 @@ from jshape.errors import JShapeError
 from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, PoseRefused
 from jshape.robot.cameras.base import CameraLost, DepthCamera, look
 from jshape.robot.procedure import Hand, perform, turned
-from jshape.store.procedures import load_hand
+from jshape.robot.procedure_file import load_hand
 from tests.conftest import ROOT
 
 IDLE = Doing("poke", "above", 1.0, 0.0)
@@ -346,7 +346,7 @@ def test_a_bystander_sees_the_robot(fresh):
 
 
 def test_the_check_reports_what_happened(tmp_path, hand):
-    from jshape.experiments.twin import check_twin
+    from benchmarks.experiments.twin import check_twin
 
     lines = []
     found = check_twin(tmp_path / "check", names=("poke",), columns=2, rows=1, say=lines.append)
@@ -360,7 +360,7 @@ def test_the_check_reports_what_happened(tmp_path, hand):
 
 @pytest.mark.slow
 def test_all_places_of_the_paper():
-    from jshape.experiments.twin import check_twin
+    from benchmarks.experiments.twin import check_twin
 
     for row in check_twin()["actions"]:
         assert row["completed"] == row["trials"] == 15, row

@@ -10,19 +10,19 @@ from scipy.spatial.transform import Rotation
 
 from jshape import D435_BAZAR, PAPER_BOX, Plan, Status, metric
 from jshape.actions import PAPER_Z
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.view import View
 from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName
-from jshape.planned import successive
+from jshape.planning.plan import successive
+from jshape.planning.plan_file import write_plan
+from jshape.robot import waypoint_file as waypoints
 from jshape.robot.arms.base import PoseRefused
+from jshape.robot.pose_file import CameraPose, write_pose
 from jshape.robot.procedure import Hand, Operation, Procedure
+from jshape.robot.procedure_file import load_hand
 from jshape.robot.rigid import BadPose, inverse, pose_at
 from jshape.robot.surface import surface_point
 from jshape.robot.waypoints import waypoints_of
-from jshape.store import waypoints
-from jshape.store.plans import write_plan
-from jshape.store.poses import CameraPose, write_pose
-from jshape.store.procedures import load_hand
 
 NAMES = ("above", "prepare", "contact", "act", "up", "clear")
 ROI = (60, 40)

@@ -8,7 +8,7 @@ from tests.conftest import ROOT
 
 PLAN = """
 import numpy as np, jshape
-from jshape.places import placed_positions
+from jshape.planning.candidates import placed_positions
 bank = jshape.load_bank("flour-robot")
 assert "flour-robot" in jshape.list_banks()
 now = np.full(bank.camera.shape, 0.5, np.float32)

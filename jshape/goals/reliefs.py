@@ -13,7 +13,7 @@ from jshape._typing import Float, Int
 from jshape.camera import Camera, unmasked
 from jshape.data.relief import top_of_points
 from jshape.errors import BadImage, UnknownName, quoted
-from jshape.store.mesh import depth_of_faces
+from jshape.io.mesh import depth_of_faces
 
 PIXELS = 1024
 """Longest side of a relief that is drawn here, pixels: finer than a bed's map by half."""

@@ -7,12 +7,12 @@ from jshape.camera import Camera, check_same_camera
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadBank, BadDataset, UnknownName, quoted
 from jshape.learn import networks
-from jshape.learn.pressed import fit_pressed
+from jshape.learn.imprint import fit_pressed
 from jshape.learn.settings import Training, settings_from
 from jshape.learn.training import Hooks, Keep, Progress
-from jshape.predict.bank import Bank, Predictor
-from jshape.predict.difference import Difference, fit_difference
-from jshape.predict.pressed import Pressed
+from jshape.models.bank import Bank, Predictor
+from jshape.models.difference import Difference, fit_difference
+from jshape.models.imprint import Pressed
 
 Fitter = Callable[[Examples, Camera, Training, Predictor | None, Hooks], Predictor]
 """What fits one action's predictor.  Its arguments:

@@ -16,13 +16,13 @@ from jshape import metric
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadDataset
 from jshape.learn import fit as fitting
+from jshape.learn.imprint import mean_pressed
 from jshape.learn.measure import errors_of
 from jshape.learn.partitions import Candidate, Study
-from jshape.learn.pressed import mean_pressed
 from jshape.learn.settings import settings_from
 from jshape.learn.training import split
-from jshape.predict.bank import Bank, Predictor
-from jshape.predict.difference import fit_difference
+from jshape.models.bank import Bank, Predictor
+from jshape.models.difference import fit_difference
 
 LEAST_PAIRS = 4
 """With fewer pairs of an action its error is not known: one is tested, and three are fitted to."""

@@ -13,11 +13,11 @@ from jshape.camera import Camera
 from jshape.data.pairs import Examples
 from jshape.learn.settings import Training
 from jshape.learn.training import Hooks, roi_loss, train
-from jshape.predict.after import After
-from jshape.predict.bank import Predictor
-from jshape.predict.difference import Difference, fit_difference
-from jshape.predict.network import Network
-from jshape.predict.refined import Refined
+from jshape.models.bank import Predictor
+from jshape.models.difference import Difference, fit_difference
+from jshape.models.network import Network
+from jshape.models.refined import Refined
+from jshape.models.sequential import After
 
 
 def fit_network(
@@ -61,7 +61,7 @@ def _trained(
 ) -> Network:
     """A trained network, from `start` (whose width it keeps) or from the seed."""
     if start is None:
-        from jshape.nn import unet
+        from jshape.models import unet
 
         h, w = examples.prior.shape[1:]
         start = Network(unet.init(jax.random.key(settings.seed), settings.width), (w, h))

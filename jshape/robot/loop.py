@@ -15,8 +15,8 @@ from jshape import metric
 from jshape.camera import Camera, check_same_camera
 from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError, quoted
-from jshape.planning import Plan, check_image, plan, rollout
-from jshape.predict.bank import Bank
+from jshape.models.bank import Bank
+from jshape.planning.api import Plan, check_image, plan, rollout
 from jshape.robot.checks import check_still, touched_by
 
 

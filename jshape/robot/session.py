@@ -19,13 +19,13 @@ import numpy as np
 from jshape.camera import check_same_camera
 from jshape.closing import uninterrupted
 from jshape.errors import BadFile, JShapeError, one_line
-from jshape.planned import Plan
-from jshape.predict.bank import Bank
+from jshape.io import files, formats, images, journal, runs
+from jshape.models.bank import Bank
+from jshape.planning.plan import Plan
 from jshape.robot.arms.base import stop_arm
 from jshape.robot.loop import Molding, Step, Stop, mold
 from jshape.robot.procedure import NAMES, Done
 from jshape.robot.robot import Robot
-from jshape.store import files, formats, images, journal, plans, runs
 
 GOAL, START, SUMMARY, PLAN = "goal.npy", "start.png", "summary.json", "plan.json"
 MARK, PICTURES = "plan.sha256.json", ("result.png", "steps.png")
@@ -260,7 +260,7 @@ class Session:
         """The plan, and last the summary: a run that has one which says "finished" is whole."""
         self._note("stopped", stop=result.stop.name, broken=broken)
         if not (self.run.folder / PLAN).is_file():
-            plans.write_plan(self.run.folder / PLAN, result.first_plan)
+            result.first_plan.to_json(self.run.folder / PLAN)
         measured = result.distances_mm.tolist()
         predicted = float(result.first_plan.distances_mm[-1])
         return self._summed_up(result.stop, measured[0], predicted, measured[-1], broken)

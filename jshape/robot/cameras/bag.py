@@ -5,8 +5,8 @@ import os
 from jshape.camera import Camera
 from jshape.data.intrinsics import Z_RANGE
 from jshape.errors import one_line
+from jshape.io.bags import open_bag
 from jshape.robot.cameras.played import Played
-from jshape.store.bags import open_bag
 
 
 def bag_camera(

@@ -10,10 +10,10 @@ from jshape.camera import D435_BAZAR, PAPER_BOX, Camera
 from jshape.data.depth import to_metres, wrong_shape
 from jshape.data.intrinsics import FLOAT_UNIT, check_numbers, counts_of, within
 from jshape.errors import BadCamera, BadImage
+from jshape.io.cameras import DEPTH_UNIT, read_camera
+from jshape.io.formats import read_array
+from jshape.io.recordings import CAMERA, open_recording
 from jshape.robot.cameras.played import Played
-from jshape.store.cameras import DEPTH_UNIT, read_camera
-from jshape.store.formats import read_array
-from jshape.store.recordings import CAMERA, open_recording
 
 
 def folder_camera(folder: str | os.PathLike) -> Played:

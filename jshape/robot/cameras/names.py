@@ -9,15 +9,15 @@ import jax
 from jshape.camera import Camera
 from jshape.data.intrinsics import Z_RANGE, same_frames, within
 from jshape.errors import BadCamera, JShapeError, did_you_mean, one_line
+from jshape.io import bags
+from jshape.io.cameras import read_camera
+from jshape.io.recordings import CAMERA
 from jshape.robot.cameras.bag import bag_camera
 from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.cameras.folder import folder_camera, picture_camera
 from jshape.robot.cameras.realsense import SUFFIXES, RealSense
 from jshape.robot.cameras.simulated import levelled_world, simulated_camera
 from jshape.robot.cameras.window import Window
-from jshape.store import bags
-from jshape.store.cameras import read_camera
-from jshape.store.recordings import CAMERA
 
 PICTURES = (".png", ".npy", ".tif", ".tiff", ".exr")
 

@@ -1,0 +1,1 @@
+"""Grids of trainings and simulations over several machines."""

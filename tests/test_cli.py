@@ -679,8 +679,6 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
         ([*PLAN, "--max-steps", "\x1b[2J"], "'\\x1b[2J' is not a whole number"),
         (["demo", "--material", "flower"], "did you mean flour?"),
         (["demo", "--agent", "robbot"], "did you mean robot?"),
-        (["experiment", "metrik"], "did you mean metric?"),
-        (["experiment", "all", "--out", "x", "--only", "metrik"], "did you mean metric?"),
         (["record", "realsens", "--out", "x"], "did you mean realsense?"),
         (["train", "x", "--out", "y", "--morphology", "erod"], "did you mean erode?"),
     ],

@@ -104,14 +104,11 @@ def test_what_excludes_each_other(asked):
 
 
 def test_data_and_measurements_read_only_their_own_table(asked):
-    write('material = "sand"\nbank = "x"\n[dataset-simulate]\nmaterial = "dough"\npairs = 3\n'
-          '[experiment-robot]\narm = "sim"\n')  # fmt: skip
+    write('material = "sand"\nbank = "x"\n[dataset-simulate]\nmaterial = "dough"\npairs = 3\n')
     assert asked("dataset", "simulate", "out").material == "dough"
     assert asked("dataset", "simulate", "out").pairs == 3
     assert asked("dataset", "simulate-recording", "out").material == "flour"
     assert asked("evaluate", "pairs").bank is None
-    assert asked("experiment", "robot", "--out", "x").arm == "sim"
-    assert asked("experiment", "robot", "--out", "x").bank is None
 
 
 def test_files_are_relative_to_the_file(asked, here, monkeypatch):

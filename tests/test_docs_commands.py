@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from jshape.cli.main import main
+from benchmarks.experiments import __main__ as experiments
+from jshape.cli import main as cli
 from jshape.cli.parser import build_parser
 from jshape.cli.settings import leaf_of
 from tests import docs_inputs
@@ -70,7 +71,7 @@ SLOW = {
     "jshape train dough-pairs": "",
     "jshape grid train": QUICK_NETWORKS,
     "jshape grid simulate": "--pairs 2",
-    "jshape experiment": "--quick",
+    "python -m benchmarks.experiments": "--quick",
 }
 """By how they begin, commands of more than 15 s on two cores, and those that other pages have in
 other words; with what makes them smaller."""
@@ -87,7 +88,17 @@ OTHERS = (
 """How commands of other programs begin; the test of them says what holds."""
 
 COMMANDS = {path: list(commands(path.read_text(encoding="utf-8"))) for path in PAGES}
-OURS = [(path, one) for path, page in COMMANDS.items() for one in page if one.startswith("jshape ")]
+PROGRAMS = {
+    "jshape ": (cli.main, build_parser),
+    "python -m benchmarks.experiments ": (experiments.main, experiments.build_parser),
+}
+"""Our command lines, by how they begin."""
+OURS = [
+    (path, one)
+    for path, page in COMMANDS.items()
+    for one in page
+    if one.startswith(tuple(PROGRAMS))
+]
 
 
 def _begins(command, table):
@@ -96,8 +107,9 @@ def _begins(command, table):
 
 
 def _words(command, more=""):
-    """A command as `jshape.cli.main` takes it, without what the shell does with its output."""
-    words = shlex.split(command.partition(" > ")[0])[1:] + shlex.split(more)
+    """A command as its `main` takes it, without what the shell does with its output."""
+    begin = _begins(command, PROGRAMS)
+    words = shlex.split(command.removeprefix(begin).partition(" > ")[0]) + shlex.split(more)
     return [PLACEHOLDERS.get(word, word) for word in words]
 
 
@@ -138,6 +150,7 @@ def reader(tmp_path, monkeypatch, kept):
         shutil.copytree(made, ".", symlinks=True, dirs_exist_ok=True)  # with what belongs to it
 
     def carry_out(command, more="", supplied=True):
+        main, parser_of = PROGRAMS[_begins(command, PROGRAMS)]
         words = _words(command, more)
         named = [word.removeprefix("realsense:") for word in words]
         packages = [NEEDS[word] for word in named if word in NEEDS]
@@ -148,7 +161,7 @@ def reader(tmp_path, monkeypatch, kept):
         also = _begins(command, ALSO)
         words += shlex.split(ALSO[also]) if also else []
         under_way[:] = words
-        options = {} if "--help" in words else vars(build_parser().parse_args(words))
+        options = {} if "--help" in words else vars(parser_of().parse_args(words))
         out = options.get("out")
         for name in [input_of(word) for word in words if word != str(out)]:
             if name is not None and supplied:
@@ -247,9 +260,9 @@ def test_the_readme_runs_as_printed(reader, monkeypatch):
 
 @pytest.mark.parametrize(("page", "command"), OURS)
 def test_every_command_parses(page, command):
-    words = _words(command)
+    words, (_, parser_of) = _words(command), PROGRAMS[_begins(command, PROGRAMS)]
     if "--help" not in words:
-        assert hasattr(build_parser().parse_args(words), "run"), f"{page.name}: {command}"
+        assert hasattr(parser_of().parse_args(words), "run"), f"{page.name}: {command}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
@@ -271,7 +284,7 @@ def test_commands_of_other_programs():
     extras = set(extras["optional-dependencies"])
     for path, page in COMMANDS.items():
         for command in page:
-            if command.startswith("jshape "):
+            if command.startswith(tuple(PROGRAMS)):
                 continue
             begin = next((one for one in OTHERS if command.startswith(one)), None)
             assert begin, f"{path.name}: {command}: in none of the lists of this test"

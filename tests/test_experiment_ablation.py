@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments import ablation, ingredients
+from benchmarks.experiments.__main__ import main
 from benchmarks.experiments.ingredients import AsSeen, Trials, Variant, added, left_out
-from jshape.cli.main import main
 from jshape.data.pairs import Pairs
 from jshape.errors import UnknownName
 from jshape.io import datasets
@@ -153,7 +153,7 @@ def test_variants_that_do_the_same_are_fitted_once(pairs, monkeypatch):
 def test_the_changes_add_up_from_f_d_to_f_p(tmp_path, pairs, short, capsys):
     datasets.save_pairs(pairs, tmp_path / "data")
     out = tmp_path / "out"
-    code = main(["experiment", "ablation", "--data", str(tmp_path / "data"), "--out", str(out),
+    code = main(["ablation", "--data", str(tmp_path / "data"), "--out", str(out),
                  "--actions", "poke", "--partitions", "2"])  # fmt: skip
     assert code == 0, capsys.readouterr().err
     from jshape.io.files import read_json

@@ -11,9 +11,9 @@ import pytest
 from benchmarks import clouds
 from benchmarks.experiments import metric as race
 from benchmarks.experiments import metric_figures, ranking, samples, studies, viewpoint
+from benchmarks.experiments.__main__ import main
 from benchmarks.experiments.samples import CAMERAS, smaller
 from jshape import PAPER_BOX, metric, sim
-from jshape.cli.main import main
 from jshape.cli.tables import progress
 from jshape.errors import BadDataset
 from jshape.io import datasets
@@ -175,7 +175,7 @@ def test_a_progress_bar_uses_no_pairs_up():
 def test_prediction_crosses_agents_and_csv_equals_json(tmp_path, pairs, capsys):
     datasets.save_pairs(pairs, tmp_path / "data")
     out = tmp_path / "out"
-    code = main(["experiment", "prediction", "--data", str(tmp_path / "data"), "--out", str(out),
+    code = main(["prediction", "--data", str(tmp_path / "data"), "--out", str(out),
                  "--kinds", "D", "--partitions", "2", "--json"])  # fmt: skip
     told = json.loads(capsys.readouterr().out)
     assert code == 0 and told == json.loads((out / "results.json").read_text())

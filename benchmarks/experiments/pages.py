@@ -9,7 +9,6 @@ import html
 import io
 import math
 import shlex
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -41,7 +40,7 @@ figcaption,.small{color:#555;font-size:.9rem}
 
 
 _COMMAND: ContextVar[Sequence[str] | None] = ContextVar("command", default=None)
-"""The words of the command that pages are made by, if it is known better than from the shell."""
+"""The words of the command that pages are made by, if it is known."""
 
 
 class Table(NamedTuple):
@@ -83,7 +82,7 @@ def made_by(command: Sequence[str]) -> Iterator[None]:
     """Pages that are written meanwhile say that this command made them.
 
     Args:
-      command: its words, "jshape" first.
+      command: its words, the program first.
     """
     token = _COMMAND.set(command)
     try:
@@ -99,8 +98,6 @@ def made() -> dict[str, Any]:
       `command`, "" if it is not known, `quick`, None then, `jshape`, its version, and `date`, UTC.
     """
     words = _COMMAND.get()
-    if words is None and Path(sys.argv[0]).name in ("jshape", "__main__.py"):
-        words = ["jshape", *sys.argv[1:]]
     return {
         "command": shlex.join(words or ()),
         "quick": None if words is None else "--quick" in words,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmarks.experiments import pages
-from jshape.viz.planning import TITLES, tables
+from benchmarks.experiments.planning_tables import TITLES, tables
 from jshape.viz.style import Drawing
 
 CAPTIONS = {
@@ -33,8 +33,8 @@ def result(summary: Mapping[str, Any], figures: Mapping[str, Drawing]) -> pages.
         settings=settings | {"entries": list(summary["settings"]["entries"])},
         notes=[
             *summary["notes"],
-            "Every run is in steps.jsonl. `jshape experiment planning` takes more problems and "
-            "entries, and goes on where it was stopped.",
+            "Every run is in steps.jsonl. `python -m benchmarks.experiments planning` takes more "
+            "problems and entries, and goes on where it was stopped.",
         ],
     )
 

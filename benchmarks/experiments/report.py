@@ -12,6 +12,8 @@ from benchmarks.experiments.samples import Progress, Say, silent, unheard
 from jshape.errors import JShapeError, UnknownName, one_line
 from jshape.io import files, folders
 
+PROGRAM = ("python", "-m", "benchmarks.experiments")
+"""The first words of the command that runs an experiment."""
 INDEX, PAGE = "index.json", "index.html"
 NOT_SAID = ("overwrite", "say", "progress")
 """Options of `run` that change nothing in a result."""
@@ -52,7 +54,7 @@ def command_of(name: str, out: Path, options: Mapping[str, Any]) -> list[str]:
     # Commands of their own do more than their part of a report.
     if name in EXPERIMENTS and EXPERIMENTS[name].own_command:
         name, options = "all", {"only": [name], **options}
-    words = ["jshape", "experiment", name, "--out", Path(out).name]
+    words = [*PROGRAM, name, "--out", Path(out).name]
     for key, value in options.items():
         if key in NOT_SAID or value is None or value is False:
             continue

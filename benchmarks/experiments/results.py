@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.experiments import measures, pages, planning_page
+from benchmarks.experiments import planning_tables as drawn
 from benchmarks.experiments.problems import Problem
 from jshape import metric, sim
 from jshape.errors import BadFile, one_line
 from jshape.io import files, folders, runs
 from jshape.models.bank import Bank
-from jshape.viz import planning as drawn
 from jshape.viz.scores import markdown
 
 FIGURES = ("left.png", "curves.png", "gains.png", "sheet.png")

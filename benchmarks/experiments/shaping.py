@@ -116,8 +116,8 @@ def run(
             "A planned action counts as retrieved if one of the same type was applied within 10 mm "
             "of its place; order and depth do not count. "
             + carried.noise_in_words(problem(seed, 0, AGENTS[0])[0]),
-            "The robot is the simulator's hand. `jshape experiment robot` does the same in the "
-            "physics twin, looking after each action.",
+            "The robot is the simulator's hand. `python -m benchmarks.experiments robot` does the "
+            "same in the physics twin, looking after each action.",
         ],
     )  # fmt: skip
     return pages.write(result, out, overwrite=overwrite)

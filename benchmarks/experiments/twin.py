@@ -3,7 +3,6 @@
 `python -m benchmarks.experiments.twin FOLDER` writes the report.
 """
 
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -213,7 +212,3 @@ def _line(row: dict[str, Any]) -> str:
         f"{row['action']:5} at {tuple(row['place'])}: {row['place_error_mm']:.2f} mm, "
         f"{row['effort_nm']['act']:.0f} Nm, {len(row['collisions'])} collisions"
     )
-
-
-if __name__ == "__main__":
-    print(report(check_twin(sys.argv[1], say=print)))

@@ -11,9 +11,9 @@ from jshape.errors import BadSetting, UnknownName
 
 EXAMPLE = """\
 # Settings of jshape: the options of its commands, written down once.  The command line beats them.
-# A key is an option's long name and reaches the commands that have it; dataset, train, evaluate and
-# experiment read only tables of their own.  Files are relative to this one.  `jshape config` shows
-# what applies.
+# A key is an option's long name and reaches the commands that have it; dataset, train and evaluate
+# read only tables of their own.  Files are relative to this one.  `jshape config` shows what
+# applies.
 
 # The camera: a name as for `jshape record`, and a camera.json to believe instead of what it says.
 #camera = "realsense"

@@ -85,12 +85,6 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("jshape grid simulate pairs --pairs 200 --beds irregular flat --engine ray",
          "on all cores"),
     ),
-    "experiment planning": (
-        ("jshape experiment planning --out runs/planning --problems 3", "a first impression"),
-    ),
-    "experiment robot": (("jshape experiment robot --arm sim --out runs/robot", "no physics"),),
-    "experiment twin": (("jshape experiment twin --out runs/twin", "in the physics twin"),),
-    "experiment all": (("jshape experiment all --quick --out runs/report", "few and small"),),
     "record": (
         ("jshape record realsense --out recording", "until Ctrl-C"),
         ("jshape record sim --frames 3 --out simulated", "without a camera"),
@@ -145,13 +139,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def of(name: str) -> tuple[tuple[str, str], ...]:
     """The examples of a command, by its words."""
-    if name in EXAMPLES or not name.startswith("experiment "):
-        return EXAMPLES.get(name, ())
-    out = f"runs/{name.split()[1]}"  # all that end in a page are asked for alike
-    return (
-        (f"jshape {name} --out {out} --quick", "few and small of everything: is it all there?"),
-        (f"jshape {name} --out {out} --overwrite", "as it is told in the documentation"),
-    )
+    return EXAMPLES.get(name, ())
 
 
 def _text(examples: tuple[tuple[str, str], ...]) -> str | None:

@@ -123,14 +123,6 @@ def before_after(folder: Path) -> None:
         cv2.imwrite(str(inside / f"{name}_after.png"), posterior)
 
 
-def downloads(folder: Path) -> None:
-    """The authors' layout, in small."""
-    from tests import test_imports
-
-    made = test_imports.authors.__wrapped__(folder / "made", np.random.default_rng(7))
-    shutil.move(made, folder / "downloads")
-
-
 def mcap(folder: Path) -> None:
     """A bag as ROS 2 records it."""
     from tests.written_bags import depth_bag
@@ -190,7 +182,6 @@ INPUTS = {
     "pairs.json": samples,
     "base.json": base,
     "frames": before_after,
-    "downloads": downloads,
     "data": lambda folder: (folder / "data").symlink_to(SHARED / "data"),
     "session.mcap": mcap,
     "session.db3": sdk,

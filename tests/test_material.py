@@ -8,9 +8,9 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.experiments.shapes import depth_of_relief
 from jshape import PAPER_BOX, fit, load_bank, load_pairs, plan_depth
 from jshape.cli.main import main
-from jshape.data.relief import depth_of_relief
 from jshape.io.images import read_depth
 from jshape.learn.evaluate import cross_validate
 

@@ -17,11 +17,10 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from benchmarks.experiments import shapes
 from jshape import metric, sim
 from jshape._typing import Float
 from jshape.camera import PAPER_BOX, Camera
-from jshape.data import shapes
-from jshape.data.relief import depth_of_relief
 from jshape.data.simulate import random_bed
 from jshape.data.view import image_of_depth
 from jshape.errors import BadImage
@@ -166,7 +165,7 @@ def shape_problems(
         world = SimulatedWorld(_key(rng), bed, material=material, camera=camera, frames=frames)
         level = float(np.mean(sim.render(bed, camera)))
         goal = image_of_depth(
-            depth_of_relief(shape.relief, camera, middle=level), camera, where=shape.name
+            shapes.depth_of_relief(shape.relief, camera, middle=level), camera, where=shape.name
         )
         rest = {"camera": camera, "material": material, "truth": goal.image}
         problems.append(Problem(shape.name, "shape", bed, _seen(world), goal.image, **rest))

@@ -5,59 +5,18 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from jshape.cli import arguments
 from jshape.cli.tables import progress
 from jshape.data.missing import said as said_of
 from jshape.errors import BadDataset, one_line, quoted
-from jshape.io import annotations, authors, cameras, datasets, folders, imports, recordings
+from jshape.io import annotations, cameras, datasets, folders, imports, recordings
 from jshape.io.recordings import LEAVE_OUT, Label
 from jshape.io.tables import check_action
 
 
 def import_dataset(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape dataset import SOURCE OUT --layout LAYOUT`."""
+    """`jshape dataset import SOURCE OUT`."""
     folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
-    run = _authors if options.layout == "authors" else _before_after
-    result = run(options)
-    if not options.json:
-        print("; ".join(result.pop("say")) + f": {options.out}")
-    result.pop("say", None)
-    return {"out": str(options.out), **result}
-
-
-def _authors(options: argparse.Namespace) -> dict[str, Any]:
-    from jshape.camera import D435_BAZAR
-
-    given = [n for n in ("action", "agent", "labels") if getattr(options, n) is not None]
-    if given:
-        raise BadDataset(f"--{given[0]} is not needed: the authors' folders say it")
-    camera = (
-        D435_BAZAR if options.camera is None else cameras.read_camera(options.camera, 1.0)[0]
-    )  # luminance
-    total = len(authors.authors_instances(options.source))
-    unit, clipped, groups = authors.depth_unit_for(camera), [], {}
-    with datasets.dataset_writer(options.out, camera, unit, overwrite=options.overwrite) as add:
-        found = authors.authors_pairs(options.source, camera)
-        for pair in progress(found, total, "importing"):
-            (u, v), (w, h) = pair.centre, pair.size
-            add(
-                id=pair.id, action=pair.action, agent=pair.agent,
-                material=options.material or "flour", prior=pair.prior, posterior=pair.posterior,
-                u=u, v=v, width=w, height=h,
-            )  # fmt: skip
-            clipped.append(pair.clipped)
-            key = f"{pair.agent} {pair.action}"
-            groups[key] = groups.get(key, 0) + 1
-    share = float(np.mean(clipped))
-    said = [f"{total} pairs ({', '.join(f'{n} {k}' for k, n in groups.items())})"]
-    if share > 0:
-        said.append(f"{share:.1%} of their pixels are black or white, at the ends of the range")
-    return {"pairs": total, "groups": groups, "clipped_share": share, "say": said}
-
-
-def _before_after(options: argparse.Namespace) -> dict[str, Any]:
     found = imports.before_after_files(options.source)
     camera, unit = imports.before_after_camera(options.source, options.camera)
     labels = _labels(options, list(found))
@@ -80,9 +39,14 @@ def _before_after(options: argparse.Namespace) -> dict[str, Any]:
     if still:
         said.append(f"no single place that changed in {one_line(', '.join(still), 80)}")
     said.append("next: jshape dataset annotate")
+    if not options.json:
+        print("; ".join(said) + f": {options.out}")
     return {
-        "pairs": len(kept), "without_effect": still, "left_out": left_out, "say": said,
-    }  # fmt: skip
+        "out": str(options.out),
+        "pairs": len(kept),
+        "without_effect": still,
+        "left_out": left_out,
+    }
 
 
 def _labels(options: argparse.Namespace, names: list[str]) -> dict[str, Label]:
@@ -151,18 +115,16 @@ def add(commands: Any) -> None:
     parser = arguments.command(
         commands, "import", import_dataset, "pairs that others recorded, as a data set"
     )
-    parser.add_argument("source", type=Path)
-    parser.add_argument("out", type=Path, help="folder of the new data set")
     parser.add_argument(
-        "--layout", choices=("authors", "before-after"), required=True,
-        help="authors: the paper's AGENT/data/ACTION/{train,test}/{beg,end}/INSTANCE/*.png; "
-        "before-after: camera.json with NAME_before.png and NAME_after.png, or before/ and after/",
-    )  # fmt: skip
+        "source",
+        type=Path,
+        help="camera.json with NAME_before.png and NAME_after.png, or before/ and after/",
+    )
+    parser.add_argument("out", type=Path, help="folder of the new data set")
     parser.add_argument("--camera-file", "--camera", dest="camera", type=Path, metavar="FILE",
-                        help="camera.json instead of SOURCE's own (before-after) or of the paper's "
-                        "camera (authors)")  # fmt: skip
-    parser.add_argument("--action", help="what was done, every time (before-after)")
-    parser.add_argument("--agent", help="who or what did it (before-after)")
+                        help="camera.json instead of SOURCE's own")  # fmt: skip
+    parser.add_argument("--action", help="what was done, every time")
+    parser.add_argument("--agent", help="who or what did it")
     parser.add_argument("--material", help="flour, sand ...")
     parser.add_argument(
         "--labels", type=Path, metavar="FILE",

@@ -60,9 +60,8 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("jshape dataset annotate cut pairs --skip", "leave out what changed nothing"),
     ),
     "dataset import": (
-        ("jshape dataset import frames pairs --layout before-after --action poke --agent human "
+        ("jshape dataset import frames pairs --action poke --agent human "
          "--material sand", "NAME_before.png and NAME_after.png"),
-        ("jshape dataset import downloads pairs --layout authors", "the paper's own data"),
     ),
     "dataset merge": (("jshape dataset merge all monday tuesday", "of one camera"),),
     "train": (

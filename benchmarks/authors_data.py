@@ -1,4 +1,6 @@
-"""The paper's authors' data: 8-bit crops around each action, and where in the image they lie.
+"""The data of the paper's authors as a data set: `python -m benchmarks.authors_data SOURCE OUT`.
+
+Their layout is 8-bit crops around each action, and where in the image they lie:
 
     <agent>/data/<action>/{train,test}/{beg,end}/<instance>/*.png   crops of L, averaged
     <agent>/r_value/<action>/{train,test}/{beg,end}/<instance>.npy  R of the same pixels
@@ -8,8 +10,10 @@ An instance is a number, with or without `beg` or `end` behind it.  The XML file
 in the folder.  Either they or R say where a crop lies; where both do, they must agree.
 """
 
+import argparse
 import os
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,8 +22,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from jshape.camera import D435_NOMINAL, Camera
-from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
+from jshape.camera import D435_BAZAR, D435_NOMINAL, Camera
+from jshape.errors import BadDataset, BadFile, BadImage, JShapeError, one_line, quoted
+from jshape.io.cameras import read_camera
+from jshape.io.datasets import dataset_writer
 from jshape.io.files import read_bytes
 from jshape.io.formats import FILE_LIMIT, parse_npy, read_array
 from jshape.io.images import to_counts
@@ -309,3 +315,47 @@ def _folders(parent: Path) -> list[Path]:
 
 def _size(image: np.ndarray) -> str:
     return f"{image.shape[1]}x{image.shape[0]} pixels"
+
+
+def import_pairs(
+    source: Path, out: Path, camera: Camera = D435_BAZAR, material: str = "flour"
+) -> tuple[dict[str, int], float]:
+    """Write the authors' pairs as a data set.
+
+    Returns:
+      How many of each "agent action", and the share of their pixels at the ends of the range.
+    """
+    clipped, groups = [], {}
+    with dataset_writer(out, camera, depth_unit_for(camera)) as add:
+        for pair in authors_pairs(source, camera):
+            names = {"action": pair.action, "agent": pair.agent, "material": material}
+            (u, v), (w, h) = pair.centre, pair.size
+            frames = {"prior": pair.prior, "posterior": pair.posterior}
+            add(id=pair.id, **names, **frames, u=u, v=v, width=w, height=h)
+            clipped.append(pair.clipped)
+            key = f"{pair.agent} {pair.action}"
+            groups[key] = groups.get(key, 0) + 1
+    return groups, float(np.mean(clipped))
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("source", type=Path, help="the agents' folders, or one agent's")
+    parser.add_argument("out", type=Path, help="folder of the new data set")
+    parser.add_argument("--camera-file", type=Path, help="instead of the paper's camera")
+    parser.add_argument("--material", default="flour")
+    options = parser.parse_args(argv)
+    try:
+        given = options.camera_file
+        camera = read_camera(given, 1.0)[0] if given else D435_BAZAR
+        groups, clipped = import_pairs(options.source, options.out, camera, options.material)
+    except JShapeError as problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return 2
+    counts = ", ".join(f"{count} {name}" for name, count in groups.items())
+    print(f"{sum(groups.values())} pairs ({counts}); {clipped:.1%} of their pixels are clipped")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

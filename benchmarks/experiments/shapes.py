@@ -6,7 +6,7 @@ edge are flat and 0.  Slopes are at most `STEEPEST`.  Letters, bowls and trenche
 lose volume, which flour can do by packing; ridges, sand and dough keep it: their mean is 0.
 
 Lengths are metres on level ground in the middle of the camera's range; perspective within the
-relief is left out, as in `relief.depth_of_relief`.
+relief is left out, as in `depth_of_relief`.
 """
 
 from collections.abc import Callable
@@ -18,8 +18,8 @@ from scipy import ndimage
 
 from jshape._typing import Float
 from jshape.camera import PAPER_BOX, Camera
-from jshape.data.relief import top_of_points
 from jshape.errors import BadImage
+from jshape.goals.reliefs import top_of_points
 
 MARGIN = 0.0418
 """Width of the flat edge, metres: 40 pixels of `PAPER_BOX`."""
@@ -154,6 +154,40 @@ def dough(points: Float[np.ndarray, "P 3"], camera: Camera = PAPER_BOX) -> Float
     top = np.where(ndimage.binary_dilation(piece, iterations=2), top, 0.0)
     rows, columns = (slice(k.min() - 6, k.max() + 7) for k in np.nonzero(piece))
     return _inlaid(-HEIGHT * (top / top.max())[rows, columns], camera, 0.85).astype(np.float32)
+
+
+def depth_of_relief(
+    relief: np.ndarray, camera: Camera, *, scale: float = 1.0, middle: float | None = None
+) -> Float[np.ndarray, "H W"]:
+    """The depth image of a relief laid over the whole view of a camera.
+
+    The relief is stretched to the image, so its horizontal size is what the camera sees; `scale`
+    sets how high it is.  Perspective within the relief is left out: at 0.45 m, 25 mm of height
+    move a point at the edge of the paper's box by 6 %.
+
+    Args:
+      relief: (rows, columns) of depth against its mean: positive is farther away; NaN unknown.
+      camera: whose image to fill.
+      scale: metres of depth per unit of the relief.
+      middle: depth of relief 0, metres; None is the middle of the camera's range.
+
+    Returns:
+      (H, W) float32, metres; NaN where the relief is unknown.
+
+    Raises:
+      BadImage: not a two-dimensional map of real numbers.
+    """
+    relief = np.asarray(relief)
+    if relief.ndim != 2 or min(relief.shape, default=0) < 2 or relief.dtype.kind not in "fiu":
+        raise BadImage(
+            f"a relief has shape {relief.shape} and type {relief.dtype}; "
+            "expected (rows, columns) of numbers, at least 2 x 2"
+        )
+    if middle is None:
+        middle = (float(camera.z_min) + float(camera.z_max)) / 2
+    size = (camera.width, camera.height)
+    stretched = cv2.resize(relief.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    return (middle + scale * stretched).astype(np.float32)
 
 
 def _inlaid(relief: np.ndarray, camera: Camera, share: float) -> np.ndarray:

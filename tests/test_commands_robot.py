@@ -21,9 +21,9 @@ from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile
 from jshape.io.cameras import write_camera
 from jshape.io.images import write_depth_png
-from jshape.robot.arms.names import bed_of, open_arm
+from jshape.robot.arms.names import open_arm
 from jshape.robot.robot import Robot
-from jshape.robot.simulated import SimulatedWorld
+from jshape.robot.simulated import SimulatedWorld, bed_of
 from tests.conftest import ROOT
 
 QUICK = ["--bank", "flour-robot", "--frames", "3"]

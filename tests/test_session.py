@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, JShapeError
-from jshape.closing import SIGNALS
 from jshape.errors import BadCamera, BadFile, MissingDepth
 from jshape.io import journal, runs
 from jshape.robot.arms.base import ArmError, ArmLost, EffortLimit, Moved, PoseRefused
@@ -29,6 +28,7 @@ from jshape.robot.procedure import NAMES
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
 from jshape.robot.session import Session
+from jshape.robot.signals import SIGNALS
 from tests.conftest import ROOT
 from tests.stage import Arm, Eye, mold, robot_of
 

@@ -42,7 +42,7 @@ def hand():
 @pytest.fixture(scope="module")
 def flat(engine):
     """(arm, camera, base_camera) over a flat bed in the paper's box, with perfect eyes."""
-    from jshape.robot.twin import make_twin
+    from jshape.robot.arms.mujoco import make_twin
 
     ready = make_twin(0, sim.flat_bed(size=(0.5, 0.4)), camera=PAPER_BOX, noise=0.0)
     with ready.camera:
@@ -125,7 +125,7 @@ def test_the_twin_is_an_arm_and_a_camera(flat):
 
 
 def test_the_package_does_not_import_mujoco_by_itself():
-    code = "import sys, jshape.robot.twin.start; assert 'mujoco' not in sys.modules"
+    code = "import sys, jshape.robot.arms.mujoco; assert 'mujoco' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 
@@ -153,7 +153,8 @@ def test_nothing_to_draw_with_is_one_line(flat, monkeypatch):
 
 @pytest.mark.parametrize("camera", [PAPER_BOX, D435_BAZAR], ids=["box", "whole"])
 def test_depth_equals_the_simulators_for_every_posture_at_home(camera):
-    from jshape.robot.twin import fingers, make_twin
+    from jshape.robot.arms.mujoco import make_twin
+    from jshape.robot.twin import fingers
 
     bed = sim.irregular_bed(jax.random.key(3), std=0.008)
     ready = make_twin(0, bed, camera=camera, noise=0.0)
@@ -286,7 +287,8 @@ def test_a_turned_grasp_closes_and_is_within_its_thresholds(fresh, hand):
 
 
 def test_a_buried_obstacle_ends_the_act_and_the_action_goes_on(hand):
-    from jshape.robot.twin import Obstacle, make_twin
+    from jshape.robot.arms.mujoco import make_twin
+    from jshape.robot.twin.model import Obstacle
 
     bed = sim.flat_bed(size=(0.5, 0.4))
     stone = Obstacle((0.05, 0.0), top=sim.DEPTH - 0.008)

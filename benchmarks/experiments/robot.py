@@ -24,7 +24,7 @@ from jshape.data.view import image_of_depth
 from jshape.errors import UnknownName
 from jshape.io import banks, files, runs
 from jshape.planning.api import DEFAULT_BANK
-from jshape.robot.arms.names import BOX
+from jshape.robot.arms.mujoco import BOX
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.loop import Molding, Step, mold
@@ -179,7 +179,7 @@ def _robot(arm: str, bed: sim.Bed, seed: int) -> Robot:
         for_world, for_eye = jax.random.split(jax.random.key(seed))
         world = SimulatedWorld(for_world, bed)
         return Robot(simulated_camera(world, for_eye), SimulatedArm(world), load_hand(), PAPER_BOX)
-    from jshape.robot.twin import make_twin
+    from jshape.robot.arms.mujoco import make_twin
 
     made = make_twin(seed, bed, camera=PAPER_BOX)
     return Robot(made.camera, made.arm, load_hand(), PAPER_BOX, base_camera=made.base_camera)

@@ -18,13 +18,12 @@ from jshape._typing import Array, Key
 from jshape.camera import PAPER_BOX
 from jshape.errors import JShapeError
 from jshape.io import files, folders
-from jshape.robot.arms.names import BOX
+from jshape.robot.arms.mujoco import BOX, Ready, make_twin
 from jshape.robot.procedure import Done, Hand, perform
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.surface import surface_point
 from jshape.robot.twin import engine, iiwa
 from jshape.robot.twin.model import Obstacle
-from jshape.robot.twin.start import Ready, make_twin
 from jshape.robot.twin.world import Twin
 
 HILLS = 0.005

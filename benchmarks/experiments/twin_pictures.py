@@ -15,10 +15,10 @@ from jshape import sim
 from jshape._typing import Num
 from jshape.errors import BadFile
 from jshape.io import files
+from jshape.robot.arms.mujoco import Ready, make_twin
 from jshape.robot.procedure import Done, Hand, perform
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.twin.picture import Bystander, strip
-from jshape.robot.twin.start import Ready, make_twin
 from jshape.robot.twin.world import Twin
 
 PLACE = (0.0, -0.02, sim.SURFACE)

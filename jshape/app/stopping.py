@@ -7,18 +7,18 @@ import secrets
 import socket
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from jshape.app.ports import refused
-from jshape.closing import Closing
 from jshape.errors import JShapeError
 
 PATIENCE = 2.0
 """Seconds in which a request must have come whole."""
 
 
-class StopServer(Closing):
+class StopServer(AbstractContextManager):
     """Stops the arm for whoever knows the path, which only the studio's own pages are told."""
 
     def __init__(self, stop: Callable[[], str], host: str, page_port: int):
@@ -48,6 +48,9 @@ class StopServer(Closing):
         """Listen no longer."""
         self._server.shutdown()
         self._server.server_close()
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
 
     @property
     def script(self) -> str:

@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections import Counter
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ def check(options: argparse.Namespace) -> dict[str, Any]:
     if options.out is not None and options.out.exists() and not options.overwrite:
         raise BadFile(f"{options.out}: exists; choose another name, or --overwrite")
     frames, left_out = [], Counter()
-    with cameras.opened(options) as camera:
+    with closing(cameras.opened(options)) as camera:
         try:
             for _ in progress(range(options.frames), options.frames, "looking"):
                 frames.append(next_frame(camera, left_out))
@@ -85,7 +86,7 @@ def _print(result: dict[str, Any]) -> None:
 
 def list_cameras(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape camera list`: the RealSense cameras that are connected, and what else opens."""
-    from jshape.robot.cameras.names import KINDS
+    from jshape.robot.cameras.names import names
     from jshape.robot.cameras.realsense import devices
 
     found = devices()
@@ -95,7 +96,7 @@ def list_cameras(options: argparse.Namespace) -> dict[str, Any]:
         else:
             print("no RealSense camera is connected")
         print("\nwhat opens as a camera:")
-        print_table(("name", "what it is"), [(kind.example, kind.what) for kind in KINDS])
+        print_table(("name", "what it is"), names())
     return {"devices": [{"name": d.name, "serial": d.serial} for d in found]}
 
 

@@ -6,9 +6,13 @@ from typing import Any
 
 from jshape.cli import arguments
 from jshape.errors import JShapeError, quoted
+from jshape.robot.cameras import names
 from jshape.robot.cameras.base import DepthCamera
+from jshape.robot.cameras.files import FILES
+from jshape.robot.registry import usage
 
-CAMERA_HELP = "realsense[:SERIAL|:FILE.db3], sim[:SEED], a ROS bag, a recording's folder, a picture"
+CAMERA_HELP = ", ".join([*usage(names.CAMERAS), *(format.help for format in FILES)])
+"""All that opens as a camera."""
 
 
 def window(text: str) -> tuple[int, int, int, int]:
@@ -86,14 +90,12 @@ def looking(
     Raises:
       JShapeError: as for `open_camera`; a camera.json is no camera.
     """
-    from jshape.robot.cameras.names import open_camera
-
     if Path(name).suffix.lower() == ".json" and Path(name).is_file():
         raise JShapeError(
             f"{name}: describes a camera and is none: --camera-file takes it; a camera is "
             f"{CAMERA_HELP}"
         )
-    return open_camera(
+    return names.open_camera(
         name,
         camera=camera_file,
         topic=options.topic,

@@ -74,14 +74,15 @@ def _names() -> dict[str, tuple[str, ...]]:
     from jshape import PAPER_ACTIONS, list_banks
     from jshape.camera import PRESETS
     from jshape.learn.fit import FITTERS
-    from jshape.robot.arms.names import KINDS
+    from jshape.robot.arms.names import ARMS
+    from jshape.robot.cameras.names import CAMERAS
     from jshape.sim import AGENTS, MATERIALS
 
     banks, kinds, agents = list_banks(), tuple(FITTERS), tuple(AGENTS)
     return {
-        "bank": banks, "start": banks, "kind": kinds, "kinds": kinds, "arm": tuple(KINDS),
+        "bank": banks, "start": banks, "kind": kinds, "kinds": kinds, "arm": tuple(ARMS),
         "actions": PAPER_ACTIONS.names, "action": PAPER_ACTIONS.names, "agent": agents,
-        "agents": agents, "material": tuple(MATERIALS), "camera": ("realsense", "sim"),
+        "agents": agents, "material": tuple(MATERIALS), "camera": tuple(CAMERAS),
         "camera-file": tuple(PRESETS),
     }  # fmt: skip
 

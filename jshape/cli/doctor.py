@@ -157,8 +157,7 @@ def _plan() -> str:
     import numpy as np
 
     from jshape import load_bank, plan_depth
-    from jshape.robot.arms.names import bed_of
-    from jshape.robot.simulated import SimulatedWorld
+    from jshape.robot.simulated import SimulatedWorld, bed_of
 
     bank = load_bank(BANK)
     bed, key, _ = bed_of(0)

@@ -4,6 +4,7 @@ import argparse
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
     problem: JShapeError | None = None
     valid, left_out = 0.0, Counter()
     why = "as many as asked"
-    with cameras.opened(options) as camera:
+    with closing(cameras.opened(options)) as camera:
         asked, frames = _frames(camera, options)
         started = time.monotonic()
         with recordings.recording_writer(

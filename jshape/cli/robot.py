@@ -11,21 +11,21 @@ from typing import Any
 import numpy as np
 
 from jshape.cli import arguments, cameras
-from jshape.closing import SIGNALS, uninterrupted
 from jshape.errors import JShapeError, one_line
 from jshape.io import folders, runs
 from jshape.models.bank import Bank
 from jshape.planning.plan import Plan
 from jshape.robot.arms.base import stop_arm
 from jshape.robot.arms.guarded import GuardedArm
-from jshape.robot.arms.names import KINDS as ARMS
-from jshape.robot.arms.names import open_arm
+from jshape.robot.arms.names import ARMS, open_arm
 from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.pose_file import read_base_camera
 from jshape.robot.procedure_file import load_hand
+from jshape.robot.registry import described
 from jshape.robot.robot import Robot
 from jshape.robot.session import CONTENTS, Session
+from jshape.robot.signals import SIGNALS, uninterrupted
 
 
 @contextmanager
@@ -211,9 +211,8 @@ def tell(summary: Mapping[str, Any]) -> None:
 
 def add_robot(parser: argparse.ArgumentParser, arm: str | None = "dry") -> None:
     """The options that say which robot; `arm` is the one that is meant without `--arm`."""
-    arms = ", ".join(f"{kind.example} ({kind.what})" for kind in ARMS.values())
     parser.add_argument(
-        "--arm", default=arm, metavar="ARM", help=f"{arms}; default: {arm or 'none'}"
+        "--arm", default=arm, metavar="ARM", help=f"{described(ARMS)}; default: {arm or 'none'}"
     )
     parser.add_argument(
         "--camera", metavar="CAMERA", help=f"{cameras.CAMERA_HELP}; default: the arm's own"

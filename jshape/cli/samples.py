@@ -13,9 +13,8 @@ from jshape.camera import PAPER_BOX
 from jshape.cli import arguments
 from jshape.data.simulate import DEPTH_UNIT, look
 from jshape.io import cameras, files, folders, images
-from jshape.robot.arms.names import bed_of
 from jshape.robot.rigid import inverse
-from jshape.robot.simulated import SimulatedWorld
+from jshape.robot.simulated import SimulatedWorld, bed_of
 
 CONTENTS = ("camera.json", "now.png", "wanted.png", "poses.json")
 SEED = 3

@@ -1,12 +1,12 @@
 """A depth camera and an arm as one world to act in."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
-from jshape.closing import Closing
 from jshape.data.missing import fill_missing
 from jshape.data.view import View, view_of
 from jshape.errors import JShapeError
@@ -19,7 +19,7 @@ from jshape.robot.procedure import Done, Hand, perform, prepare
 from jshape.robot.surface import surface_point
 
 
-class Robot(Closing):
+class Robot(AbstractContextManager):
     """Looks with a camera, acts with an arm; a `World` of the loop."""
 
     def __init__(
@@ -152,3 +152,6 @@ class Robot(Closing):
             self.guard.close()
         finally:
             self._sight.close()
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import check_same_camera
-from jshape.closing import uninterrupted
 from jshape.errors import BadFile, JShapeError, one_line
 from jshape.io import files, formats, images, journal, runs
 from jshape.models.bank import Bank
@@ -26,6 +25,7 @@ from jshape.robot.arms.base import stop_arm
 from jshape.robot.loop import Molding, Step, Stop, mold
 from jshape.robot.procedure import NAMES, Done
 from jshape.robot.robot import Robot
+from jshape.robot.signals import uninterrupted
 
 GOAL, START, SUMMARY, PLAN = "goal.npy", "start.png", "summary.json", "plan.json"
 MARK, PICTURES = "plan.sha256.json", ("result.png", "steps.png")

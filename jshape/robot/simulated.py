@@ -9,6 +9,17 @@ from jshape.camera import PAPER_BOX, Camera
 from jshape.data.simulate import look
 from jshape.errors import UnknownName
 
+HILLS = 0.003
+"""Standard deviation of a bed's surface, metres."""
+
+
+def bed_of(
+    seed: int, size: tuple[float, float] = sim.SIZE
+) -> tuple[sim.Bed, Key[Array, ""], Key[Array, ""]]:
+    """The uneven bed of a seed, and keys for its hand and its camera."""
+    for_bed, for_world, for_eye = jax.random.split(jax.random.key(seed), 3)
+    return sim.irregular_bed(for_bed, std=HILLS, size=size), for_world, for_eye
+
 
 class SimulatedWorld:
     """A bed that an agent's hand changes and a noisy camera sees.  Holds state, as a world does."""

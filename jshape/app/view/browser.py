@@ -3,6 +3,7 @@
 import contextlib
 import io
 import threading
+from contextlib import AbstractContextManager
 from functools import lru_cache
 from typing import Any
 
@@ -15,7 +16,6 @@ from jshape.app.view.door import door
 from jshape.app.view.pictures import picture
 from jshape.app.view.story import Story
 from jshape.app.view.surfaces import difference_colours, height_colours, surface
-from jshape.closing import Closing
 from jshape.errors import JShapeError, escaped
 from jshape.viz.pictures import COLOURS
 
@@ -29,7 +29,7 @@ GOAL_ABOVE = 0.001
 NO_PICTURE = np.full((2, 2, 3), 255, np.uint8)
 
 
-class Viewer(Closing):
+class Viewer(AbstractContextManager):
     """Serves a story until it is closed.  All browsers see the same step."""
 
     def __init__(self, story: Story, *, host: str = LOCAL[0], port: int = 0):
@@ -88,6 +88,9 @@ class Viewer(Closing):
             self._closed.set()
             with contextlib.redirect_stdout(io.StringIO()):
                 self._server.stop()
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
 
     def _look_from_above(self) -> None:
         """The camera's frame as it is, Z down; seen obliquely from the lower edge of the image."""

@@ -7,8 +7,10 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Float
 from jshape.actions import PAPER_Z
-from jshape.robot.arms.base import ArmError, Doing, EffortLimit, Moved
-from jshape.robot.simulated import SimulatedWorld
+from jshape.robot.arms.base import ArmError, ArmSettings, Doing, EffortLimit, Moved, OpenedArm
+from jshape.robot.cameras.simulated import simulated_camera
+from jshape.robot.registry import seed_of
+from jshape.robot.simulated import SimulatedWorld, bed_of
 
 TOUCH = 5.0
 """Effort at which the surface is felt, Nm."""
@@ -141,3 +143,10 @@ class SimulatedArm:
         u = point[0] / PAPER_Z * float(camera.fx) + float(camera.u0)
         v = point[1] / PAPER_Z * float(camera.fy) + float(camera.v0)
         self.world.act(doing.action, (u, v), doing.strength * min(share, 1.0), doing.yaw)
+
+
+def open_simulated(address: str, settings: ArmSettings) -> OpenedArm:
+    """An arm over the uneven bed of a seed, and the camera above it."""
+    bed, for_world, for_eye = bed_of(seed_of(address))
+    world = SimulatedWorld(for_world, bed, material=settings.material, camera=settings.camera)
+    return OpenedArm(SimulatedArm(world), simulated_camera(world, for_eye), np.eye(4))

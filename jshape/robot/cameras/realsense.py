@@ -6,16 +6,16 @@ the SDK's own.
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jshape._typing import Num
-from jshape.closing import Closing
-from jshape.data.intrinsics import Z_RANGE, pinhole
+from jshape.data.intrinsics import Z_RANGE, pinhole, same_frames
 from jshape.errors import BadFile, JShapeError, one_line
-from jshape.robot.cameras.base import TIMEOUT, CameraLost, EndOfFrames
+from jshape.robot.cameras.base import TIMEOUT, CameraLost, CameraSettings, EndOfFrames
 
 SUFFIXES = (".db3", ".bag")
 """Recordings of the SDK: .db3 since 2.58, .bag before."""
@@ -48,7 +48,7 @@ class Source(NamedTuple):
     live: bool
 
 
-class RealSense(Closing):
+class RealSense(AbstractContextManager):
     """A RealSense depth camera."""
 
     def __init__(
@@ -145,6 +145,25 @@ class RealSense(Closing):
         source, self._source = self._source, None
         if source is not None:
             source.stop()
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
+
+
+def open_realsense(address: str, settings: CameraSettings) -> RealSense:
+    """The only one for "", one of several by its serial number, or a recording by its path."""
+    settings.check_own_unit(f"realsense:{address}" if address else "realsense")
+    file = address if Path(address).suffix.lower() in SUFFIXES else None
+    serial = address if address and file is None else None
+    opened = RealSense(serial, file=file, temporal=settings.temporal, holes=settings.holes)
+    if settings.camera is not None:  # its unit is the device's all the same
+        size = (opened.camera.width, opened.camera.height)
+        try:
+            opened.camera = same_frames(settings.camera[0], size, opened.name)
+        except BaseException:
+            opened.close()
+            raise
+    return opened
 
 
 class Device(NamedTuple):

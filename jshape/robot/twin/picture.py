@@ -2,13 +2,13 @@
 
 import weakref
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from typing import Any
 
 import cv2
 import numpy as np
 
 from jshape._typing import Num
-from jshape.closing import Closing
 from jshape.robot.cameras.mujoco import upload_bed
 from jshape.robot.twin.engine import mujoco, renderer
 from jshape.robot.twin.world import Twin
@@ -17,7 +17,7 @@ SIZE = (480, 400)
 """Of a picture (width, height), pixels."""
 
 
-class Bystander(Closing):
+class Bystander(AbstractContextManager):
     """A colour camera that stands beside the box; a context manager."""
 
     def __init__(
@@ -72,6 +72,9 @@ class Bystander(Closing):
     def close(self) -> None:
         """Let go of the renderer."""
         self._end()
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
 
 
 def strip(

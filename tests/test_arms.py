@@ -25,11 +25,8 @@ def opened(request):
     for package in NEEDS.get(request.param, ()):
         if importlib.util.find_spec(package) is None:
             pytest.skip(f"{package} is not installed")
-    opened = open_arm(
-        f"{request.param}{':3' * bool(ARMS[request.param].address)}",
-        PAPER_BOX,
-        say=lambda line: None,
-    )
+    address = ":3" if ARMS[request.param].address else ""
+    opened = open_arm(request.param + address, PAPER_BOX, say=lambda line: None)
     yield opened
     opened.arm.stop()
     opened.arm.close()

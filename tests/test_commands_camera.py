@@ -17,7 +17,7 @@ from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT
 from jshape.errors import BadCamera, BadFile
 from jshape.io.banks import load_bank
-from jshape.io.cameras import write_camera
+from jshape.io.cameras import described, write_camera
 from jshape.io.recordings import open_recording, recording_writer
 from jshape.robot.cameras.base import CameraLost
 from jshape.robot.cameras.played import Played
@@ -234,11 +234,11 @@ def test_a_recording_without_any_reading_is_kept_and_no_success(watched, tmp_pat
 
 def test_a_file_with_the_name_of_a_preset_is_a_question(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cameras.described("paper_box")[0] == PAPER_BOX
+    assert described("paper_box")[0] == PAPER_BOX
     write_camera(tmp_path / "paper_box", SMALL, 1e-4)
     with pytest.raises(BadCamera, match="is a preset and a file here; write ./paper_box for"):
-        cameras.described("paper_box")
-    assert cameras.described("./paper_box") == (SMALL, 1e-4, True)
+        described("paper_box")
+    assert described("./paper_box") == (SMALL, 1e-4, True)
 
 
 def test_a_bag_in_millimetres_needs_its_unit_said(tmp_path, capsys, rng):
@@ -322,7 +322,7 @@ def test_list(capsys, monkeypatch):
 
     monkeypatch.setattr(realsense, "devices", list)
     code, out, _ = run(capsys, "camera", "list")
-    assert code == 0 and "no RealSense camera is connected" in out and "realsense:SERIAL" in out
+    assert code == 0 and "no RealSense camera is connected" in out and "realsense[:SERIAL" in out
     found = [realsense.Device("Intel RealSense D435", "42")]
     monkeypatch.setattr(realsense, "devices", lambda: found)
     assert "realsense:42" in run(capsys, "camera", "list")[1]

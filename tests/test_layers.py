@@ -9,7 +9,7 @@ PACKAGE = ROOT / "jshape"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 FLOORS = (
-    {"_typing", "errors", "closing", "compiling"},
+    {"_typing", "errors", "compiling"},
     {"camera"},
     {"metric", "actions", "sim"},
     {"models", "data"},

@@ -33,7 +33,7 @@ from jshape.learn.fit import fit
 from jshape.learn.floor import Floor, noise_floor
 from jshape.learn.measure import summarise, with_floor
 from jshape.learn.partitions import Candidate, Study
-from jshape.viz.scores import comparison_table, markdown, scores_table
+from jshape.learn.scores import comparison_table, markdown, scores_table
 
 SIMULATED = tuple(
     f"{bed}_{material}_{agent}"

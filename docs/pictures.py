@@ -18,8 +18,9 @@ from jshape import PAPER_BOX, load_bank, metric, plan, sim
 from jshape.data.simulate import random_bed, simulate_pairs, together
 from jshape.demo import run_demo
 from jshape.goals import bed_map
+from jshape.learn import scores
 from jshape.learn.evaluate import cross_validate
-from jshape.viz import pictures, scores, sheets
+from jshape.viz import pictures, sheets
 from jshape.viz.style import png
 
 IMAGES = Path(__file__).parent / "images"

@@ -23,9 +23,9 @@ from jshape.learn.fit import FITTERS, fit
 from jshape.learn.floor import noise_floor
 from jshape.learn.measure import Comparison, Score, Trial, compare, summarise
 from jshape.learn.partitions import Candidate, Study, split_pairs
+from jshape.learn.scores import markdown, scores_csv, scores_figure, scores_table, sizes_table
 from jshape.models.difference import Difference, fit_difference
 from jshape.models.refined import Refined
-from jshape.viz.scores import markdown, scores_csv, scores_figure, scores_table, sizes_table
 from jshape.viz.style import png
 
 UNIT = 1e-5

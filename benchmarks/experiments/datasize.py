@@ -7,10 +7,10 @@ from typing import Any
 
 from benchmarks.experiments import pages, studies
 from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
+from jshape.learn import scores as drawn
 from jshape.learn.evaluate import SIZES, candidates_of
 from jshape.learn.measure import Score
 from jshape.learn.partitions import Study
-from jshape.viz import scores as drawn
 
 FIGURES = ("sizes.png",)
 PAIRS = {True: 14, False: 100}

@@ -14,8 +14,8 @@ from benchmarks.experiments.problems import Problem
 from jshape import metric, sim
 from jshape.errors import BadFile, one_line
 from jshape.io import files, folders, runs
+from jshape.learn.scores import markdown
 from jshape.models.bank import Bank
-from jshape.viz.scores import markdown
 
 FIGURES = ("left.png", "curves.png", "gains.png", "sheet.png")
 FILES = ("summary.json", "report.md", *pages.contents(FIGURES))

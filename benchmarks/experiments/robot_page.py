@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.experiments import pages
+from jshape.learn.scores import markdown
 from jshape.robot.loop import Molding
 from jshape.viz import pictures
-from jshape.viz.scores import markdown
 from jshape.viz.style import Drawing
 
 FIGURES = ("robot.png", "curves.png")

@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.experiments import pages
+from jshape.learn.scores import markdown
 from jshape.viz.pictures import COLOURS
-from jshape.viz.scores import markdown
 
 FIGURES = ("twin.png",)
 

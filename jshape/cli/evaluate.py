@@ -177,7 +177,7 @@ class _Watch:
 
 
 def _write(options: argparse.Namespace, how: str, scores: Any, studies: Any, pairs: Any) -> None:
-    from jshape.viz import scores as drawn
+    from jshape.learn import scores as drawn
     from jshape.viz import style
 
     pictures = {"scores.png": partial(drawn.scores_figure, scores)}
@@ -202,7 +202,7 @@ TITLES = {
 
 
 def _print(how: str, scores: Any, studies: Any, comparisons: Any, notes: list[str]) -> None:
-    from jshape.viz import scores as drawn
+    from jshape.learn import scores as drawn
 
     print(how)
     print_table(*drawn.scores_table(scores))

@@ -151,7 +151,7 @@ def _write(
     options: argparse.Namespace, now: Bed, made: Goal, said: dict[str, Any]
 ) -> dict[str, Any]:
     """The folder; returns where it is and how to plan for it."""
-    from jshape.viz.goals import goal_figure
+    from jshape.goals.picture import goal_figure
 
     counts = now.raw.dtype.kind == "u"
     # 8 bits are luminance: both frames become counts, finer than its levels.

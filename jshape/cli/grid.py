@@ -18,7 +18,7 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape grid train DATASET --out DIR`."""
     engine = _engine(options)
     from jshape.grid import grid as grids
-    from jshape.viz import scores as drawn
+    from jshape.learn import scores as drawn
 
     given = {name: getattr(options, name) for name in (*LEARNING, "morphology")}
     grid = grids.Grid(

@@ -27,10 +27,10 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
     process, mesh = _devices(options)  # first of all: what loads a bank starts JAX
     from jshape import metric
+    from jshape.learn import curves as drawings
     from jshape.learn.fit import fit
     from jshape.learn.held_out import LEAST_PAIRS, without_worse
     from jshape.learn.shared import shared_over
-    from jshape.viz import curves as drawings
 
     keeps = options.kind not in WITHOUT_CHECKPOINTS
     if not keeps:

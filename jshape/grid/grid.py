@@ -22,12 +22,12 @@ from jshape.errors import BadDataset, BadFile, JShapeError, UnknownName, one_lin
 from jshape.grid.engines import Engine, here
 from jshape.io import banks, files
 from jshape.io.cameras import camera_fields
+from jshape.learn import scores as drawn
 from jshape.learn.fit import FITTERS, fit
 from jshape.learn.measure import Score, Trial, roi_errors_mm
 from jshape.learn.partitions import Split, split_pairs, unrefined
 from jshape.learn.settings import settings_from
 from jshape.models.bank import Bank
-from jshape.viz import scores as drawn
 from jshape.viz import style
 
 CELLS = "cells"

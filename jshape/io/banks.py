@@ -16,7 +16,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jshape.errors import BadBank, BadCamera, BadFile, UnknownName, is_name, quoted
+from jshape.errors import BadBank, BadCamera, BadFile, UnknownName, is_name, one_line, quoted
 from jshape.io.arrays import read_arrays
 from jshape.io.cameras import camera_fields, camera_from
 from jshape.io.files import inside, read_bytes, read_json, sha256, write_atomic, write_json
@@ -87,7 +87,7 @@ def save_bank(
         "actions": list(bank.actions),
         "rois": {name: [int(x) for x in size] for name, size in bank.rois.items()},
         "camera": camera_fields(bank.camera),
-        "data": "",
+        "data": bank.fitted_to,
         "code_version": _code_version(),
         "licence": "",
     }
@@ -144,7 +144,21 @@ def load_bank(name_or_folder: str | os.PathLike) -> Bank:
     actions = tuple(manifest["actions"])
     known = {row["action"]: row["mm"] for row in manifest.get("errors", ())}
     errors = jnp.array([known.get(name, np.nan) for name in actions], jnp.float32)
-    return Bank(camera, tuple(predictors), actions, manifest["kind"], errors if known else None)
+    return Bank(
+        camera,
+        tuple(predictors),
+        actions,
+        manifest["kind"],
+        errors if known else None,
+        _in_words(manifest.get("data", "")),
+    )
+
+
+def _in_words(data: Any) -> str:
+    """What a manifest says of the pairs, for people."""
+    if isinstance(data, Mapping):
+        data = ", ".join(f"{k}: {v if isinstance(v, str) else quoted(v)}" for k, v in data.items())
+    return one_line(data, 120)
 
 
 def list_banks() -> tuple[str, ...]:

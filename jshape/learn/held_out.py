@@ -128,7 +128,12 @@ def fit(
         if int((pairs.action == row.action).sum()) >= LEAST_PAIRS
     }
     errors = jnp.array([known.get(name, np.nan) for name in bank.actions], jnp.float32)
-    return replace(without_worse(bank, pairs, rows), errors_mm=errors if known else None)
+    who = ", ".join(dict.fromkeys([*pairs.agent.tolist(), *pairs.material.tolist()]))
+    return replace(
+        without_worse(bank, pairs, rows),
+        errors_mm=errors if known else None,
+        fitted_to=f"{len(pairs)} pairs ({who})",
+    )
 
 
 def held_out(

@@ -1,6 +1,7 @@
 """A bank: one camera, some actions, and a predictor for each.  One pytree for all of them."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -11,7 +12,7 @@ from jax.core import Tracer
 from jshape import metric
 from jshape._typing import Array, ArrayLike, Float
 from jshape.actions import first_pixels, fits
-from jshape.camera import STATIC, Camera, check_camera
+from jshape.camera import Camera, check_camera
 from jshape.errors import (
     BadBank,
     BadCamera,
@@ -19,6 +20,7 @@ from jshape.errors import (
     BadPosition,
     JShapeError,
     UnknownName,
+    one_line,
     quoted,
 )
 from jshape.models.turn import square
@@ -47,22 +49,35 @@ class Predictor(Protocol):
         ...
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("camera", "predictors", "errors_mm"),
+    meta_fields=("actions", "kind"),
+    drop_fields=("fitted_to",),
+)
+@dataclass(frozen=True, eq=False, repr=False)
 class Bank:
     """The predictors of all actions, for one camera.  `kind` names the idea: "D" is f_D."""
 
     camera: Camera
     predictors: tuple[Any, ...]
     """One `Predictor` per action, in the order of `actions`."""
-    actions: tuple[str, ...] = field(metadata=STATIC)
+    actions: tuple[str, ...]
     """Names of the actions."""
-    kind: str = field(default="D", metadata=STATIC)
+    kind: str = "D"
     """The predictors' kind: "D", "C", "CR", "DC", "DCR", ..."""
     errors_mm: Float[Array, "A"] | None = None
     """How wrong each action's prediction usually is: the mean |true - predicted| over its ROI on
     pairs that it was not fitted to, mm.  NaN: not known for that action; None: for none of them.
     In mm, so that it stays true below another camera."""
+    fitted_to: str = ""
+    """The pairs that it was fitted to, in words; compiled code does not see it."""
+
+    def __repr__(self) -> str:
+        rois = ", ".join(f"{one_line(name, 30)} {w}x{h}" for name, (w, h) in self.rois.items())
+        size = f"{self.camera.width}x{self.camera.height}"
+        fitted_to = f", fitted to {self.fitted_to}" if self.fitted_to else ""
+        return one_line(f"Bank({self.kind}: {rois}; camera {size}{fitted_to})", 400)
 
     def predictor(self, name: str) -> Predictor:
         """The predictor of one action.

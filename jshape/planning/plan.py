@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,8 +16,11 @@ from jshape.errors import JShapeError
 from jshape.planning import plan_file
 from jshape.planning.search.base import Status
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """Which actions to apply, where, in which order, and what is predicted to come out."""
 
@@ -67,6 +71,31 @@ class Plan:
 
     def __len__(self) -> int:
         return len(self.actions)
+
+    def __repr__(self) -> str:
+        actions = "1 action" if len(self) == 1 else f"{len(self)} actions"
+        mm = self.distances_mm
+        return f"Plan({actions}, {mm[0]:.3f} -> {mm[-1]:.3f} mm, {self.status.name})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the summary, the figure and the actions."""
+        from jshape.viz.display import plan_html
+
+        return plan_html(self)
+
+    def show(self) -> "Figure | None":
+        """Show the plan's figure: in the notebook, or in a window.
+
+        Returns:
+          None; or the figure, where there is no notebook and no display.
+
+        Raises:
+          JShapeError: the plan was stored without its images.
+        """
+        from jshape.viz.display import shown
+        from jshape.viz.pictures import plan_figure
+
+        return shown(plan_figure(self))
 
     @property
     def distances_mm(self) -> np.ndarray:

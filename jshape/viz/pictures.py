@@ -14,7 +14,6 @@ from jshape import metric
 from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.errors import JShapeError
-from jshape.planning.plan import Plan
 from jshape.viz.labels import Room
 from jshape.viz.style import drawn, own_style
 
@@ -32,6 +31,10 @@ LEAST_SPAN = 5.0
 
 Rois = Mapping[str, tuple[int, int]]
 """(w, h) of the ROI that each action was trained with, pixels."""
+
+
+Plan = Any
+"""A `jshape.Plan`, by structure: figures import no records, so that records can draw themselves."""
 
 
 def height_mm(image: np.ndarray, camera: Camera) -> np.ndarray:
@@ -121,7 +124,7 @@ def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
 
 def _is_own(plan: Plan) -> bool:
     """The plan's pixels are those of the camera that took the frames."""
-    return plan.view is None or plan.view.window == (0, 0)
+    return np.array_equal(plan.camera_positions, plan.positions)
 
 
 def _in_words(plan: Plan) -> list[str]:

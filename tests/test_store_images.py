@@ -368,9 +368,9 @@ def test_noise_never_escapes_as_another_error(tmp_path_factory, noise, start):
 
 
 def test_text_and_profiles_in_a_png_are_ignored_silently(tmp_path, capfd):
-    broken_profile = b"\0\0\0\4iCCPabcd" + struct.pack(">I", zlib.crc32(b"iCCPabcd"))
-    wrong_sum = b"\0\0\0\4tEXtabcd\0\0\0\0"
-    content = GOOD["png"][:33] + broken_profile + wrong_sum + GOOD["png"][33:] + b"trailing"
+    profile = b"iCCPicc\0\0abcd"  # packed bytes that do not unpack
+    broken_profile = struct.pack(">I", 9) + profile + struct.pack(">I", zlib.crc32(profile))
+    content = GOOD["png"][:33] + broken_profile + GOOD["png"][33:] + b"trailing"
     np.testing.assert_allclose(read_depth(put(tmp_path, "a.png", content)), 4.5)
     assert capfd.readouterr() == ("", "")
 

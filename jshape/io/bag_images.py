@@ -4,7 +4,6 @@ An array is (H, W), uint16 (counts) or float32 (metres; 0, NaN and infinity are 
 """
 
 import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -83,7 +82,7 @@ def _packed(message: Any, where: str) -> np.ndarray:
         raise BadImage(
             f"{where}: is {quoted(message.format)}; packed depth is compressedDepth or a PNG"
         )
-    counts = read_png(Path(where), data)
+    counts = read_png(data, where)
     if counts.dtype != np.uint16:
         raise BadImage(f"{where}: holds a PNG of {counts.dtype}; packed depth has 16 bits")
     if name != "32FC1":

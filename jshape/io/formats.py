@@ -1,14 +1,15 @@
 """One image file to one array, by what the bytes say and not by the file's name.
 
-PNG, TIFF and EXR are decoded by OpenCV, which prints what it dislikes: so a PNG is checked and
-reduced to its pixels first, and OpenCV's own log is off while the others are decoded.  It also
-brings what is not a plain grey image into another form without a word (16-bit grey with alpha
-becomes 8 bits, three bands one, 12 bits 16): so what a file holds is read from its header first.
+OpenCV and Pillow bring what is not a plain grey image into another form without a word (16-bit grey
+with alpha becomes 8 bits, three bands one, 12 bits 16), so a file's header is read first.  OpenCV
+decodes TIFF and EXR, with its log off; Pillow decodes PNG, whose damage OpenCV prints.
 """
 
+import io
 import os
 import struct
-import zlib
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,8 @@ FILE_LIMIT = 512 * 2**20
 PIXEL_LIMIT = 2**26
 """Most pixels of an image: 67 million."""
 
-ALLOWED = "PNG, TIFF, EXR or NPY"
 _PNG = b"\x89PNG\r\n\x1a\n"
-_NPY = b"\x93NUMPY"
-_EXR = b"v/1\x01"
-_EXR_SIZE = b"dataWindow\0box2i\0"
+_PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _OTHERS = {
     b"\xff\xd8\xff": "a JPEG, which cannot hold a depth image",
@@ -58,17 +56,11 @@ def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
             f"{path}: says that it lies turned (EXIF orientation {how}); a depth image lies as its "
             "camera saw it: save it without the orientation"
         )
-    if data.startswith(_PNG):
-        image = read_png(path, data)
-    elif data.startswith(_NPY):
-        image = parse_npy(data, str(path))
-    elif data.startswith(_EXR):
-        image = _decode(path, _exr_of_one_channel(path, data), "EXR")
-    elif data.startswith(_TIFF):
-        image = _read_tiff(path, data)
-    else:
+    reader = next((r for magic, r in _READERS.items() if data.startswith(magic)), None)
+    if reader is None:
         what = next((w for magic, w in _OTHERS.items() if data.startswith(magic)), "not an image")
-        raise BadImage(f"{path}: {what}; allowed: {ALLOWED}")
+        raise BadImage(f"{path}: {what}; allowed: PNG, TIFF, EXR or NPY")
+    image = reader(data, str(path))
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[..., 0]
     if image.ndim == 3 and image.shape[2] in (2, 3, 4):
@@ -77,7 +69,7 @@ def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
         )
     if image.ndim != 2:
         raise BadImage(f"{path}: has shape {image.shape}; a depth image is (rows, columns)")
-    _check_size(path, image.shape[1], image.shape[0])
+    _check_size(str(path), image.shape[1], image.shape[0])
     return image
 
 
@@ -85,14 +77,10 @@ def orientation(data: bytes) -> int:
     """How a PNG or TIFF says that it lies: 1 is upright, up to 8 as EXIF counts."""
     if not (data.startswith(_TIFF) or data.startswith(_PNG) and b"eXIf" in data):
         return 1
-    import io
-    import warnings
-
     from PIL import ExifTags, Image
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
                 found = image.getexif().get(ExifTags.Base.Orientation, 1)
     except Exception:  # Pillow promises no type; what is damaged fails where it is decoded
@@ -116,63 +104,39 @@ def encode_png(counts: np.ndarray) -> bytes:
     return cv2.imencode(".png", np.ascontiguousarray(counts))[1].tobytes()
 
 
-def _check_size(path: Path, width: int, height: int) -> None:
+def _check_size(where: str, width: int, height: int) -> None:
     if width <= 0 or height <= 0:
-        raise BadImage(f"{path}: the image is empty ({width}x{height} pixels)")
+        raise BadImage(f"{where}: the image is empty ({width}x{height} pixels)")
     if width * height > PIXEL_LIMIT:
-        raise BadImage(f"{path}: {width}x{height} pixels; at most {PIXEL_LIMIT:,} are read")
+        raise BadImage(f"{where}: {width}x{height} pixels; at most {PIXEL_LIMIT:,} are read")
 
 
-def read_png(path: Path, data: bytes) -> np.ndarray:
-    """A grey PNG of 8 or 16 bits; checked so far that the decoder finds nothing to print."""
-    broken = BadImage(f"{path}: the PNG is cut off or damaged")
-    header, body, clear, at = b"", [], None, len(_PNG)
-    while True:
-        if at + 12 > len(data):
-            raise broken
-        size, kind = struct.unpack(">I4s", data[at : at + 8])
-        if at + 12 + size > len(data):
-            raise broken
-        content = data[at + 8 : at + 8 + size]
-        (check,) = struct.unpack(">I", data[at + 8 + size : at + 12 + size])
-        if kind in (b"IHDR", b"IDAT", b"tRNS") and zlib.crc32(kind + content) != check:
-            raise broken
-        if kind == b"IHDR":
-            header = content
-        elif kind == b"IDAT":
-            body.append(content)
-        elif kind == b"tRNS" and len(content) == 2:
-            (clear,) = struct.unpack(">H", content)
-        elif kind == b"IEND":
-            break
-        at += 12 + size
-    if len(header) != 13 or not body:
+def read_png(data: bytes, where: str) -> np.ndarray:
+    """A grey PNG of 8 or 16 bits; masked where its pixels are transparent.
+
+    Raises:
+      BadImage: it is damaged, or another kind of PNG.
+    """
+    from PIL import Image
+
+    broken = BadImage(f"{where}: the PNG is cut off or damaged")
+    if len(data) < 33 or data[12:16] != b"IHDR" or _PNG_END not in data:
         raise broken
-    width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
+    width, height, depth, colour = struct.unpack_from(">IIBB", data, 16)
     if colour in _COLOURS:
-        raise BadImage(f"{path}: is {_COLOURS[colour]}; a depth image has one grey channel")
+        raise BadImage(f"{where}: is {_COLOURS[colour]}; a depth image has one grey channel")
     if colour != 0 or depth not in (8, 16):
-        raise BadImage(f"{path}: is a {depth}-bit PNG; a depth image has 16 bits (or 8, luminance)")
-    _check_size(path, width, height)
-    row = 1 + width * depth // 8
+        raise BadImage(
+            f"{where}: is a {depth}-bit PNG; a depth image has 16 bits (or 8, luminance)"
+        )
+    _check_size(where, width, height)
     try:
-        # Interlaced rows are padded a little differently; their size is at most twice as much.
-        pixels = zlib.decompressobj().decompress(b"".join(body), 2 * row * height + 2**16)
-    except zlib.error:
+        with warnings.catch_warnings(action="ignore"):
+            with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
+                pixels, clear = np.array(image), image.info.get("transparency")
+    except Exception:  # Pillow promises no type for a damaged file
         raise broken from None
-    if not interlaced and (
-        len(pixels) < row * height or max(pixels[: row * height : row], default=0) > 4
-    ):
-        raise broken
-    # Only header and pixels: text, colour profiles and the like can only make the decoder talk.
-    chunks = [(b"IHDR", header), (b"IDAT", b"".join(body)), (b"IEND", b"")]
-    image = _decode(path, _PNG + b"".join(_png_chunk(*chunk) for chunk in chunks), "PNG")
-    return image if clear is None else np.ma.masked_equal(image, clear)
-
-
-def _png_chunk(kind: bytes, content: bytes) -> bytes:
-    checked = kind + content
-    return struct.pack(">I", len(content)) + checked + struct.pack(">I", zlib.crc32(checked))
+    return pixels if clear is None else np.ma.masked_equal(pixels, clear)
 
 
 # What OpenCV reads bit for bit: SampleFormat (1 whole, 2 signed, 3 floating) and bits.
@@ -181,33 +145,34 @@ _PACKING = {1: "", 5: "LZW", 8: "deflate", 32773: "PackBits", 32946: "deflate"}
 _NODATA = 42113
 
 
-def _read_tiff(path: Path, data: bytes) -> np.ndarray:
+def _read_tiff(data: bytes, where: str) -> np.ndarray:
     """The first page of a TIFF, if it has one channel of bits that the decoder keeps."""
-    tags = _tiff_tags(path, data)
+    tags = _tiff_tags(data, where)
 
     def tag(number: int, usual: int) -> int:
-        value = tags.get(number, (usual,))[0]
-        return value if isinstance(value, int) else usual
+        found = tags.get(number, usual)
+        found = found[0] if isinstance(found, tuple) else found
+        return found if isinstance(found, int) else usual
 
     channels, bits, sample = tag(277, 1), tag(258, 1), tag(339, 1)
-    kind = {1: "uint", 2: "int", 3: "float"}.get(sample, "an unknown kind of ")
     if channels != 1:
         raise BadImage(
-            f"{path}: has {channels} channels of {bits} bits (colour, alpha or several bands); "
+            f"{where}: has {channels} channels of {bits} bits (colour, alpha or several bands); "
             "a depth image has one"
         )
     if tag(262, 1) not in (0, 1):
-        raise BadImage(f"{path}: is colour (palette); a depth image has one grey channel")
+        raise BadImage(f"{where}: is colour (palette); a depth image has one grey channel")
     if (sample, bits) not in _SAMPLES or tag(259, 1) not in _PACKING:
+        kind = {1: "uint", 2: "int", 3: "float"}.get(sample, "an unknown kind of ")
         packed = _PACKING.get(tag(259, 1), f"compression {tag(259, 1)}")
         raise BadImage(
-            f"{path}: holds {kind}{bits}{', ' * bool(packed)}{packed}; read are uint8, uint16, "
+            f"{where}: holds {kind}{bits}{', ' * bool(packed)}{packed}; read are uint8, uint16, "
             "int8, int16, int32, float32 and float64, plain or packed by LZW, deflate or PackBits"
         )
-    _check_size(path, tag(256, 0), tag(257, 0))
-    image = _decode(path, data, "TIFF")
+    _check_size(where, tag(256, 0), tag(257, 0))
+    image = _decode(data, where, "TIFF")
     try:
-        nodata = float(tags.get(_NODATA, ("",))[0])
+        nodata = float(str(tags.get(_NODATA, "")).strip("\0 "))
     except ValueError:
         return image
     with np.errstate(over="ignore"):  # as GDAL, in the type of the pixels; NaN is none as it is
@@ -215,31 +180,19 @@ def _read_tiff(path: Path, data: bytes) -> np.ndarray:
     return np.ma.masked_where(image == code, image) if (image == code).any() else image
 
 
-def _tiff_tags(path: Path, data: bytes) -> dict[int, tuple[Any, ...]]:
-    """The tags of a TIFF's (or BigTIFF's) first page that hold whole numbers or text."""
-    order = "<" if data.startswith(b"II") else ">"
-    big = data[2:4] in (b"+\0", b"\0+")
-    offset, count, entry, room = ("Q", "Q", "HHQ", 8) if big else ("I", "H", "HHI", 4)
-    sizes = {1: "B", 2: "s", 3: "H", 4: "I", 16: "Q"}
-    tags = {}
+def _tiff_tags(data: bytes, where: str) -> dict[int, Any]:
+    """The tags of a TIFF's (or BigTIFF's) first page."""
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+    stream = io.BytesIO(data)
     try:
-        (at,) = struct.unpack_from(order + offset, data, 8 if big else 4)
-        (entries,) = struct.unpack_from(order + count, data, at)
-        at += struct.calcsize(order + count)
-        for _ in range(min(entries, 1000)):
-            number, kind, length = struct.unpack_from(order + entry, data, at)
-            place = at + struct.calcsize(order + entry)
-            at = place + room
-            if kind not in sizes or length == 0:
-                continue
-            length = min(length, 64)  # all that is asked of: not the places of the strips
-            if length * struct.calcsize(order + sizes[kind]) > room:
-                (place,) = struct.unpack_from(order + offset, data, place)
-            found = struct.unpack_from(f"{order}{length}{sizes[kind]}", data, place)
-            tags[number] = (found[0].rstrip(b"\0 ").decode("latin-1"),) if kind == 2 else found
-    except struct.error:
-        raise BadImage(f"{path}: the TIFF is cut off or damaged") from None
-    return tags
+        with warnings.catch_warnings(action="error"):  # so Pillow tells what is cut off
+            tags = ImageFileDirectory_v2(data[: 16 if b"+" in data[2:4] else 8])
+            stream.seek(tags.next)
+            tags.load(stream)
+            return dict(tags)
+    except Exception:
+        raise BadImage(f"{where}: the TIFF is cut off or damaged") from None
 
 
 def parse_npy(data: bytes, where: str) -> np.ndarray:
@@ -248,13 +201,9 @@ def parse_npy(data: bytes, where: str) -> np.ndarray:
     Raises:
       BadImage: not a whole NPY, or one that does not hold numbers.
     """
-    import io
-    import warnings
-
     stream = io.BytesIO(data)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             version = np.lib.format.read_magic(stream)
             if version == (1, 0):
                 shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
@@ -280,47 +229,45 @@ def parse_npy(data: bytes, where: str) -> np.ndarray:
     return flat.reshape(shape, order="F" if fortran else "C").astype(dtype.newbyteorder("="))
 
 
-def _exr_of_one_channel(path: Path, data: bytes) -> bytes:
-    """The EXR, with its only channel called Y: OpenCV returns noise for a lone channel Z."""
-    at, channels = data.find(b"channels\0chlist\0"), []
-    if at < 0 or at + 20 > len(data):
-        raise BadImage(f"{path}: the EXR is cut off or damaged")
-    at += 16
-    (size,) = struct.unpack("<i", data[at : at + 4])
-    at, end = at + 4, min(at + 4 + size, len(data))
-    first, whole = at, False
+def _read_exr(data: bytes, where: str) -> np.ndarray:
+    """An EXR of one channel, which is called Y for OpenCV: it returns noise for a lone Z."""
+    cut = BadImage(f"{where}: the EXR is cut off or damaged")
+    at, channels, whole = data.find(b"channels\0chlist\0") + 16, [], False
+    if at < 16 or at + 4 > len(data):
+        raise cut
+    first = at + 4
+    at, end = first, min(first + struct.unpack_from("<i", data, at)[0], len(data))
     while at < end and data[at] != 0:
         stop = data.find(b"\0", at, end)
         if stop < 0:
-            raise BadImage(f"{path}: the EXR is cut off or damaged")
+            raise cut
         channels.append(data[at:stop].decode("latin-1"))
         whole = whole or data[stop + 1 : stop + 5] == b"\0\0\0\0"
         at = stop + 17
     if len(channels) != 1:
         raise BadImage(
-            f"{path}: the EXR has {len(channels)} channels ({', '.join(channels[:6])}); "
+            f"{where}: the EXR has {len(channels)} channels ({', '.join(channels[:6])}); "
             "a depth image has one"
         )
     if whole:  # OpenCV makes 8 bits of them
         raise BadImage(
-            f"{path}: the EXR holds whole numbers (UINT); depth is float or half, metres"
+            f"{where}: the EXR holds whole numbers (UINT); depth is float or half, metres"
         )
     if len(channels[0]) != 1:
         raise BadImage(
-            f"{path}: the EXR's channel is called {quoted(channels[0])}; rename it Z or Y"
+            f"{where}: the EXR's channel is called {quoted(channels[0])}; rename it Z or Y"
         )
-    return data[:first] + b"Y" + data[first + 1 :]
+    size = data.find(b"dataWindow\0box2i\0") + 21
+    if 21 <= size < len(data) - 20:
+        left, top, right, bottom = struct.unpack_from("<4i", data, size)
+        _check_size(where, right - left + 1, bottom - top + 1)
+    return _decode(data[:first] + b"Y" + data[first + 1 :], where, "EXR")
 
 
-def _decode(path: Path, data: bytes, kind: str) -> np.ndarray:
+def _decode(data: bytes, where: str, kind: str) -> np.ndarray:
     # OpenCV reads this once, when it meets its first EXR; importing cv2 earlier does no harm.
     os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
     import cv2
-
-    at = data.find(_EXR_SIZE)
-    if kind == "EXR" and 0 < at < len(data) - 40:
-        left, top, right, bottom = struct.unpack_from("<4i", data, at + len(_EXR_SIZE) + 4)
-        _check_size(path, right - left + 1, bottom - top + 1)
 
     log: Any = cv2.utils.logging
     level = log.getLogLevel()
@@ -332,14 +279,19 @@ def _decode(path: Path, data: bytes, kind: str) -> np.ndarray:
     finally:
         log.setLogLevel(level)
     if image is None:
-        if kind == "EXR" and not _has_exr(cv2):
+        built = cv2.getBuildInformation().splitlines()
+        if kind == "EXR" and not any("OpenEXR:" in line and "NO" not in line for line in built):
             raise BadImage(
-                f"{path}: this build of OpenCV cannot read EXR; convert it to TIFF or NPY"
+                f"{where}: this build of OpenCV cannot read EXR; convert it to TIFF or NPY"
             )
-        raise BadImage(f"{path}: the {kind} is cut off, damaged or of a type that is not read")
+        raise BadImage(f"{where}: the {kind} is cut off, damaged or of a type that is not read")
     return image
 
 
-def _has_exr(cv2: Any) -> bool:
-    lines = cv2.getBuildInformation().splitlines()
-    return any("OpenEXR:" in line and "NO" not in line for line in lines)
+_READERS: dict[bytes, Callable[[bytes, str], np.ndarray]] = {
+    _PNG: read_png,
+    b"\x93NUMPY": parse_npy,
+    b"v/1\x01": _read_exr,
+    **dict.fromkeys(_TIFF, _read_tiff),
+}
+"""The reader of each format, by the bytes that its files start with."""

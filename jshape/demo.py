@@ -42,8 +42,8 @@ def run_demo(
     seed: int = 0,
     actions: int = 4,
     max_steps: int = 8,
-    material: str = "flour",
-    agent: str = "robot",
+    material: str | sim.Material = "flour",
+    agent: str | sim.Agent = "robot",
     replan: bool = True,
     planner: str = "greedy",
     how: How = ONE_BY_ONE,
@@ -78,17 +78,19 @@ def run_demo(
     folders.check_target(out, overwrite, contents=(*runs.CONTENTS, *FILES))
     for_bed, for_goal, for_world, for_other = jax.random.split(jax.random.key(seed), 4)
     bed = random_bed(for_bed, "irregular", std=0.003)
+    material = sim.read_material(material)
     who = {"material": material, "agent": agent, "camera": bank.camera}
     world = SimulatedWorld(for_world, bed, **who)
     other = SimulatedWorld(for_other, bed, **who)
     made = _make_goal(for_goal, other, bank, actions)
     goal = image_of_depth(other.look(), bank.camera, where="goal").image
-    say(f"a bed of {material}, and a goal made from it by: {', '.join(made)}")
+    say(f"a bed of {material.name}, and a goal made from it by: {', '.join(made)}")
 
     run = runs.Run.create(
         out,
-        {"what": "demo", "bank": str(bank_name), "seed": seed, "goal": made, "agent": agent,
-         "material": material, "replan": replan, "planner": planner},
+        {"what": "demo", "bank": str(bank_name), "seed": seed, "goal": made,
+         "agent": agent if isinstance(agent, str) else agent.name, "material": material.name,
+         "replan": replan, "planner": planner},
         overwrite=overwrite,
         contents=FILES,
     )  # fmt: skip
@@ -134,7 +136,7 @@ def _make_goal(key: Key[Array, ""], world: SimulatedWorld, bank: Bank, count: in
 
     The places are not the planner's: a goal need not lie on its grid.
     """
-    names = [name for name in bank.actions if name in sim.ACTIONS]
+    names = [name for name in bank.actions if name in sim.actions_of(world.agent)]
     rng = np.random.default_rng(jax.random.bits(key, (4,)).tolist())
     width, height = bank.camera.width, bank.camera.height
     columns, rows = 3, 2

@@ -1,6 +1,7 @@
 """What the documentation's commands take: made when a command names it and it is not there yet."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -113,6 +114,14 @@ def base(folder: Path) -> None:
     (folder / "base.json").write_text(json.dumps(fields))
 
 
+def own(folder: Path) -> None:
+    """The material and the hand of `own_material.md`, as it writes them."""
+    text = (ROOT / "docs/own_material.md").read_text(encoding="utf-8")
+    for block in re.findall(r"```toml\n(.*?)```", text, re.S):
+        name = re.match(r"# (\S+)", block)
+        (folder / name[1]).write_text(block)
+
+
 def before_after(folder: Path) -> None:
     """Frames of others: NAME_before.png and NAME_after.png."""
     inside, pairs = folder / "frames", pokes(2, 4)
@@ -184,6 +193,8 @@ INPUTS = {
     "frames": before_after,
     "data": lambda folder: (folder / "data").symlink_to(SHARED / "data"),
     "session.mcap": mcap,
+    "clay.toml": own,
+    "spatula.toml": own,
     "session.db3": sdk,
 }
 """By the name that the pages give it, how it is made."""

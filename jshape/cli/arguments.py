@@ -228,3 +228,18 @@ TRAINING: dict[str, tuple[Any, str]] = {
     "seed": (seed, "of everything random (0)"),
     "save_every": (positive_count, "epochs between checkpoints (10)"),
 }
+
+
+def add_material(parser: argparse.ArgumentParser) -> None:
+    """Of which material a simulated bed is."""
+    from jshape.sim.material import MATERIALS
+
+    said = f"of a simulated bed: {', '.join(MATERIALS)} or FILE.toml (flour)"
+    parser.add_argument("--material", default="flour", help=said)
+
+
+def agents_help() -> str:
+    """Who may act in a simulation."""
+    from jshape.sim.tools import AGENTS
+
+    return f"{', '.join(AGENTS)} or FILE.toml (robot)"

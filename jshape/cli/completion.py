@@ -11,7 +11,10 @@ from jshape.cli import arguments, settings
 from jshape.errors import JShapeError
 
 SHELLS = ("bash", "zsh", "fish")
-FILES_TOO = ("bank", "start", "camera", "camera-file", "positions")
+FILES_TOO = (
+    *("bank", "start", "camera", "camera-file", "positions"),
+    *("material", "agent", "agents"),
+)
 """Options whose value may be a name, or a file or folder."""
 
 

@@ -12,6 +12,7 @@ from jshape.cli import COMMANDS, arguments, dataset_annotate, dataset_import, da
 from jshape.cli.tables import print_table, progress
 from jshape.data.missing import said as said_of
 from jshape.io import cameras, datasets
+from jshape.io.simulated import agent_of, material_of
 
 
 def simulate(options: argparse.Namespace) -> dict[str, Any]:
@@ -27,8 +28,8 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         jax.random.key(options.seed),
         options.pairs,
         actions=actions,
-        agents=options.agents,
-        material=options.material,
+        agents=[agent_of(agent) for agent in options.agents],
+        material=material_of(options.material),
         beds=options.beds,
         frames=options.frames,
         strengths=tuple(options.strengths),
@@ -119,8 +120,8 @@ def add(commands: Any) -> None:
         help="per action and agent (default: 25)",
     )
     parser.add_argument("--actions", nargs="+", default=None, help="default: all five")
-    parser.add_argument("--agents", nargs="+", default=["robot"], help="robot, human")
-    parser.add_argument("--material", default="flour", help="flour, sand or dough")
+    parser.add_argument("--agents", nargs="+", default=["robot"], help=arguments.agents_help())
+    arguments.add_material(parser)
     parser.add_argument("--beds", nargs="+", default=["flat"], help="flat, irregular, curved")
     parser.add_argument(
         "--frames", type=arguments.positive_count, default=5, help="averaged per look"

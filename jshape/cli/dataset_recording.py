@@ -13,6 +13,7 @@ from jshape.data import segment as cutting
 from jshape.errors import BadDataset
 from jshape.io import annotations, folders, recordings
 from jshape.io.recordings import LABELS, LEAVE_OUT, Label, Recording
+from jshape.io.simulated import material_of
 from jshape.io.tables import check_action
 from jshape.viz import sheets
 from jshape.viz.style import drawn
@@ -34,7 +35,7 @@ def simulate_recording(options: argparse.Namespace) -> dict[str, Any]:
         jax.random.key(options.seed),
         actions,
         agent=options.agent,
-        material=options.material,
+        material=material_of(options.material),
         bed=options.bed,
         still=options.still_frames,
         idle=options.idle,
@@ -221,7 +222,7 @@ def add(commands: Any) -> None:
         "--count", type=arguments.positive_count, default=6, help="how many actions (default: 6)"
     )
     parser.add_argument("--agent", default="human", help="robot or human (default)")
-    parser.add_argument("--material", default="flour", help="flour, sand or dough")
+    arguments.add_material(parser)
     parser.add_argument("--bed", default="flat", help="flat, irregular or curved")
     parser.add_argument(
         "--still-frames", type=arguments.positive_count, default=10,

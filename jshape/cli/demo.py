@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from jshape.cli import arguments
+from jshape.io.simulated import agent_of, material_of
 from jshape.planning.devices import over_devices
 
 
@@ -19,8 +20,8 @@ def demo(options: argparse.Namespace) -> dict[str, Any]:
         seed=options.seed,
         actions=options.actions,
         max_steps=options.max_steps,
-        material=options.material,
-        agent=options.agent,
+        material=material_of(options.material),
+        agent=agent_of(options.agent),
         replan=not options.open_loop,
         planner=options.planner,
         how=how,
@@ -41,7 +42,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--max-steps", type=arguments.count, default=8, help="most actions to apply"
     )
-    parser.add_argument("--material", default="flour", help="flour, sand or dough")
-    parser.add_argument("--agent", default="robot", help="who acts: robot or human")
+    arguments.add_material(parser)
+    parser.add_argument("--agent", default="robot", help=f"who acts: {arguments.agents_help()}")
     parser.add_argument("--open-loop", action="store_true", help="plan once, then act blindly")
     arguments.add_search(parser)

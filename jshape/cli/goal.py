@@ -17,14 +17,15 @@ from jshape.cli.goal_sources import NAMES, wanted_of
 from jshape.data.intrinsics import within
 from jshape.data.missing import said as said_of
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.errors import BadCamera, BadImage, UnknownName, quoted
+from jshape.errors import BadCamera, BadImage, quoted
 from jshape.goals import Goal, Limits, bed_map, make_goal, report
 from jshape.goals.goal import BALANCES
 from jshape.io import banks, cameras, drawings, files, folders, formats, images
 from jshape.io.frames import Source, frame_of, source_of
+from jshape.io.simulated import material_of
 from jshape.models.bank import Bank
 from jshape.planning.api import DEFAULT_BANK
-from jshape.sim.material import MATERIALS
+from jshape.sim.material import MATERIALS, Material
 from jshape.viz.style import drawn
 
 FLAT = "flat"
@@ -55,8 +56,7 @@ def goal(options: argparse.Namespace) -> dict[str, Any]:
     """Make a goal, print and write."""
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=CONTENTS)
-    if options.material not in MATERIALS:
-        raise UnknownName("material", options.material, MATERIALS)
+    material = material_of(options.material)
     bank = banks.load_bank(options.bank or DEFAULT_BANK)
     now = _bed(options, bank)
     at = window_of(bank.camera, now.camera)
@@ -65,9 +65,8 @@ def goal(options: argparse.Namespace) -> dict[str, Any]:
         now.depth, now.camera, window=window, max_missing=options.max_missing, where=options.bed
     )
     wanted = wanted_of(options, bed, now.camera, now.source, bank)
-    material = MATERIALS[options.material]
     limits = Limits(
-        steepest=_steepest(options, wanted.stands),
+        steepest=_steepest(options, material, wanted.stands),
         floor=options.floor_mm / 1e3,
         reach=_reach(options.reach, now.camera),
     )
@@ -79,7 +78,7 @@ def goal(options: argparse.Namespace) -> dict[str, Any]:
         "assumed": wanted.assumed,
         "size_mm": wanted.size_mm,
         "at": wanted.at,
-        "material": options.material,
+        "material": material.name,
         "window": None if window is None else list(window),
         "level_m": bed.level,
         "filled": bed.filled,
@@ -123,7 +122,7 @@ def _bed(options: argparse.Namespace, bank: Bank) -> Bed:
     return Bed(raw, depth, camera, source, left_out)
 
 
-def _steepest(options: argparse.Namespace, stands: bool) -> float:
+def _steepest(options: argparse.Namespace, material: Material, stands: bool) -> float:
     """Rise over run that the goal may have: as asked for, or as the material holds it.
 
     A drawing is loose material at its angle of repose; what a camera saw or a hand pressed
@@ -131,7 +130,6 @@ def _steepest(options: argparse.Namespace, stands: bool) -> float:
     """
     if options.slope is not None:
         return math.tan(math.radians(options.slope))
-    material = MATERIALS[options.material]
     return float(material.steepest) if stands else math.tan(float(material.repose))
 
 
@@ -268,8 +266,8 @@ def add(commands: Any) -> None:
     )
     parser.add_argument(
         "--material", default="flour",
-        help=f"{', '.join(MATERIALS)}: slopes are at most its angle of repose, and of frames and "
-        "actions what it holds when pressed (default: flour)",
+        help=f"{', '.join(MATERIALS)} or FILE.toml: slopes are at most its angle of repose, "
+        "and of frames and actions what it holds when pressed (default: flour)",
     )  # fmt: skip
     parser.add_argument("--slope", type=_slope, metavar="DEG", help="steepest slope instead")
     parser.add_argument(

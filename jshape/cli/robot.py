@@ -13,6 +13,7 @@ import numpy as np
 from jshape.cli import arguments, cameras
 from jshape.errors import JShapeError, one_line
 from jshape.io import folders, runs
+from jshape.io.simulated import material_of
 from jshape.models.bank import Bank
 from jshape.planning.plan import Plan
 from jshape.robot.arms.base import stop_arm
@@ -40,7 +41,7 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
     """
     if not options.resume:
         folders.check_target(options.out, options.overwrite, contents=(*runs.CONTENTS, *CONTENTS))
-    hand = load_hand(options.hand)
+    hand, material = load_hand(options.hand), material_of(options.material)
     base_camera = options.base and read_base_camera(options.base, options.gripper)
     with ExitStack() as stack:
         for number in SIGNALS:
@@ -49,7 +50,7 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
         if eye is not None:
             eye = GuardedCamera(eye)
             stack.callback(_let_go, eye)
-        opened = open_arm(options.arm, bank.camera, material=options.material, say=say)
+        opened = open_arm(options.arm, bank.camera, material=material, say=say)
         arm = GuardedArm(opened.arm)
         stack.callback(_let_go, arm)
         stack.callback(stop_arm, arm)
@@ -234,7 +235,7 @@ def add_robot(parser: argparse.ArgumentParser, arm: str | None = "dry") -> None:
     parser.add_argument(
         "--hand", type=Path, metavar="FOLDER", help="limits.yaml and ACTION.yaml (the twin's)"
     )
-    parser.add_argument("--material", default="flour", help="of a simulated bed (flour)")
+    arguments.add_material(parser)
     parser.add_argument(
         "--frames", type=arguments.positive_count, default=15, help="of a look (15)"
     )

@@ -29,8 +29,8 @@ class SimulatedWorld:
         key: Key[Array, ""],
         bed: sim.Bed,
         *,
-        material: str = "flour",
-        agent: str = "robot",
+        material: str | sim.Material = "flour",
+        agent: str | sim.Agent = "robot",
         camera: Camera = PAPER_BOX,
         frames: int = 5,
         noise: float = 0.00045,
@@ -43,17 +43,14 @@ class SimulatedWorld:
         Raises:
           UnknownName: no such material or agent.
         """
-        for what, name, allowed in (
-            ("material", material, sim.MATERIALS),
-            ("agent", agent, sim.AGENTS),
-        ):
-            if name not in allowed:
-                raise UnknownName(what, name, allowed)
+        if isinstance(agent, str) and agent not in sim.AGENTS:
+            raise UnknownName("agent", agent, sim.AGENTS)
         self.bed = bed
         self.camera = camera
         self._key = key
-        self._material = material
-        self._agent = agent
+        self._material = sim.read_material(material)
+        self.agent = agent
+        """Whose hand it is, or the name."""
         self._frames = frames
         self._noise = noise
         self._spread = spread
@@ -91,7 +88,7 @@ class SimulatedWorld:
             self._next_key(),
             self.bed,
             self._material,
-            (action, self._agent),
+            (action, self.agent),
             xy,
             depth_scale=strength,
             yaw=yaw,

@@ -16,6 +16,7 @@ from jshape.camera import Camera
 from jshape.errors import JShapeError
 from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.signals import uninterrupted
+from jshape.sim.material import Material
 
 POSTURES = ("claw", "closed", "fist", "side", "point", "pinch_open", "pinch_closed")
 """What the bundled files of actions ask of a hand."""
@@ -171,7 +172,7 @@ class ArmSettings(NamedTuple):
 
     camera: Camera
     """The bank's; the camera above a simulated bed is like it."""
-    material: str = "flour"
+    material: str | Material = "flour"
     """Of a simulated bed."""
     say: Callable[[str], object] = print
     """Told what a dry run would do."""

@@ -274,7 +274,7 @@ class Ready(NamedTuple):
 def make_twin(
     key: Key[Array, ""] | int,
     bed: sim.Bed,
-    material: str = "flour",
+    material: str | sim.Material = "flour",
     obstacle: Obstacle | None = None,
     *,
     camera: Camera = D435_BAZAR,

@@ -8,6 +8,7 @@ from jshape.robot.arms.dry_run import open_dry_run
 from jshape.robot.arms.mujoco import open_twin
 from jshape.robot.arms.simulated import open_simulated
 from jshape.robot.registry import Row, open_device
+from jshape.sim.material import Material
 
 ARMS: dict[str, Row[ArmSettings, OpenedArm]] = {
     "dry": Row(open_dry_run, "says what it would do; needs a camera"),
@@ -18,7 +19,11 @@ ARMS: dict[str, Row[ArmSettings, OpenedArm]] = {
 
 
 def open_arm(
-    text: str, camera: Camera, *, material: str = "flour", say: Callable[[str], object] = print
+    text: str,
+    camera: Camera,
+    *,
+    material: str | Material = "flour",
+    say: Callable[[str], object] = print,
 ) -> OpenedArm:
     """The arm that a text names, and what comes with it.
 

@@ -136,9 +136,9 @@ class SimulatedArm:
         share = (point[2] - self._surface) / max(self._wanted, 1e-6)
         if share <= 0.02:  # it touched, no more
             return
-        if doing.action not in sim.ACTIONS:
-            raise ArmError(f"the simulated hand cannot {doing.action}; it can: "
-                           f"{', '.join(sim.ACTIONS)}")  # fmt: skip
+        known = sim.actions_of(self.world.agent)
+        if doing.action not in known:
+            raise ArmError(f"the simulated hand cannot {doing.action}; it can: {', '.join(known)}")
         # Places are pixels of points at the paper's depth, wherever the surface is.
         u = point[0] / PAPER_Z * float(camera.fx) + float(camera.u0)
         v = point[1] / PAPER_Z * float(camera.fy) + float(camera.v0)

@@ -14,7 +14,7 @@ from jshape.robot.arms.base import OpenedArm
 from jshape.robot.arms.dry_run import DryRun
 from jshape.robot.arms.names import ARMS, open_arm
 from jshape.robot.cameras.names import CAMERAS, open_camera
-from jshape.robot.registry import Row, seed_of
+from jshape.robot.registry import DeviceKind, seed_of
 
 HOST = "192.168.0.1:30002"
 
@@ -50,8 +50,8 @@ def toys(monkeypatch):
         opened[-1].name = f"toy at {address}"
         return OpenedArm(opened[-1])
 
-    monkeypatch.setitem(CAMERAS, "toy", Row(camera, "a toy", ":HOST:PORT"))
-    monkeypatch.setitem(ARMS, "toy", Row(arm, "a toy", ":HOST:PORT"))
+    monkeypatch.setitem(CAMERAS, "toy", DeviceKind(camera, "a toy", ":HOST:PORT"))
+    monkeypatch.setitem(ARMS, "toy", DeviceKind(arm, "a toy", ":HOST:PORT"))
     return opened
 
 

@@ -1,6 +1,5 @@
 """The physics twin: its numbers, its eyes, its reach, and what it does to the bed."""
 
-import os
 import subprocess
 import sys
 import threading
@@ -339,7 +338,7 @@ def test_stop_is_always_possible_and_home_lifts_first(fresh, hand):
 
 
 def test_a_bystander_sees_the_robot(fresh):
-    from jshape.robot.twin.picture import Bystander, strip
+    from benchmarks.experiments.bystander import Bystander, strip
 
     with Bystander(fresh.arm.twin, size=(160, 120)) as bystander:
         picture = bystander.picture()
@@ -368,38 +367,6 @@ def test_all_places_of_the_paper():
         assert row["completed"] == row["trials"] == 15, row
         assert row["collisions"] == 0 and row["joint_margin_degrees"] > 0, row
         assert row["place_error_mm"]["mean"] <= 2.0, row
-
-
-TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-
-
-def test_meshes_are_drawn_where_a_copy_of_the_menagerie_is(tmp_path, monkeypatch):
-    from jshape.robot.twin.model import build
-
-    folder = tmp_path / "kuka_iiwa_14"
-    (folder / "assets").mkdir(parents=True)
-    (folder / "assets" / "part.obj").write_text(TETRAHEDRON)
-    (folder / "iiwa14.xml").write_text(
-        """<mujoco><compiler meshdir="assets"/><asset><mesh file="part.obj"/></asset>
-        <worldbody><body name="base"><geom type="mesh" mesh="part"/>
-        <body name="link1" pos="0 0 0.1575"><joint axis="0 0 1"/><geom type="mesh" mesh="part"/>
-        <body name="link2" pos="0 0 0.2025" quat="0 0 1 1"><joint axis="0 0 1"/>
-        <geom type="mesh" mesh="part"/></body></body></body></worldbody></mujoco>"""
-    )
-    monkeypatch.setenv("MENAGERIE_ROOT", str(tmp_path))
-    model = build(sim.flat_bed()).model
-    drawn = [
-        k for k in range(model.ngeom) if model.geom_dataid[k] >= 0 and model.geom(k).name == ""
-    ]
-    assert model.nmesh == 1 and len(drawn) == 3
-    assert not model.geom_contype[drawn].any()
-
-
-@pytest.mark.skipif(not os.environ.get("MENAGERIE_ROOT"), reason="no copy of the Menagerie")
-def test_the_real_menagerie_is_drawn(engine):
-    from jshape.robot.twin.model import build
-
-    assert build(sim.flat_bed()).model.nmesh >= 7
 
 
 def test_another_thread_stops_a_motion_from_its_first_moment(fresh):

@@ -19,7 +19,7 @@ from jshape.camera import PAPER_BOX
 from jshape.errors import JShapeError
 from jshape.io import files, folders
 from jshape.robot.arms.mujoco import BOX, Ready, make_twin
-from jshape.robot.procedure import Done, Hand, perform
+from jshape.robot.procedure import Hand, OperationResult, perform
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.surface import surface_point
 from jshape.robot.twin import engine, iiwa
@@ -151,7 +151,7 @@ def trial(ready: Ready, hand: Hand, action: str, point: np.ndarray) -> dict[str,
         nonlocal least
         least = min(least, float((iiwa.RANGES - np.abs(twin.joints())).min()))
 
-    done: list[Done] = []
+    done: list[OperationResult] = []
     before, arm.watch = arm.watch, watch
     try:
         perform(arm, hand, action, point, ready.base_camera, told=done.append)

@@ -10,15 +10,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.experiments.bystander import Bystander, strip
 from benchmarks.experiments.twin import ACTIONS, BOX
 from jshape import sim
 from jshape._typing import Num
 from jshape.errors import BadFile
 from jshape.io import files
 from jshape.robot.arms.mujoco import Ready, make_twin
-from jshape.robot.procedure import Done, Hand, perform
+from jshape.robot.procedure import Hand, OperationResult, perform
 from jshape.robot.procedure_file import load_hand
-from jshape.robot.twin.picture import Bystander, strip
 from jshape.robot.twin.world import Twin
 
 PLACE = (0.0, -0.02, sim.SURFACE)
@@ -43,7 +43,7 @@ def operations_strip(
         ready = _ready()
         with _bystander(ready, SMALL) as bystander:
 
-            def told(done: Done, see: Bystander = bystander, name: str = name) -> None:
+            def told(done: OperationResult, see: Bystander = bystander, name: str = name) -> None:
                 pictures.append(see.picture())
                 titles.append(f"{name}: {done.operation}")
 

@@ -13,7 +13,6 @@ from jshape.camera import PAPER_BOX
 from jshape.cli import arguments
 from jshape.data.simulate import DEPTH_UNIT, look
 from jshape.io import cameras, files, folders, images
-from jshape.robot.rigid import inverse
 from jshape.robot.simulated import SimulatedWorld, bed_of
 
 CONTENTS = ("camera.json", "now.png", "wanted.png", "poses.json")
@@ -70,7 +69,7 @@ def _poses(rng: np.random.Generator) -> str:
         turned = rng.uniform((145, -35, -60), (215, 35, 60))
         gripper = pose(turned, rng.uniform((0.43, -0.10, 0.23), (0.67, 0.14, 0.36)))
         wrong = pose(NOISE_DEG * rng.normal(size=3), NOISE_MM / 1e3 * rng.normal(size=3))
-        seen = inverse(camera) @ gripper @ target @ wrong
+        seen = np.linalg.inv(camera) @ gripper @ target @ wrong
         both = {"base_gripper": gripper, "camera_target": seen}
         pairs.append({name: matrix.round(6).tolist() for name, matrix in both.items()})
     return json.dumps(pairs) + "\n"

@@ -51,7 +51,7 @@ class Stop(StrEnum):
     """Why the loop ended."""
 
     CONVERGED = "the distance is within the tolerance"
-    NO_IMPROVEMENT = "no action is predicted to help by more than it must"
+    NO_IMPROVEMENT = "no action is predicted to gain more than min_gain"
     MAX_STEPS = "as many actions as allowed"
     WORSE = "the last actions, or the last one, did not lower the distance"
     BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"

@@ -10,7 +10,7 @@ import yaml
 
 from jshape.errors import BadFile, one_line, quoted
 from jshape.io.files import read_bytes
-from jshape.robot.procedure import IN_THE_AIR, NAMES, Hand, Limits, Operation, Procedure
+from jshape.robot.procedure import IN_THE_AIR, NAMES, ArmLimits, Hand, Operation, Procedure
 
 LIMITS = "limits.yaml"
 FILE_LIMIT = 2**16
@@ -152,13 +152,13 @@ def _operation(content: dict[str, Any], where: str) -> Operation:
     return Operation(**read)
 
 
-def _limits(path: Path) -> Limits:
-    content = _mapping(_parsed(path), [field.name for field in fields(Limits)], str(path))
+def _limits(path: Path) -> ArmLimits:
+    content = _mapping(_parsed(path), [field.name for field in fields(ArmLimits)], str(path))
     read: dict[str, Any] = {}
     for name, value in content.items():
         several = name in ("low_mm", "high_mm")
         read[name] = (_three if several else _number)(value, f"{path}: {name}")
-    made = Limits(**read)
+    made = ArmLimits(**read)
     if not all(low < high for low, high in zip(made.low_mm, made.high_mm, strict=True)):
         raise BadFile(f"{path}: low_mm {made.low_mm} is not below high_mm {made.high_mm}")
     room = max(high - low for low, high in zip(made.low_mm, made.high_mm, strict=True))

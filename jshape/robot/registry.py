@@ -15,7 +15,7 @@ Device = TypeVar("Device")
 
 
 @dataclass(frozen=True)
-class Row(Generic[Settings, Device]):
+class DeviceKind(Generic[Settings, Device]):
     """One kind of device."""
 
     open: Callable[[str, Settings], Device]
@@ -26,18 +26,18 @@ class Row(Generic[Settings, Device]):
     """How an address is written behind the name, as `[:SEED]` or `:HOST:PORT`; "" for none."""
 
 
-def usage(rows: Mapping[str, Row]) -> list[str]:
+def usage(rows: Mapping[str, DeviceKind]) -> list[str]:
     """How each device of a table is named: `["dry", "sim[:SEED]"]`."""
     return [f"{name}{row.address}" for name, row in rows.items()]
 
 
-def described(rows: Mapping[str, Row]) -> str:
+def described(rows: Mapping[str, DeviceKind]) -> str:
     """The same with what each of them is, for the help of an option."""
     return ", ".join(f"{name}{row.address} ({row.help})" for name, row in rows.items())
 
 
 def open_device(
-    text: str, rows: Mapping[str, Row[Settings, Device]], settings: Settings, what: str
+    text: str, rows: Mapping[str, DeviceKind[Settings, Device]], settings: Settings, what: str
 ) -> Device:
     """The device that a text names.
 
@@ -56,7 +56,7 @@ def open_device(
             f"{quoted(text)} is not {what}; allowed: {', '.join(usage(rows))}"
             f"{did_you_mean(name, rows)}"
         )
-    row: Row[Settings, Any] = rows[name]
+    row: DeviceKind[Settings, Any] = rows[name]
     if address and not row.address:
         raise JShapeError(f"{one_line(text, 80)}: {name} takes no address")
     if not address and row.address and not row.address.startswith("["):

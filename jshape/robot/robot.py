@@ -15,7 +15,7 @@ from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import FRAMES, DepthCamera, look
 from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.checks import check_clear
-from jshape.robot.procedure import Done, Hand, perform, prepare
+from jshape.robot.procedure import Hand, OperationResult, perform, prepare
 from jshape.robot.surface import surface_point
 
 
@@ -32,7 +32,7 @@ class Robot(AbstractContextManager):
         base_camera: Float[np.ndarray, "4 4"] | None = None,
         frames: int = FRAMES,
         reproject: bool = False,
-        told: Callable[[Done], None] = lambda done: None,
+        told: Callable[[OperationResult], None] = lambda done: None,
         looked: Callable[[np.ndarray], None] = lambda depth: None,
     ):
         """A robot whose looks are those of a bank's camera.

@@ -2,7 +2,7 @@
 
 A run's folder holds the goal (`goal.npy`), a look before anything (`start.png`), a frame and a line
 in `steps.jsonl` per action, all that happened in `log.jsonl`, and at the end pictures and
-`summary.json`.  Whatever ends it, the arm is stopped first.
+`summary.json`.  Any end of the run stops the arm first.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from jshape.models.bank import Bank
 from jshape.planning.plan import Plan
 from jshape.robot.arms.base import stop_arm
 from jshape.robot.loop import Molding, Step, Stop, mold
-from jshape.robot.procedure import NAMES, Done
+from jshape.robot.procedure import NAMES, OperationResult
 from jshape.robot.robot import Robot
 from jshape.robot.signals import uninterrupted
 
@@ -226,7 +226,7 @@ class Session:
         elif files.read_json(path).get("sha256") != mark:
             raise BadFile(f"{self.run.folder}: the run was begun with another plan")
 
-    def _operation(self, done: Done) -> None:
+    def _operation(self, done: OperationResult) -> None:
         self._operations.append(done._asdict())
         self._note("operation", **done._asdict())
 

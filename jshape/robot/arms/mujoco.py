@@ -31,7 +31,7 @@ from jshape.robot.registry import seed_of
 from jshape.robot.simulated import bed_of
 from jshape.robot.twin import fingers
 from jshape.robot.twin.model import FLOOR, RIM, Obstacle
-from jshape.robot.twin.press import Press
+from jshape.robot.twin.press import BedPress
 from jshape.robot.twin.world import Twin
 
 BOX = (0.50, 0.40)
@@ -103,7 +103,7 @@ class MuJoCoArm:
         """Called after every step of the physics."""
         self._tool = np.eye(4)
         self._doing: Doing | None = None
-        self._press: Press | None = None
+        self._press: BedPress | None = None
         self._mover: int | None = None  # the thread that moves it
         self._halt = threading.Event()  # another thread wants it to stand still
 
@@ -248,9 +248,9 @@ class MuJoCoArm:
                 return Moved(True, greatest, self.pose())
         return Moved(False, greatest, self.pose())
 
-    def _pressing(self, doing: Doing, pose: np.ndarray) -> Press:
+    def _pressing(self, doing: Doing, pose: np.ndarray) -> BedPress:
         try:
-            return Press(self.twin, doing, self.pose(), np.asarray(pose, float), REFRESH)
+            return BedPress(self.twin, doing, self.pose(), np.asarray(pose, float), REFRESH)
         except (UnknownName, BadPosition) as problem:
             raise ArmError(str(problem)) from None
 

@@ -7,13 +7,13 @@ from jshape.robot.arms.base import ArmSettings, OpenedArm
 from jshape.robot.arms.dry_run import open_dry_run
 from jshape.robot.arms.mujoco import open_twin
 from jshape.robot.arms.simulated import open_simulated
-from jshape.robot.registry import Row, open_device
+from jshape.robot.registry import DeviceKind, open_device
 from jshape.sim.material import Material
 
-ARMS: dict[str, Row[ArmSettings, OpenedArm]] = {
-    "dry": Row(open_dry_run, "says what it would do; needs a camera"),
-    "sim": Row(open_simulated, "a hand over a simulated bed, with its camera", "[:SEED]"),
-    "mujoco": Row(open_twin, "the robot's physics twin, with its camera", "[:SEED]"),
+ARMS: dict[str, DeviceKind[ArmSettings, OpenedArm]] = {
+    "dry": DeviceKind(open_dry_run, "says what it would do; needs a camera"),
+    "sim": DeviceKind(open_simulated, "a hand over a simulated bed, with its camera", "[:SEED]"),
+    "mujoco": DeviceKind(open_twin, "the robot's physics twin, with its camera", "[:SEED]"),
 }
 """Every kind of arm; a new one is a file and a row here."""
 

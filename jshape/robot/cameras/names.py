@@ -12,16 +12,16 @@ from jshape.robot.cameras.files import FILES, PICTURES, format_of, open_file
 from jshape.robot.cameras.realsense import open_realsense
 from jshape.robot.cameras.simulated import open_simulated
 from jshape.robot.cameras.window import Window
-from jshape.robot.registry import Row, open_device, usage
+from jshape.robot.registry import DeviceKind, open_device, usage
 
-CAMERAS: dict[str, Row[CameraSettings, DepthCamera]] = {
-    "realsense": Row(
+CAMERAS: dict[str, DeviceKind[CameraSettings, DepthCamera]] = {
+    "realsense": DeviceKind(
         open_realsense,
         "a connected RealSense, one of several, or what its SDK recorded",
         "[:SERIAL|:FILE.db3]",
     ),
-    "sim": Row(open_simulated, "a simulated camera above a levelled bed", "[:SEED]"),
-    "file": Row(open_file, "a file or folder, as below; its PATH alone will do", ":PATH"),
+    "sim": DeviceKind(open_simulated, "a simulated camera above a levelled bed", "[:SEED]"),
+    "file": DeviceKind(open_file, "a file or folder, as below; its PATH alone will do", ":PATH"),
 }
 """Every kind of camera; a new one is a file and a row here, a new file format a row in `FILES`."""
 

@@ -32,7 +32,7 @@ FARTHEST = 1
 _POLL_MS = 200
 
 
-class Source(NamedTuple):
+class FrameSource(NamedTuple):
     """Where depth frames of the SDK come from."""
 
     name: str
@@ -56,7 +56,7 @@ class RealSense(AbstractContextManager):
         serial: str | None = None,
         *,
         file: str | Path | None = None,
-        source: Source | None = None,
+        source: FrameSource | None = None,
         size: tuple[int, int] = (848, 480),
         fps: int = 30,
         z_range: tuple[float, float] = Z_RANGE,
@@ -88,7 +88,7 @@ class RealSense(AbstractContextManager):
         rs = sdk()
         if source is None:
             source = played(file) if file is not None else connected(serial, size, fps)
-        self._source: Source | None = source
+        self._source: FrameSource | None = source
         try:
             self.name = source.name
             self.depth_unit = source.unit
@@ -122,7 +122,7 @@ class RealSense(AbstractContextManager):
             frame = each.process(frame)
         return np.array(frame.as_depth_frame().get_data())
 
-    def _next(self, source: Source) -> Any:
+    def _next(self, source: FrameSource) -> Any:
         until = time.monotonic() + self._timeout
         while True:
             ended = source.ended()  # asked before: a last frame may have come before the end
@@ -206,7 +206,7 @@ def sdk() -> Any:
     return rs
 
 
-def connected(serial: str | None, size: tuple[int, int], fps: int) -> Source:
+def connected(serial: str | None, size: tuple[int, int], fps: int) -> FrameSource:
     """Frames of a device that is plugged in.  Raises CameraLost if it is not, or does not start."""
     rs = sdk()
     found = devices()  # the pipeline would wait a quarter of a minute for one to come
@@ -229,7 +229,7 @@ def connected(serial: str | None, size: tuple[int, int], fps: int) -> Source:
     return _piped(rs, pipe, started, live=True)
 
 
-def played(file: str | Path) -> Source:
+def played(file: str | Path) -> FrameSource:
     """Every frame of a recording of the SDK.  Raises BadFile if it cannot be played."""
     rs = sdk()
     file = Path(file)
@@ -254,7 +254,7 @@ def played(file: str | Path) -> Source:
     return _piped(rs, pipe, started, live=False)
 
 
-def queued(queue: Any, profile: Any, unit: float, name: str = "RealSense") -> Source:
+def queued(queue: Any, profile: Any, unit: float, name: str = "RealSense") -> FrameSource:
     """Frames that a started sensor of the SDK puts into an `rs.frame_queue`.
 
     Args:
@@ -269,10 +269,10 @@ def queued(queue: Any, profile: Any, unit: float, name: str = "RealSense") -> So
         return frame if there else None
 
     video = profile.as_video_stream_profile()
-    return Source(name, video, _decimal(unit), wait, lambda: False, lambda: None, True)
+    return FrameSource(name, video, _decimal(unit), wait, lambda: False, lambda: None, True)
 
 
-def _piped(rs: Any, pipe: Any, started: Any, *, live: bool) -> Source:
+def _piped(rs: Any, pipe: Any, started: Any, *, live: bool) -> FrameSource:
     def wait(milliseconds: int) -> Any:
         there, frames = pipe.try_wait_for_frames(milliseconds)
         frame = frames.get_depth_frame() if there else None
@@ -284,7 +284,7 @@ def _piped(rs: Any, pipe: Any, started: Any, *, live: bool) -> Source:
         name = device.get_info(rs.camera_info.name)
         if device.supports(rs.camera_info.serial_number):
             name += f" {device.get_info(rs.camera_info.serial_number)}"
-        return Source(
+        return FrameSource(
             name,
             started.get_stream(rs.stream.depth).as_video_stream_profile(),
             _decimal(device.first_depth_sensor().get_depth_scale()),

@@ -191,16 +191,16 @@ def _stand_ins(monkeypatch):
     A camera is a simulated one with somebody who presses Ctrl-C when 20 frames are recorded; the
     viewer's server is real and ends at once; of the studio all is real but its server.
     """
-    from jshape.robot.cameras import names
+    from jshape.robot.cameras import realsense
 
-    words, real = [], names.RealSense
+    words, real = [], realsense.RealSense
 
     def plugged(serial=None, *, file=None, **options):
         if file is not None:
             return real(serial, file=file, **options)
         return docs_inputs.camera(20 if words[0] == "record" else None)
 
-    monkeypatch.setattr(names, "RealSense", plugged)
+    monkeypatch.setattr(realsense, "RealSense", plugged)
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
     if find_spec("viser"):
         monkeypatch.setattr("jshape.app.view.browser.Viewer.wait", _interrupted)

@@ -1,6 +1,7 @@
 """A camera and an arm of somebody's own: a row each, and the command line opens them."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from jshape.robot.arms.dry_run import DryRun
 from jshape.robot.arms.names import ARMS, open_arm
 from jshape.robot.cameras.names import CAMERAS, open_camera
 from jshape.robot.registry import DeviceKind, seed_of
+from tests.conftest import ROOT
 
 HOST = "192.168.0.1:30002"
 
@@ -90,3 +92,15 @@ def test_a_wrong_name_or_address_is_refused(toys):
         with pytest.raises(JShapeError, match=said):
             open_arm(text, PAPER_BOX)
     assert seed_of("") == 0 and seed_of("4294967295") == 2**32 - 1
+
+
+def test_contributing_names_tables_that_are_there():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = re.findall(r"`([A-Z]+)` in `(jshape/[\w/]+\.py)`", text)
+    assert {table for table, _ in named} == {
+        *("FITTERS", "KINDS", "PLANNERS", "CAMERAS", "ARMS", "MATERIALS")
+    }
+    for table, file in named:
+        assert re.search(rf"^{table}\b.* = ", (ROOT / file).read_text(encoding="utf-8"), re.M), file
+    for folder in re.findall(r"`(jshape/[\w/]+)/NAME\.py`", text):
+        assert (ROOT / folder).is_dir(), folder

@@ -20,7 +20,7 @@ from jshape.robot.arms.base import PoseRefused
 from jshape.robot.pose_file import CameraPose, write_pose
 from jshape.robot.procedure import Hand, Operation, Procedure
 from jshape.robot.procedure_file import load_hand
-from jshape.robot.rigid import BadPose, inverse, pose_at
+from jshape.robot.rigid import BadPose, pose_at
 from jshape.robot.surface import surface_point
 from jshape.robot.waypoints import waypoints_of
 
@@ -103,7 +103,7 @@ def test_from_the_base_they_go_back_through_the_camera(plan):
     for path, seen, expected in zip(
         ways.actions, beside.actions, plan.exact_positions, strict=True
     ):
-        back = (inverse(BASE) @ np.append(path.surface, 1.0))[:3]
+        back = (np.linalg.inv(BASE) @ np.append(path.surface, 1.0))[:3]
         np.testing.assert_allclose(pixel(back, PAPER_Z), expected, atol=1e-6)
         for a, b in zip(path.waypoints, seen.waypoints, strict=True):
             if a.pose is not None:

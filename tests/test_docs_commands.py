@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import grid
 from benchmarks.experiments import __main__ as experiments
 from jshape.cli import main as cli
 from jshape.cli.parser import build_parser
@@ -41,8 +42,7 @@ NEEDS = {
 }
 """The package without which a command with that word cannot run."""
 PARSED = {
-    "jshape train pairs --kind CR --out bank --coordinator": "two processes: test_distributed.py",
-    "jshape grid train pairs --kinds CR DCR --out runs/grid --engine ray": "needs a cluster of Ray",
+    "python -m benchmarks.grid train pairs --kinds CR DCR --out": "needs a cluster of Ray",
 }
 """Commands that are only parsed, by how they begin, and why."""
 QUICK_NETWORKS = "--width 4 --epochs 1 --partitions 1"
@@ -73,8 +73,8 @@ SLOW = {
     "jshape train scraped": "",
     "jshape dataset simulate clay-pairs": "--pairs 4",
     "jshape dataset simulate scraped": "",
-    "jshape grid train": QUICK_NETWORKS,
-    "jshape grid simulate": "--pairs 2",
+    "python -m benchmarks.grid train": QUICK_NETWORKS,
+    "python -m benchmarks.grid simulate": "--pairs 2",
     "python -m benchmarks.experiments": "--quick",
 }
 """By how they begin, commands of more than 15 s on two cores, and those that other pages have in
@@ -95,6 +95,7 @@ COMMANDS = {path: list(commands(path.read_text(encoding="utf-8"))) for path in P
 PROGRAMS = {
     "jshape ": (cli.main, build_parser),
     "python -m benchmarks.experiments ": (experiments.main, experiments.build_parser),
+    "python -m benchmarks.grid ": (grid.main, grid.build_parser),
 }
 """Our command lines, by how they begin."""
 OURS = [
@@ -170,7 +171,9 @@ def reader(tmp_path, monkeypatch, kept):
         for name in [input_of(word) for word in words if word != str(out)]:
             if name is not None and supplied:
                 supply(name)
-        again = out is not None and out.exists() and words[:2] != ["grid", "train"]  # which goes on
+        again = (
+            out is not None and out.exists() and words[0] != "train" or "kinds" not in options
+        )  # which goes on
         if again and options.get("overwrite") is False:
             words.append("--overwrite")
         try:
@@ -301,8 +304,8 @@ def test_commands_of_other_programs():
                 module = find_spec(words[2])
                 text = Path(module.origin).read_text()
                 assert all(f'"{w}"' in text for w in words if w.startswith("--")), command
-            elif " -- jshape " in command:
-                build_parser().parse_args(_words(command.rpartition(" -- ")[2]))
+            elif " -- python -m benchmarks.grid " in command:
+                grid.build_parser().parse_args(_words(command.rpartition(" -- ")[2]))
             elif begin not in ("ray ", "cd "):
                 assert (ROOT / words[-1]).exists(), command
 

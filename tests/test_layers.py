@@ -16,7 +16,7 @@ FLOORS = (
     {"io", "learn"},
     {"planning", "goals"},
     {"robot", "__init__"},
-    {"app", "demo", "grid"},
+    {"app", "demo"},
     {"cli"},
     {"__main__"},
 )

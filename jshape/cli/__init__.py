@@ -14,7 +14,6 @@ COMMANDS = {
     "dataset": "make and inspect data sets",
     "train": "fit a bank to a data set",
     "evaluate": "prediction errors in mm: of a bank, or over random partitions of the data set",
-    "grid": "many trainings or simulations in independent pieces, here or on a Ray cluster",
     "record": "record depth frames, for data sets; Ctrl-C ends it and keeps them",
     "camera": "check a depth camera's set-up; list cameras",
     "calibrate": "where the camera is, from pairs of poses of the gripper and a target (hand-eye)",

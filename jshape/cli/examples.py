@@ -74,16 +74,6 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("jshape evaluate pairs --bank my-bank", "a bank on data that it has not seen"),
         ("jshape evaluate pairs --start pressed-flour-human --few 5 10", "adapted with few"),
     ),
-    "grid train": (
-        ("jshape grid train pairs --kinds D C CR --width 8 --epochs 100 --out runs/grid",
-         "goes on where it was stopped"),
-        ("jshape grid train pairs --kinds CR DCR --engine ray --address auto --out runs/grid",
-         "on the cluster that this machine is in"),
-    ),
-    "grid simulate": (
-        ("jshape grid simulate pairs --pairs 200 --beds irregular flat --engine ray",
-         "on all cores"),
-    ),
     "record": (
         ("jshape record realsense --out recording", "until Ctrl-C"),
         ("jshape record sim --frames 3 --out simulated", "without a camera"),

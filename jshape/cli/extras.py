@@ -45,7 +45,7 @@ EXTRAS = (
     Extra("view", "beds and plans in 3-D in a browser", ("viser",)),
     Extra("studio", "the studio in a browser", ("nicegui",)),
     Extra("rerun", "runs in the Rerun viewer", ("rerun",)),
-    Extra("grid", "experiments on several machines", ("ray",)),
+    Extra("grid", "`python -m benchmarks.grid` on several machines", ("ray",)),
     Extra("notebooks", "the lessons", ("ipykernel", "nbclient", "nbformat", "PIL")),
 )  # fmt: skip
 """In the order in which they are told; those for developing jshape are left out."""

@@ -23,7 +23,7 @@ EACH_TIME = ("yes", "overwrite", "resume", "restart", "host")
 line: a file that happens to lie in a folder must not say it."""
 NO_SETTINGS = ("help", "json", "config", "version")
 """Options that say something of one run."""
-OWN_TABLE = ("dataset", "train", "evaluate", "grid")
+OWN_TABLE = ("dataset", "train", "evaluate")
 """Commands about data and measurements, which a camera and a bank for molding must not change: keys
 outside of their own table do not reach them."""
 OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "goal")

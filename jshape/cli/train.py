@@ -13,7 +13,6 @@ from jshape.cli import arguments
 from jshape.cli.tables import print_table
 from jshape.errors import JShapeError
 from jshape.io import banks, checkpoints, datasets, folders
-from jshape.io.shared_checkpoints import SharedCheckpoints
 from jshape.planning import devices
 from jshape.viz.style import drawn
 
@@ -25,22 +24,20 @@ OF_NETWORKS = (*(name for name in arguments.TRAINING if name != "seed"), "morpho
 
 def train(options: argparse.Namespace) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
-    process, mesh = _devices(options)  # first of all: what loads a bank starts JAX
+    mesh = _mesh(options)  # first of all: what loads a bank starts JAX
     from jshape import metric
     from jshape.learn import curves as drawings
     from jshape.learn.fit import fit
     from jshape.learn.held_out import LEAST_PAIRS, without_worse
-    from jshape.learn.shared import shared_over
 
     keeps = options.kind not in WITHOUT_CHECKPOINTS
     if not keeps:
         _refuse_unused(options)
     folders.check_target(options.out, options.overwrite, contents=banks.CONTENTS)
     kept = folders.beside(options.out, ".training")
-    if options.restart and process == 0:
+    if options.restart:
         checkpoints.discard(kept)
-    # Only the first process tries what can be written: the others would see its attempts.
-    resumed = process == 0 and (keeps or kept.is_dir()) and checkpoints.check_folder(kept)
+    resumed = (keeps or kept.is_dir()) and checkpoints.check_folder(kept)
     if resumed and not keeps:
         raise JShapeError(
             f"{kept}: holds an interrupted training of another kind; --restart removes it"
@@ -51,21 +48,20 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     settings = {name: value for name, value in settings.items() if value is not None}
     to_mm = float(metric.to_mm(1.0, pairs.camera))
     going_on = f"going on from {kept} (--restart starts again)"
-    watch = _Watch(to_mm, going_on if resumed and not options.json else "", quiet=process > 0)
-    keep = checkpoints.Checkpoints if options.coordinator is None else SharedCheckpoints
+    watch = _Watch(to_mm, going_on if resumed and not options.json else "")
     try:
-        with shared_over(mesh):
-            bank = fit(
-                pairs,
-                options.kind,
-                start=start,
-                report=watch,
-                keep=(lambda action: keep(kept, action)) if keeps else None,
-                **settings,
-            )
-            watch.close()
-            rows = _held_out(bank, pairs, start, settings)
-            bank = without_worse(bank, pairs, rows)
+        bank = fit(
+            pairs,
+            options.kind,
+            start=start,
+            report=watch,
+            keep=(lambda action: checkpoints.Checkpoints(kept, action)) if keeps else None,
+            mesh=mesh,
+            **settings,
+        )
+        watch.close()
+        rows = _held_out(bank, pairs, start, settings)
+        bank = without_worse(bank, pairs, rows)
     except KeyboardInterrupt:
         watch.close()
         if keeps and kept.is_dir():
@@ -94,8 +90,6 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
         info["training"] = watch.summary()
     result = {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
     result |= {"errors": known, "held_out": compared, "training": info.get("training", {})}
-    if process > 0:  # the first one writes and tells
-        return result
     curves: dict[str, str | bytes] = {}
     if watch.curves:
         curves["curve.csv"] = drawings.curves_csv(watch.curves, to_mm)
@@ -126,20 +120,13 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
-def _devices(options: argparse.Namespace) -> tuple[int, Any]:
-    """The number of this process, and the mesh that shares the batches, or None."""
-    numbers = [name for name in ("processes", "process") if getattr(options, name) is not None]
-    if options.coordinator is None and numbers:
-        raise JShapeError(f"--{numbers[0]} goes with --coordinator HOST:PORT")
-    shared = options.coordinator is not None or options.devices is not None
-    if options.kind in WITHOUT_CHECKPOINTS and shared:
-        name = "coordinator" if options.coordinator is not None else "devices"
-        raise JShapeError(f"--{name}: kind {options.kind} trains no network and does not use it")
-    process = 0
-    if options.coordinator is not None:
-        where = None if options.coordinator == "auto" else options.coordinator
-        process = devices.join(where, options.processes, options.process)
-    return process, devices.mesh_of(options.devices or 1, "batch") if shared else None
+def _mesh(options: argparse.Namespace) -> Any:
+    """The devices that share the batches, or None."""
+    if options.devices is None:
+        return None
+    if options.kind in WITHOUT_CHECKPOINTS:
+        raise JShapeError(f"--devices: kind {options.kind} trains no network and does not use it")
+    return devices.mesh_of(options.devices, "batch")
 
 
 def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> list[Any]:
@@ -170,9 +157,9 @@ def _refuse_unused(options: argparse.Namespace) -> None:
 class _Watch:
     """Progress bars, one per action, and what the curves were; quiet where nobody looks."""
 
-    def __init__(self, to_mm: float, going_on: str = "", *, quiet: bool = False):
+    def __init__(self, to_mm: float, going_on: str = ""):
         self.to_mm = to_mm
-        self.quiet = quiet or not sys.stderr.isatty()
+        self.quiet = not sys.stderr.isatty()
         self.going_on = going_on
         """What to say once a checkpoint was accepted."""
         self.curves: dict[str, tuple] = {}
@@ -250,13 +237,8 @@ def add(commands: Any) -> None:
         help="what B goes through: erode (the paper), dilate (its authors' code)",
     )  # fmt: skip
     parser.add_argument(
-        "--devices", type=arguments.devices, metavar="N",
-        help="CPU devices (of each process) that share a network's batches (1)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--coordinator", metavar="HOST:PORT",
-        help="where process 0 of several is reached that train one bank together; auto: what "
-        "Slurm, Open MPI or Kubernetes say",
-    )  # fmt: skip
-    parser.add_argument("--processes", type=arguments.positive_count, metavar="N", help="in all")
-    parser.add_argument("--process", type=arguments.count, metavar="K", help="this one, from 0")
+        "--devices",
+        type=arguments.devices,
+        metavar="N",
+        help="CPU devices that share a network's batches (1)",
+    )

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+from jax.sharding import Mesh
+
 from jshape.camera import Camera, check_same_camera
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadBank, BadDataset, UnknownName, quoted
@@ -80,6 +82,7 @@ def fit(
     start: Bank | None = None,
     report: Callable[[Progress], None] | None = None,
     keep: Callable[[str], Keep | None] | None = None,
+    mesh: Mesh | None = None,
     **options: Any,
 ) -> Bank:
     """A bank of one kind, fitted to pairs, however good it is: `held_out.fit` asks that.
@@ -106,7 +109,7 @@ def fit(
     predictors = []
     for name in pairs.actions:
         first = start.predictor(name) if start is not None else None
-        hooks = Hooks(name, report, keep(name) if keep is not None else None)
+        hooks = Hooks(name, report, keep(name) if keep is not None else None, mesh)
         try:
             size = first.roi if first is not None else None
             examples = pairs.rois(name, size, padded=first is not None)

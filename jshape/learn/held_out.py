@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 
 from jshape import metric
 from jshape.data.pairs import Examples, Pairs
@@ -85,6 +86,7 @@ def fit(
     start: Bank | None = None,
     report: Callable[[Any], None] | None = None,
     keep: Callable[[str], Any] | None = None,
+    mesh: Mesh | None = None,
     **options: Any,
 ) -> Bank:
     """A bank of one kind, fitted to pairs: one predictor per action in them.
@@ -104,6 +106,7 @@ def fit(
         few pairs are then enough.  Their ROI sizes are used.
       report: told of every epoch of every action's training.
       keep: name of an action -> where its training is saved and resumed from, or None.
+      mesh: devices that share every batch, as `planning.devices.mesh_of` makes it; None is one.
       options: fields of `Training`: epochs, batch, learning_rate, validation, patience, seed, ...
 
     Returns:
@@ -117,7 +120,7 @@ def fit(
       BadCamera: `start` is for another camera.
       JShapeError: an unknown option, or one out of its range.
     """
-    bank = fitting.fit(pairs, kind, start=start, report=report, keep=keep, **options)
+    bank = fitting.fit(pairs, kind, start=start, report=report, keep=keep, mesh=mesh, **options)
     rows = held_out(bank, pairs, start=start, **options)
     for row in rows:
         if warning := row.warning(kind):

@@ -4,13 +4,11 @@ import hashlib
 import os
 import platform
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from jshape.errors import JShapeError
 from jshape.planning.evaluate import ONE_BY_ONE, How
 
 MOST = 8
@@ -24,15 +22,14 @@ def over_devices(count: int | None = None) -> How:
     more, and those that are there are used.  It changes no result.
 
     Args:
-      count: at most so many, of each process; None is as many as this process has cores, at most
-        `MOST`.
+      count: at most so many; None is as many as this process has cores, at most `MOST`.
     """
     mesh = mesh_of(min(cores(), MOST) if count is None else count, "places")
     return ONE_BY_ONE if mesh is None else How(mesh=mesh)
 
 
 def mesh_of(count: int, axis: str) -> Mesh | None:
-    """At most `count` devices of every process, as a mesh with one axis; None if that is only one.
+    """At most `count` devices, as a mesh with one axis; None if that is only one.
 
     As for `over_devices`, devices of the CPU are made if it is not too late.
     """
@@ -40,39 +37,8 @@ def mesh_of(count: int, axis: str) -> Mesh | None:
         jax.config.update("jax_num_cpu_devices", count)
     except RuntimeError:  # too late
         pass
-    theirs: dict[int, list[Any]] = {}
-    for device in jax.devices():
-        theirs.setdefault(device.process_index, []).append(device)
-    devices = [device for mine in theirs.values() for device in mine[:count]]
+    devices = jax.local_devices()[:count]
     return Mesh(np.array(devices), (axis,)) if len(devices) > 1 else None
-
-
-def join(
-    coordinator: str | None = None, processes: int | None = None, process: int | None = None
-) -> int:
-    """Make this process one of several that compute together; `jax.devices()` is then all theirs.
-
-    Call it before anything else of JAX.  The processes must run the same program on the same files.
-
-    Args:
-      coordinator: "HOST:PORT" at which process 0 listens.  None, here and below: what Slurm, Open
-        MPI, Kubernetes or $JAX_COORDINATOR_ADDRESS say.
-      processes: how many there are.
-      process: the number of this one, from 0.
-
-    Returns:
-      The number of this process.
-
-    Raises:
-      JShapeError: a number is missing or wrong, or JAX has computed already.  Where the others do
-        not come within five minutes JAX ends the process.
-    """
-    try:
-        jax.distributed.initialize(coordinator, processes, process)
-    except (RuntimeError, ValueError, IndexError) as problem:
-        lines = str(problem).strip().splitlines() or [type(problem).__name__]
-        raise JShapeError(f"the processes cannot be joined: {lines[0]}") from None
-    return jax.process_index()
 
 
 def remember_compiled(folder: str | os.PathLike | None = None) -> Path | None:

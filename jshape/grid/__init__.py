@@ -1,1 +1,0 @@
-"""Grids of trainings and simulations over several machines."""

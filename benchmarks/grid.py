@@ -157,11 +157,11 @@ def train(options: argparse.Namespace) -> int:
     pairs = load_pairs(options.dataset)
     recipe = {n: getattr(options, n) for n in TRAINING if getattr(options, n) is not None}
     settings_from(recipe)  # checks them
-    there = zip(pairs.agent.tolist(), pairs.action.tolist(), strict=True)
+    groups = dict.fromkeys(zip(pairs.agent.tolist(), pairs.action.tolist(), strict=True))
     cells = [
         Cell(agent, action, kind, partition)
         for partition in range(options.partitions)
-        for agent, action in dict.fromkeys(there)
+        for agent, action in groups
         for kind in dict.fromkeys(options.kinds)
         if agent in (options.agents or (agent,)) and action in (options.actions or (action,))
     ]
@@ -249,10 +249,12 @@ def simulated(shard: Shard, recipe: dict[str, Any]) -> tuple[Shard, Pairs]:
 def simulate(options: argparse.Namespace) -> int:
     """The data set of `jshape dataset simulate`, made in shards."""
     recipe = {name: getattr(options, name) for name in RECIPE}
+    recipe["strengths"] = tuple(options.strengths)
     next(simulate_pairs(jax.random.key(0), 0, **recipe), None)  # checks it
     folders.check_target(options.out, options.overwrite, contents=datasets.CONTENTS)
     kept = folders.beside(options.out, ".shards")
-    wanted = {"seed": options.seed, "pairs": options.pairs, "size": options.size, **recipe}
+    wanted = {"seed": options.seed, "pairs": options.pairs, "size": options.size}
+    wanted |= recipe | {"strengths": options.strengths}
     if kept.exists() and files.read_json(kept / "recipe.json") != wanted:
         raise BadFile(f"{kept}: holds shards of other options; give the same, or remove it")
     files.write_json(kept / "recipe.json", wanted)

@@ -171,9 +171,7 @@ def reader(tmp_path, monkeypatch, kept):
         for name in [input_of(word) for word in words if word != str(out)]:
             if name is not None and supplied:
                 supply(name)
-        again = (
-            out is not None and out.exists() and words[0] != "train" or "kinds" not in options
-        )  # which goes on
+        again = out is not None and out.exists()
         if again and options.get("overwrite") is False:
             words.append("--overwrite")
         try:

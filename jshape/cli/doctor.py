@@ -18,9 +18,8 @@ from jshape.cli.tables import print_table
 
 CORE = {
     "jax": "jax", "jaxlib": "jaxlib", "flax": "flax", "optax": "optax",
-    "orbax-checkpoint": "orbax.checkpoint", "numpy": "numpy", "scipy": "scipy",
-    "opencv-python-headless": "cv2", "matplotlib": "matplotlib", "pyyaml": "yaml",
-    "trimesh": "trimesh", "tqdm": "tqdm", "shtab": "shtab",
+    "numpy": "numpy", "scipy": "scipy", "opencv-python-headless": "cv2",
+    "matplotlib": "matplotlib", "tqdm": "tqdm", "shtab": "shtab",
 }  # fmt: skip
 """What jshape cannot do without: packages, and the module that each brings."""
 BANK = "flour-robot"

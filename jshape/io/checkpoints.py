@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from jshape.errors import BadFile, one_line
+from jshape.errors import BadFile, JShapeError, one_line
 from jshape.io.files import check_writable, inside, read_json, refuse, sha256, write_json
 from jshape.io.folders import atomic_folder
 
@@ -148,9 +148,16 @@ def _whole(place: Path) -> bool:
     return True
 
 
-def _write(place: Path, arrays: dict[str, np.ndarray]) -> None:
-    from orbax.checkpoint import v1 as ocp  # 0.6 s
+def _orbax() -> Any:
+    try:
+        from orbax.checkpoint import v1  # 0.6 s
+    except ImportError:
+        raise JShapeError("checkpoints need Orbax: pip install 'jshape[networks]'") from None
+    return v1
 
+
+def _write(place: Path, arrays: dict[str, np.ndarray]) -> None:
+    ocp = _orbax()
     try:
         # An absolute path: Orbax fails on others.
         ocp.save(str(place.resolve()), {name: np.asarray(array) for name, array in arrays.items()})
@@ -159,10 +166,9 @@ def _write(place: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def _read(place: Path) -> dict[str, np.ndarray]:
-    from orbax.checkpoint import v1 as ocp
-
+    ocp = _orbax()
     try:
         found = ocp.load(str(place.resolve()))
-        return {str(name): np.asarray(array) for name, array in found.items()}  # pyright: ignore
+        return {str(name): np.asarray(array) for name, array in found.items()}
     except Exception as problem:
         raise BadFile(f"{place}: not a readable checkpoint: {one_line(problem)}") from None

@@ -219,7 +219,7 @@ def _parse(path: Path, data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray |
     try:
         import trimesh
     except ImportError:
-        raise BadFile(f"{path}: reading {name} needs trimesh: pip install trimesh") from None
+        raise BadFile(f"{path}: reading {name} needs trimesh: pip install 'jshape[mesh]'") from None
     if kind == "ply" and not data.startswith(b"ply"):
         raise BadFile(f"{path}: is not a PLY file")
     if kind == "obj":  # one mesh: trimesh makes one of each material, of thousands in minutes

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from typing import Any, cast
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -93,6 +92,8 @@ def changed_most(delta: Float[np.ndarray, "h w"], morphology: str) -> np.ndarray
     The paper names no structuring element: erosion takes a square of side 3.  "dilate" is what the
     authors' code does instead, with a square of side 1 + floor(w h / 3000).
     """
+    import cv2  # not above: banks of other kinds are fitted without it
+
     size = np.abs(delta)
     top = float(size.max())
     if top == 0.0:

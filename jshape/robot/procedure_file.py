@@ -6,11 +6,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from jshape.errors import BadFile, one_line, quoted
+from jshape.errors import BadFile, JShapeError, one_line, quoted
 from jshape.io.files import read_bytes
 from jshape.robot.procedure import IN_THE_AIR, NAMES, ArmLimits, Hand, Operation, Procedure
+
+try:
+    import yaml
+except ImportError:
+    raise JShapeError("hands and waypoints need PyYAML: pip install 'jshape[robot]'") from None
 
 LIMITS = "limits.yaml"
 FILE_LIMIT = 2**16

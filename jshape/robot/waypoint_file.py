@@ -5,12 +5,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from jshape.errors import BadFile, quoted
+from jshape.errors import BadFile, JShapeError, quoted
 from jshape.io.files import write_atomic, write_json
 from jshape.robot.rigid import quaternion_of
 from jshape.robot.waypoints import ActionPath, Waypoint, Waypoints
+
+try:
+    import yaml
+except ImportError:
+    raise JShapeError("hands and waypoints need PyYAML: pip install 'jshape[robot]'") from None
 
 FORMAT = "jshape-waypoints"
 VERSION = 1

@@ -298,12 +298,12 @@ def test_commands_of_other_programs():
                 assert set(words[1:]) <= set(targets), command
             elif begin == "pip install ":
                 assert set(re.findall(r"\[(\w+)\]", command)) <= extras, command
+            elif " -- python -m benchmarks.grid " in command:
+                grid.build_parser().parse_args(_words(command.rpartition(" -- ")[2]))
             elif "-m" in words:
                 module = find_spec(words[2])
                 text = Path(module.origin).read_text()
                 assert all(f'"{w}"' in text for w in words if w.startswith("--")), command
-            elif " -- python -m benchmarks.grid " in command:
-                grid.build_parser().parse_args(_words(command.rpartition(" -- ")[2]))
             elif begin not in ("ray ", "cd "):
                 assert (ROOT / words[-1]).exists(), command
 

@@ -15,9 +15,9 @@ from benchmarks.problems import Problem, half_size, made_problem
 from benchmarks.report import Report
 from jshape.actions import PAPER_ROIS
 from jshape.data.simulate import ROIS
-from jshape.planning.api import DEFAULT_BANK
 from jshape.planning.candidates import dense_positions
 from jshape.planning.evaluate import candidates_at, sweep
+from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.plan import Plan
 from jshape.planning.state import terrain_of
 

@@ -18,9 +18,9 @@ from jshape.models.bank import Bank
 from jshape.models.difference import Difference
 from jshape.models.network import Network
 from jshape.models.refined import Refined
-from jshape.planning.api import DEFAULT_BANK
 from jshape.planning.candidates import dense_positions
 from jshape.planning.evaluate import Candidates, candidates_at, sweep
+from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.search import greedy
 from jshape.planning.search.base import Limits
 from jshape.planning.state import Terrain, terrain_of
@@ -82,13 +82,27 @@ def run(report: Report, out: Path) -> None:
     three = smooth_bank(PAPER_ROIS)
     applied = [("grasp", 0), ("knock", 4), ("poke", 10), ("knock", 12)]
     now, goal, positions = problem(three, (5, 3), applied)
-    found = jshape.plan(now, goal, bank=three, positions=positions, max_steps=4)
+    found = jshape.plan(
+        now, goal, **jshape.options(jshape.PAPER, bank=three, positions=positions, max_steps=4)
+    )
     assert len(found) == 4, found.actions
     time = seconds(
-        lambda: jshape.plan(now, goal, bank=three, positions=positions, max_steps=4).status
+        lambda: (
+            jshape.plan(
+                now,
+                goal,
+                **jshape.options(jshape.PAPER, bank=three, positions=positions, max_steps=4),
+            ).status
+        )
     )
     report.add("jshape.plan, 45 candidates, 4 steps", 1e3 * time, "ms", goal=5)
-    time = seconds(lambda: jshape.plan(now, goal, bank=bank, positions="21x15", max_steps=4).status)
+    time = seconds(
+        lambda: (
+            jshape.plan(
+                now, goal, **jshape.options(jshape.PAPER, bank=bank, positions="21x15", max_steps=4)
+            ).status
+        )
+    )
     report.add("jshape.plan, 5 actions at 21x15 places, at most 4 steps", 1e3 * time, "ms")
     _many_goals(report, three, now, goal, dict.fromkeys(three.actions, positions))
 

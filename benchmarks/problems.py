@@ -63,7 +63,12 @@ class Problem:
 
     def ours(self, max_steps: int) -> Plan:
         """The public call: checks, search, the predicted images and their distances."""
-        return jshape.plan(*self.images, bank=self.bank, positions=self.places, max_steps=max_steps)
+        return jshape.plan(
+            *self.images,
+            **jshape.options(
+                jshape.PAPER, bank=self.bank, positions=self.places, max_steps=max_steps
+            ),
+        )
 
     def twin(self, max_steps: int) -> list[tuple[int, int, int]]:
         """The steps that the reference twin finds; f_D only."""

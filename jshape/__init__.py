@@ -14,7 +14,16 @@ if TYPE_CHECKING:
     from jshape.learn.held_out import fit
     from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
     from jshape.models.bank import Bank
-    from jshape.planning.api import Plan, plan, plan_depth, rollout
+    from jshape.planning.api import plan, plan_depth, rollout
+    from jshape.planning.options import (
+        PAPER,
+        Constraints,
+        SearchBudget,
+        SearchSpace,
+        StopCriteria,
+        options,
+    )
+    from jshape.planning.plan import Plan
     from jshape.planning.search.base import Status
 
 __version__ = "0.1.0"
@@ -22,22 +31,28 @@ __version__ = "0.1.0"
 __all__ = [
     "D435_BAZAR",
     "D435_NOMINAL",
+    "PAPER",
     "PAPER_ACTIONS",
     "PAPER_BOX",
     "Action",
     "ActionSet",
     "Bank",
     "Camera",
+    "Constraints",
     "JShapeError",
     "Pairs",
     "Plan",
+    "SearchBudget",
+    "SearchSpace",
     "Status",
+    "StopCriteria",
     "distance",
     "fit",
     "grid",
     "list_banks",
     "load_bank",
     "load_pairs",
+    "options",
     "plan",
     "plan_depth",
     "r_matrix",
@@ -58,7 +73,16 @@ _HOMES = {
     "jshape.learn.held_out": ("fit",),
     "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
     "jshape.planning.search.base": ("Status",),
-    "jshape.planning.api": ("Plan", "plan", "plan_depth", "rollout"),
+    "jshape.planning.api": ("plan", "plan_depth", "rollout"),
+    "jshape.planning.options": (
+        "PAPER",
+        "Constraints",
+        "SearchBudget",
+        "SearchSpace",
+        "StopCriteria",
+        "options",
+    ),
+    "jshape.planning.plan": ("Plan",),
     "jshape.models.bank": ("Bank",),
     "jshape.io.banks": ("list_banks", "load_bank", "save_bank"),
     "jshape.io.datasets": ("load_pairs", "save_pairs"),

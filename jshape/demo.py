@@ -1,6 +1,6 @@
 """The main job in simulation: a bed, a goal that another hand made, and the closed loop between."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -8,15 +8,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from jshape import metric, sim
+from jshape import sim
 from jshape._typing import Array, Key
 from jshape.actions import place
 from jshape.data.simulate import random_bed
 from jshape.data.view import image_of_depth
 from jshape.io import banks, files, folders, runs
 from jshape.models.bank import Bank
-from jshape.planning.api import DEFAULT_BANK
-from jshape.planning.evaluate import ONE_BY_ONE, How
+from jshape.planning.options import DEFAULT_BANK
 from jshape.robot.loop import HEAD, Molding, Step, mold
 from jshape.robot.simulated import SimulatedWorld
 from jshape.viz import pictures
@@ -24,13 +23,6 @@ from jshape.viz.style import drawn
 
 FILES = ("plan.json", "result.png", "actions.png", "steps.png", "report.md", "summary.json")
 """What the demo writes beside the run's own files."""
-
-MIN_GAIN_MM = 0.01
-"""Least gain worth an action: below it the camera's noise decides which action is best."""
-
-TRIED: dict[str, Any] = {"stride": 8, "strengths": (0.25, 0.5, 1.0, 1.6)}
-"""Where the loop tries each action, and how deep.  On a grid of 21x15 places it starts 7 s sooner,
-and ends 0.8 mm from the goal instead of 0.45 (mean of six seeds)."""
 
 Say = Callable[[str], Any]
 
@@ -41,12 +33,10 @@ def run_demo(
     bank_name: str | None = None,
     seed: int = 0,
     actions: int = 4,
-    max_steps: int = 8,
     material: str | sim.Material = "flour",
     agent: str | sim.Agent = "robot",
     replan: bool = True,
-    planner: str = "greedy",
-    how: How = ONE_BY_ONE,
+    search: Mapping[str, Any] | None = None,
     overwrite: bool = False,
     say: Say = print,
 ) -> dict[str, Any]:
@@ -57,12 +47,10 @@ def run_demo(
       bank_name: bundled bank or folder; None is the default.
       seed: another bed, goal and noise.
       actions: how many random actions make the goal from a copy of the bed.
-      max_steps: most actions of the loop.
       material: of the bed.
       agent: whose hand acts, for the goal and in the loop.
       replan: False applies the first plan blindly.
-      planner: which search.
-      how: devices to search with.
+      search: keywords of `jshape.robot.loop.mold`, such as `planner`; None is the defaults.
       overwrite: replace the run that is there.
       say: called with each line for people.
 
@@ -74,6 +62,8 @@ def run_demo(
       BadFile: the folder exists or cannot be written.
     """
     bank_name = bank_name or DEFAULT_BANK
+    search = dict(search or {})
+    planner = search.get("planner", "greedy")
     bank = banks.load_bank(bank_name)
     folders.check_target(out, overwrite, contents=(*runs.CONTENTS, *FILES))
     for_bed, for_goal, for_world, for_other = jax.random.split(jax.random.key(seed), 4)
@@ -104,13 +94,9 @@ def run_demo(
         world,
         goal,
         bank,
-        planner=planner,
-        max_steps=max_steps,
-        min_gain=MIN_GAIN_MM / float(metric.to_mm(1.0, bank.camera)),
         replan=replan,
         on_step=report,
-        how=how,
-        **TRIED,
+        **search,
     )
     summary = _summary(result) | {
         "goal": made,

@@ -6,6 +6,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
 _hook = install_import_hook("jshape", "beartype.beartype")
@@ -18,6 +19,9 @@ ROOT = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("JSHAPE_SHARED", ROOT.parent / "shared"))
 
 jax.config.update("jax_debug_key_reuse", True)
+
+settings.register_profile("shared", deadline=None)  # other programs may hold the processor
+settings.load_profile("shared")
 
 
 @pytest.fixture
@@ -58,3 +62,17 @@ def molded(bank):
         window = np.s_[v - h // 2 : v - h // 2 + h, u - w // 2 : u - w // 2 + w]
         goal[window] = bank.predict(name, goal[window])
     return now, goal, applied
+
+
+def paper(**fields):
+    """Keywords of `plan`: the paper's search but for some fields, with whichever bank."""
+    from jshape import PAPER, options
+
+    return {name: one for name, one in options(PAPER, **fields).items() if name != "bank"}
+
+
+def mm(d):
+    """A distance d of the paper's box in mm."""
+    from jshape import PAPER_BOX, to_mm
+
+    return float(to_mm(d, PAPER_BOX))

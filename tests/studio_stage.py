@@ -14,6 +14,7 @@ from jshape.robot.cameras.simulated import levelled_world
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
 from tests import conftest
+from tests.conftest import mm, paper
 from tests.stage import PLACES, Arm, Eye
 
 EVIL = (
@@ -55,7 +56,7 @@ def begin(folder):
     now, goal, _ = conftest.molded.__wrapped__(bank)
     eye = Eye(now.copy())
     robot = Robot(eye, Endless(bank, eye, folder), load_hand(), bank.camera, frames=3)
-    made = plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5)
+    made = plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
     molder = Molder(robot, bank, goal, folder / "run", meta={"bank": "fixture"}, plan=made)
     while molder.state is not State.ASKING:
         time.sleep(0.01)

@@ -10,7 +10,7 @@ from benchmarks import clouds, metric_memory, metric_peers, ranking
 from benchmarks.experiments.ranking import distances
 from benchmarks.metric_growth import growth
 from jshape.actions import grid
-from jshape.planning.api import DEFAULT_BANK
+from jshape.planning.options import DEFAULT_BANK
 
 ot = pytest.importorskip("ot")
 

@@ -11,6 +11,7 @@ from jshape.app.view.read import read_story, story_of_plan
 from jshape.io import journal, runs
 from jshape.io.banks import save_bank
 from tests.browser import chromium, complaints, outside, until  # noqa: F401 (a fixture)
+from tests.conftest import mm, paper
 from tests.stage import PLACES
 from tests.studio_stage import EVIL
 
@@ -26,7 +27,7 @@ def viewer(bank, molded):
 
     now, goal, _ = molded
     with Viewer(
-        story_of_plan(plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5))
+        story_of_plan(plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5))))
     ) as shown:
         yield shown
 
@@ -84,7 +85,7 @@ def test_a_hostile_run_is_shown_as_text(chromium, tmp_path, bank, molded):  # no
     hostile = dataclasses.replace(bank, actions=(first, second))
     save_bank(hostile, tmp_path / "bank")
     run = runs.Run.create(tmp_path / "run", {"what": EVIL[2], "bank": str(tmp_path / "bank")})
-    made = plan(now, goal, bank=hostile, positions=PLACES, min_gain=2e-5)
+    made = plan(now, goal, bank=hostile, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
     made.to_json(run.folder / "plan.json")
     doing = {"action": first, "position": [91, 92], "why": EVIL[4], "operations": [EVIL[3]]}
     journal.note(run.folder / journal.NAME, {"event": "planned", "time": EVIL[3], **doing})

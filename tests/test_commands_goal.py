@@ -248,7 +248,7 @@ def test_what_a_phone_turned_comes_in_upright(tmp_path, kind, orientation):
         (["--actions", ";"], "no action is given"),
         (["--actions", "bad.json"], "action 1: expected"),
         (["--actions", "knock 900,2"], "outside"),
-        (["--text", "J", "--reach", "mask.npy"], "the camera makes (395, 480)"),
+        (["--text", "J", "--reachable", "mask.npy"], "the camera makes (395, 480)"),
         (["--mask", "mask.npy", "--size-mm", "50"], "nothing is drawn"),
     ],
 )

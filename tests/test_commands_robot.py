@@ -94,7 +94,8 @@ def test_a_plan_is_carried_out(goal, tmp_path, capsys):
     np.save(start, np.asarray(SimulatedWorld(jax.random.key(5), bed_of(3)[0]).look(), np.float32))
     write_camera(tmp_path / "camera.json", PAPER_BOX, 0.0001)
     assert main(["plan", str(start), str(goal), "--bank", "flour-robot", "--stride", "24",
-                 "--max-steps", "1", "--out", str(tmp_path / "plan")]) == 0  # fmt: skip
+                 "--strengths", "1", "--yaws", "1", "--max-steps", "1",
+                 "--out", str(tmp_path / "plan")]) == 0  # fmt: skip
     plan = str(tmp_path / "plan" / "plan.json")
     out = ["--out", str(tmp_path / "run"), "--yes", *QUICK]
     assert main(["execute", plan, "--arm", "sim:3", *out]) == 0

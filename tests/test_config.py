@@ -148,7 +148,7 @@ BAD = {
     "no whole number": ("max-steps = 2.5", "max-steps: '2.5' is not a whole number"),
     "a list for one": ("max-steps = [1, 2]", "max-steps: '1,2' is not a whole number"),
     "a list of names": ('bank = ["a", "b"]', "bank: ['a', 'b'] is not text"),
-    "no list": ("[plan]\nmost = 'knock=2'", "[plan] most: 'knock=2' is not a list"),
+    "no list": ("[plan]\nmax-uses = 'knock=2'", "[plan] max-uses: 'knock=2' is not a list"),
     "no choice": ('planner = "gredy"', "unknown value 'gredy'; allowed: greedy, beam, improve, "
                   "refine, mcts; did you mean greedy?"),
     "a table for a value": ("[plan.bank]\nx = 1", "[plan] bank: a table is not text"),
@@ -220,7 +220,10 @@ def test_config_says_what_applies_and_where_it_is_from(capsys):
     assert found["pairs"]["of"] == ["dataset simulate"]
     assert main(["config", "plan"]) == 0
     rows = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines()}
-    assert rows["stride"] == ["8", "jshape.toml", "[plan]"] and rows["yaws"] == ["1", "default"]
+    assert rows["stride"] == ["8", "jshape.toml", "[plan]"] and rows["max-steps"] == [
+        "16",
+        "default",
+    ]
     assert main(["config", "dataset", "simulate"]) == 0
     assert re.search(r"pairs +3 +jshape.toml \[dataset-simulate\]", capsys.readouterr().out)
     assert main(["config", "plam"]) == 2

@@ -47,9 +47,9 @@ PARSED = {
 """Commands that are only parsed, by how they begin, and why."""
 QUICK_NETWORKS = "--width 4 --epochs 1 --partitions 1"
 SLOW = {
-    "jshape plan now.png wanted.png --stride": "",
+    "jshape plan now.png wanted.png --positions paper": "",
     "jshape plan now.png wanted.png --planner refine": "",
-    "jshape plan my-goal/now.png my-goal/goal.png --stride 12": "",
+    "jshape plan my-goal/now.png my-goal/goal.png": "",
     "jshape mold wanted.png --arm sim:3": "--max-steps 2",
     "jshape mold wanted.png --arm mujoco:3": "--max-steps 1",
     "jshape mold wanted.png --arm dry": "",

@@ -21,6 +21,7 @@ from jshape.planning.plan import Plan
 from jshape.planning.search import PLANNERS
 from jshape.planning.search.base import Limits, Status, Task
 from jshape.planning.state import terrain_of
+from tests.conftest import paper
 
 SMALL = {
     "tiny": {"bank": "flour-robot", "positions": "4x3"},
@@ -280,11 +281,11 @@ def test_floors_are_planners_for_a_while(bank, molded):
     now, goal, _ = molded
     known = dict(PLANNERS)
     with baselines.floors():
-        found = plan(now, goal, bank=bank, planner="random", max_steps=3)
+        found = plan(now, goal, bank=bank, **paper(planner="random", max_steps=3))
         assert len(found) == 3 and found.evaluations == 0
     assert known == PLANNERS
     with pytest.raises(UnknownName):
-        plan(now, goal, bank=bank, planner="random")
+        plan(now, goal, bank=bank, **paper(planner="random"))
 
 
 def test_the_command_prints_tables_and_refuses_in_one_line(

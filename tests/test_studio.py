@@ -17,7 +17,7 @@ from jshape.app.advice import first_stroke, next_step, why_empty
 from jshape.app.annotation import Annotation
 from jshape.app.desk import Desk
 from jshape.app.drawing import Stroke, Words
-from jshape.app.molder import MIN_GAIN_MM, Molder, State, seen, simulated_robot
+from jshape.app.molder import Molder, State, seen, simulated_robot
 from jshape.app.search import Search
 from jshape.data.simulate import simulate_pairs, together
 from jshape.data.view import image_of_depth
@@ -252,7 +252,7 @@ def begin(desk, folder, **more):
     looks = []
     molder = Molder(
         robot, desk.bank, desk.goal, folder, meta={"bank": desk.bank_name, "arm": "sim"},
-        on_look=looks.append, how=desk.tried(MIN_GAIN_MM), **more,
+        on_look=looks.append, search=desk.keywords, **more,
     )  # fmt: skip
     return molder, looks
 

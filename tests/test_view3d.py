@@ -20,7 +20,7 @@ from jshape.io import runs
 from jshape.io.banks import save_bank
 from jshape.io.images import write_depth_png
 from jshape.robot.session import Session
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mm, paper
 from tests.stage import PLACES, UNIT, mold, robot_of
 
 MM = 0.16
@@ -42,7 +42,7 @@ def stored_bank(bank, tmp_path_factory):
 @pytest.fixture
 def planned(bank, molded):
     now, goal, _ = molded
-    return plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5)
+    return plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
 
 
 @pytest.fixture

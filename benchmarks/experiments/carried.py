@@ -18,6 +18,7 @@ from jshape.io import banks
 from jshape.learn.fit import fit
 from jshape.models.bank import Bank
 from jshape.planning.api import plan
+from jshape.planning.options import PAPER, options
 from jshape.planning.plan import Plan
 from jshape.robot.simulated import SimulatedWorld
 
@@ -119,8 +120,10 @@ def told(
       world: the bed as it is at the start; it is changed.
     """
     camera = entry.bank.camera
-    least = entry.least_mm / float(metric.to_mm(1.0, camera))
-    made = plan(start, goal, bank=entry.bank, max_steps=MAX_STEPS, min_gain=least, **entry.tried)
+    search = options(
+        PAPER, bank=entry.bank, max_steps=MAX_STEPS, min_gain_mm=entry.least_mm, **entry.tried
+    )
+    made = plan(start, goal, **search)
     images = [start]
     steps = zip(
         made.actions, made.exact_positions.tolist(), made.strengths.tolist(), made.yaws.tolist(),

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.experiments.baselines import FLOORS
-from jshape import metric
 from jshape.errors import UnknownName, quoted
 from jshape.models.bank import Bank
-from jshape.planning.api import DEFAULT_BANK
+from jshape.planning.options import DEFAULT_BANK, PAPER, options
 from jshape.planning.search import PLANNERS
 
 Entry = dict[str, Any]
@@ -22,7 +21,7 @@ DENSE: Entry = {
     "stride": 12,
     "strengths": [0.2, 0.5, 1.0, 1.6, 2.3],
     "yaws": {"grasp": 6, "press": 6, "pinch": 6},
-    "caution": 0.5,
+    "error_margin": 0.5,
 }
 """Every action all over the bed, the long ones in several directions, from a fifth to 2.3 times
 as deep.  An action must gain more than half of its own usual error."""
@@ -72,8 +71,8 @@ def entries_of(names: Sequence[str]) -> tuple[dict[str, Entry], list[str]]:
 
 
 def options_of(entry: Entry, bank: Bank, loop: str) -> dict[str, Any]:
-    """Options of `mold` as the library takes them: the bank itself, gains of d, the budget."""
-    options = {name: value for name, value in entry.items() if name != "min_gain_mm"}
-    least = entry["min_gain_mm"] / float(metric.to_mm(1.0, bank.camera))
-    evaluations = entry.get("evaluations", {}).get(loop)
-    return options | {"bank": bank, "min_gain": least, "evaluations": evaluations}
+    """Keywords of `mold` as the library takes them: the bank itself, the budget."""
+    own = {name: entry[name] for name in ("patience", "horizon") if name in entry}
+    fields = {name: value for name, value in entry.items() if name not in own}
+    fields |= {"bank": bank, "evaluations": entry.get("evaluations", {}).get(loop)}
+    return options(PAPER, **fields) | own

@@ -21,8 +21,10 @@ from benchmarks.experiments.recorded import mpm_problems
 from jshape import sim
 from jshape.errors import BadDataset, JShapeError, UnknownName
 from jshape.io import banks
-from jshape.planning.api import DEFAULT_BANK, Plan, plan
+from jshape.planning.api import Plan, plan
 from jshape.planning.evaluate import ONE_BY_ONE, How
+from jshape.planning.options import DEFAULT_BANK
+from jshape.planning.options import options as keywords
 from jshape.robot.loop import Step, mold
 from jshape.robot.simulated import SimulatedWorld
 
@@ -196,12 +198,10 @@ def attempt(
         options = {
             name: value for name, value in options.items() if name not in ("patience", "horizon")
         }
-        if "positions" in options:  # as in the paper, whose planner knows the places
-            options |= {"positions": problem.places, "clip": "drop"}
-        first, bed = (
-            plan(problem.start, problem.goal, max_steps=settings.max_steps, **options),
-            None,
-        )
+        more: dict[str, Any] = {"max_steps": settings.max_steps}
+        if options["space"].positions is not None:  # as in the paper, whose planner knows them
+            more |= {"positions": problem.places, "out_of_bounds": "drop"}
+        first, bed = plan(problem.start, problem.goal, **keywords(options, **more)), None
         found["stop"] = first.status.name
     if first is not None:
         found |= _planned(first)
@@ -250,10 +250,11 @@ def _acted(
     watched, steps = Watched(world, problem), []
     found: dict[str, Any]
     closed = case.loop == "closed"
+    own = {name: options.pop(name) for name in ("patience", "horizon") if name in options}
     try:
         run = mold(
-            watched, problem.goal, max_steps=settings.max_steps, replan=closed,
-            on_step=lambda step, _: steps.append(step), **options,
+            watched, problem.goal, replan=closed, on_step=lambda step, _: steps.append(step),
+            **own, **keywords(options, max_steps=settings.max_steps),
         )  # fmt: skip
     except JShapeError as problem_met:
         # Such as a bed dug out of the camera's range: what is there is the result.

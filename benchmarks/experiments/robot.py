@@ -18,12 +18,12 @@ from benchmarks.experiments.problems import Applied
 from benchmarks.experiments.robot_page import FIGURES, curves, page_of, report, strips
 from benchmarks.experiments.samples import ACTIONS, Progress, silent, unheard
 from benchmarks.experiments.twin import check_engine
-from jshape import actions, metric, sim
+from jshape import actions, sim
 from jshape.camera import PAPER_BOX
 from jshape.data.view import image_of_depth
 from jshape.errors import UnknownName
 from jshape.io import banks, files, runs
-from jshape.planning.api import DEFAULT_BANK
+from jshape.planning.options import DEFAULT_BANK, PAPER, options
 from jshape.robot.arms.mujoco import BOX
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import simulated_camera
@@ -125,7 +125,6 @@ def run_robot(
         overwrite=overwrite, contents=FILES,
     )  # fmt: skip
     rows, stories = [], []
-    least = MIN_GAIN_MM / float(metric.to_mm(1.0, bank.camera))
     tried = TRIED_QUICK if quick else TRIED
     for number in QUICK if quick else range(len(AGENTS)):
         agent = AGENTS[number]
@@ -136,8 +135,8 @@ def run_robot(
         say(f"problem {number + 1}, a goal made by a {agent}: {names}")
         with _robot(arm, bed, seed + number) as robot:
             result = mold(
-                robot, goal, bank, min_gain=least, patience=2, watch=True,
-                on_step=lambda step, depth: say(_line(step)), **tried,
+                robot, goal, patience=2, watch=True, on_step=lambda step, depth: say(_line(step)),
+                **options(PAPER, bank=bank, min_gain_mm=MIN_GAIN_MM, **tried),
             )  # fmt: skip
         found = retrieval(applied, result.first_plan, bank.camera)
         row = _row(number, agent, applied, result, found)

@@ -7,7 +7,7 @@ from nicegui import ui
 
 from jshape.app.bench import Bench
 from jshape.app.desk import Desk
-from jshape.app.molder import MIN_GAIN_MM, Molder, State, simulated_robot
+from jshape.app.molder import Molder, State, simulated_robot
 from jshape.errors import JShapeError
 
 POLL = 0.3
@@ -70,7 +70,7 @@ class ActingPanel:
             robot, desk.bank, goal, bench.next_run(),
             meta={"what": "mold", "bank": desk.bank_name, "arm": arm},
             plan=None if anew else desk.plan, ask_first=with_arm, on_look=partial(_seen, desk),
-            hands=bench.hands if with_arm else None, how=desk.tried(MIN_GAIN_MM),
+            hands=bench.hands if with_arm else None, search=desk.keywords,
         )  # fmt: skip
         desk.lock("a run goes on: end it first")
 

@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 
 from jshape import metric
-from jshape.app.desk import MIN_GAIN_MM, TRIED, Desk
+from jshape.app.desk import Desk
 from jshape.models.bank import Bank
 from jshape.planning.api import rollout
+from jshape.planning.options import YAWS, SearchSpace, StopCriteria
 
 STROKE_MM = 15.0
 """Depth of the first stroke: a poke of the bundled banks digs 10 to 20 mm."""
@@ -53,7 +54,7 @@ def why_empty(desk: Desk) -> str:
     name = min(bank.actions, key=lambda action: int(np.prod(bank.roi(action))))
     w, h = bank.roi(name)
     v, u = np.unravel_index(np.argmax(cv2.blur(asked, (w, h))), asked.shape)
-    gentle = min(TRIED["strengths"])
+    gentle = min(SearchSpace().strengths)
     one = rollout(bed, goal, [name], [(u, v)], strengths=[gentle], bank=bank)
     moved = 1e3 * np.abs(desk.depth_of(one.images[1]) - before)
     own = float(metric.to_mm(metric.distance(one.images[0], one.images[1]), bank.camera))
@@ -64,12 +65,13 @@ def why_empty(desk: Desk) -> str:
     ways = [f"draw wider or deeper (the bank can make {width:.0f} mm wide, {deep:.0f} mm deep)"]
     if into > out:
         ways.append("ask for less to be raised: actions push material down and aside")
-    if bank.turns and desk.directions < 4:
-        ways.append(f"try 4 directions instead of {desk.directions}")
+    if bank.turns and desk.yaws < YAWS:
+        ways.append(f"try {YAWS} yaw angles instead of {desk.yaws}")
     ways.append("choose another bank")
     return (
-        f"No action brings the bed nearer by more than {MIN_GAIN_MM:g} mm. The goal differs from "
-        f"it by {desk.distance_mm:.3f} mm on average, {asked.max():.1f} mm at most. The smallest "
+        f"No action brings the bed nearer by more than {StopCriteria().min_gain_mm:g} mm. "
+        f"The goal differs from it by {desk.distance_mm:.3f} mm on average, {asked.max():.1f} mm "
+        f"at most. The smallest "
         f"action, {name} x{gentle:g}, moves {own:.3f} mm on average, {moved.max():.1f} mm at most: "
         f"at ({u}, {v}) it would end {helps}. What helps: {'; '.join(ways)}."
     )

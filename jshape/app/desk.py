@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jshape import metric
 from jshape.app.canvas import Canvas
 from jshape.app.search import Search
 from jshape.camera import Camera, check_camera
@@ -20,16 +19,10 @@ from jshape.io import banks, folders, formats, images, points
 from jshape.io.cameras import write_camera
 from jshape.io.frames import frame_of, source_of
 from jshape.models.bank import Bank
-from jshape.planning.api import DEFAULT_BANK, plan, rollout
+from jshape.planning.api import plan, rollout
+from jshape.planning.options import DEFAULT_BANK, YAWS, SearchSpace, options
 from jshape.planning.plan import Plan
 
-MIN_GAIN_MM = 0.005
-"""What an action of a plan must gain: below it the camera's noise decides."""
-TRIED: dict[str, Any] = {"stride": 12, "strengths": (0.2, 0.5, 1.0, 1.6, 2.3)}
-"""Where and how deep actions are tried: what no hand made needs gentle ones and deep ones."""
-DIRECTIONS = 4
-"""Of the hand, over half a turn.  A stroke 40 mm wide and 140 mm long, 15 mm deep: 0.288 mm become
-0.078 in 3 actions, with one direction 0.179 in 8."""
 DEPTH_UNIT = 0.0001
 """Metres per count of a goal that is written."""
 CONTENTS = ("now.png", "goal.png", "camera.json", "plan.json")
@@ -54,8 +47,8 @@ class Desk(Canvas):
     bank: Bank = field(init=False)
     plan: Plan | None = None
     """From the bed to the goal."""
-    directions: int = DIRECTIONS
-    """Of the hand, that are tried where the bank can turn it."""
+    yaws: int = YAWS
+    """Yaw angles of the hand that are tried where the bank can turn it."""
     search: Search | None = None
     """The search for a plan that goes on now."""
     advice: str = ""
@@ -138,8 +131,8 @@ class Desk(Canvas):
 
     # The plan.
 
-    def make_plan(self, **options: Any) -> Plan:
-        """Plan from the bed to the goal; `options` are those of `jshape.plan`.
+    def make_plan(self, **fields: Any) -> Plan:
+        """Plan from the bed to the goal; `fields` are those of `jshape.options`.
 
         Raises:
           JShapeError: there is no bed, or as for `jshape.plan`.
@@ -148,8 +141,8 @@ class Desk(Canvas):
         bed, goal = self._both()
         if not self.changed:
             raise JShapeError("the goal is the bed as it is: draw, write or load one first")
-        bank, how = self.bank, self.tried(MIN_GAIN_MM) | options
-        self.search = Search(lambda: plan(bed, goal, bank=bank, **how))
+        bank, keywords = self.bank, options(self.keywords, **fields)
+        self.search = Search(lambda: plan(bed, goal, bank=bank, **keywords))
         try:
             self._keep(self.search.result())
         finally:
@@ -157,10 +150,10 @@ class Desk(Canvas):
         assert self.plan is not None
         return self.plan
 
-    def tried(self, min_gain_mm: float) -> dict[str, Any]:
-        """What is tried where plans are made here, as options of `jshape.plan`."""
-        yaws = self.directions if self.bank.turns else 1
-        return TRIED | {"yaws": yaws, "min_gain": self._per_mm * min_gain_mm}
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """How plans are made here, as keywords of `jshape.plan`."""
+        return {"space": SearchSpace(yaws=self.yaws if self.bank.turns else None)}
 
     def drop(self, step: int) -> None:
         """Leave an action out (counted from 0)."""
@@ -227,10 +220,6 @@ class Desk(Canvas):
         self.version += 1
 
     # Helpers.
-
-    @property
-    def _per_mm(self) -> float:
-        return 1.0 / float(metric.to_mm(1.0, self.camera))
 
     def _both(self) -> tuple[np.ndarray, np.ndarray]:
         bed, goal = self.bed, self.goal

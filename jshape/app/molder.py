@@ -14,6 +14,7 @@ from jshape.data.simulate import bed_of_depth
 from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError, one_line
 from jshape.models.bank import Bank
+from jshape.planning.options import StopCriteria
 from jshape.planning.plan import Plan
 from jshape.robot.arms.base import ArmError, stop_arm
 from jshape.robot.arms.simulated import SimulatedArm
@@ -24,9 +25,6 @@ from jshape.robot.robot import Robot
 from jshape.robot.session import Session
 from jshape.robot.simulated import SimulatedWorld
 from jshape.viz.pictures import molding_pictures
-
-MIN_GAIN_MM = 0.01
-"""What an action must gain where plans are made anew: below it noise decides."""
 
 
 class State(StrEnum):
@@ -69,8 +67,7 @@ class Molder:
         *,
         meta: dict[str, Any],
         plan: Plan | None = None,
-        max_steps: int = 16,
-        how: Mapping[str, Any] | None = None,
+        search: Mapping[str, Any] | None = None,
         ask_first: bool = False,
         on_look: Callable[[np.ndarray], None] = lambda image: None,
         hands: Executor | None = None,
@@ -84,8 +81,7 @@ class Molder:
           folder: of the run; must be new.
           meta: of the run: bank, arm.
           plan: gone through action by action; None: made anew after each look.
-          max_steps: most actions where plans are made anew.
-          how: options of `jshape.plan` where plans are made anew.
+          search: keywords of `mold` where plans are made anew.
           ask_first: ask before the arm goes home, too.
           on_look: called in the run's thread with each image I that was seen.
           hands: one thread that all looks and motions of this robot are made in, since cameras and
@@ -109,8 +105,9 @@ class Molder:
         self._robot, self._bank, self._plan = robot, bank, plan
         self._arm = robot.guard
         self._arm.allow()
-        self._max_steps = max_steps if plan is None else max(len(plan), 1)
-        self._how = dict(how or {})
+        self._search = dict(search or {})
+        if plan is not None:
+            self._search = {"stop": StopCriteria(max_steps=max(len(plan), 1)), "afresh": True}
         self._ask_first = ask_first
         self._answers = threading.Condition()
         self._answer: bool | None = None
@@ -195,9 +192,8 @@ class Molder:
                 self.why, self.state = "the arm was not to move", State.FINISHED
                 return
             summary = self._session.mold(
-                self._robot, self._bank, plan=self._plan, max_steps=self._max_steps,
-                confirm=self._ask_about, draw=molding_pictures(self._bank.rois),
-                **({"afresh": True} if self._plan is not None else self._how),
+                self._robot, self._bank, plan=self._plan, confirm=self._ask_about,
+                draw=molding_pictures(self._bank.rois), **self._search,
             )  # fmt: skip
         except Exception as problem:  # nobody else would hear of it
             why = one_line(problem, 1000)

@@ -9,8 +9,9 @@ from nicegui import events, ui
 
 from jshape.app.advice import why_empty
 from jshape.app.bench import Bench
-from jshape.app.desk import TRIED, Desk
+from jshape.app.desk import Desk
 from jshape.io import banks
+from jshape.planning.options import SearchSpace, StopCriteria
 from jshape.planning.search import PLANNERS
 
 POLL = 0.3
@@ -36,14 +37,17 @@ class PlanPanel:
           select: called to look at the image after so many actions.
         """
         self._desk, self._bench, self._changed, self._select = desk, bench, changed, select
+        space = SearchSpace()
         with ui.row().classes("w-full items-end gap-2"):
             ui.button("plan", on_click=self._plan).props("dense no-caps").tooltip(
-                f"Search for actions: every {TRIED['stride']} px, "
-                f"{', '.join(f'x{x:g}' for x in TRIED['strengths'])} as deep as trained"
+                f"Search for actions: every {space.stride} px, "
+                f"{', '.join(f'x{x:g}' for x in space.strengths)} as deep as trained"
             )
-            self._most = ui.number("at most", value=8, min=1, max=50, step=1, suffix="actions")
+            self._most = ui.number(
+                "at most", value=StopCriteria().max_steps, min=1, max=50, step=1, suffix="actions"
+            )
             self._most.props("dense").style("width: 7.2em").tooltip("Length of the plan, 1 to 50")
-            self._turns = ui.select([1, 2, 4, 8], value=desk.directions, label="directions")
+            self._turns = ui.select([1, 2, 4, 8], value=desk.yaws, label="yaws")
             self._turns.props("dense").style("width: 6em").on_value_change(self._turned)
             self._turns.tooltip("Of the hand, over half a turn: 4 are 0°, 45°, 90° and 135°")
             self._planner = ui.select(list(PLANNERS), value="greedy", label="planner")
@@ -80,7 +84,7 @@ class PlanPanel:
         plan = self._desk.plan
         self._bank.value = self._desk.bank_name
         turns = self._desk.bank.turns
-        self._turns.value = self._desk.directions if turns else 1
+        self._turns.value = self._desk.yaws if turns else 1
         self._turns.set_enabled(turns)
         self._why.text = self._desk.advice
         self._steps.clear()
@@ -133,7 +137,7 @@ class PlanPanel:
 
     def _turned(self, event: events.ValueChangeEventArguments) -> None:
         if self._desk.bank.turns:
-            self._desk.directions = int(event.value)
+            self._desk.yaws = int(event.value)
 
     async def _banked(self, event: events.ValueChangeEventArguments) -> None:
         if event.value != self._desk.bank_name:

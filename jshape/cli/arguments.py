@@ -193,20 +193,6 @@ def devices(text: str) -> int:
     return _number(text, int, lambda x: 0 < x <= 64, "a number of devices from 1 to 64")
 
 
-def add_search(parser: argparse.ArgumentParser) -> None:
-    """The options that say which search, and what it runs on."""
-    from jshape.planning.search import PLANNERS  # which needs JAX
-
-    parser.add_argument(
-        "--planner",
-        choices=tuple(PLANNERS),
-        default="greedy",
-        metavar="NAME",
-        help=f"which search: {', '.join(PLANNERS)} (default: greedy, the quickest)",
-    )
-    add_devices(parser)
-
-
 def add_devices(parser: argparse.ArgumentParser) -> None:
     """The option that says how many devices share the work."""
     parser.add_argument(

@@ -24,7 +24,7 @@ EXAMPLE = """\
 # The bank, where actions are tried, and the search.
 #bank = "pressed-flour-robot"
 #planner = "greedy"
-#caution = 0.5
+#error-margin = 0.5
 
 # The arm, and where the camera is in its frame (what `jshape calibrate` wrote).
 #arm = "sim:3"
@@ -105,7 +105,11 @@ def _all_of(
     return [
         {"key": key, "value": _plain(given[key].value), "from": _from(given[key], file)}
         if key in given
-        else {"key": key, "value": _plain(action.default), "from": "default"}
+        else {
+            "key": key,
+            "value": _plain(getattr(action, "usual", action.default)),
+            "from": "default",
+        }
         for key, action in settings.options_of(leaf).items()
     ]
 

@@ -155,7 +155,7 @@ def _plan() -> str:
     import jax
     import numpy as np
 
-    from jshape import load_bank, plan_depth
+    from jshape import PAPER, load_bank, options, plan_depth
     from jshape.robot.simulated import SimulatedWorld, bed_of
 
     bank = load_bank(BANK)
@@ -163,7 +163,8 @@ def _plan() -> str:
     world = SimulatedWorld(key, bed, camera=bank.camera)
     now = np.asarray(jax.block_until_ready(world.look()))
     world.act("knock", PLACE)
-    found = plan_depth(now, np.asarray(world.look()), bank=bank, positions="9x7", max_steps=1)
+    search = options(PAPER, bank=bank, positions="9x7", max_steps=1)
+    found = plan_depth(now, np.asarray(world.look()), **search)
     before, after = float(found.distances_mm[0]), float(found.distances_mm[-1])
     said = f"{', '.join(found.actions) or 'nothing'}, {before:.3f} -> {after:.3f} mm"
     if found.actions != ("knock",) or not after < 0.8 * before:

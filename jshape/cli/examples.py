@@ -17,8 +17,8 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
     "samples": (("jshape samples try", "now.png, wanted.png, their camera.json, poses.json"),),
     "plan": (
         ("jshape plan now.png wanted.png --out my-plan", "plan.json and pictures"),
-        ("jshape plan now.png wanted.ply --stride 8 --caution 0.5", "places 8 pixels apart"),
-        ("jshape plan now.png wanted.png --planner refine --stride 4 --time 5s", "search 5 s"),
+        ("jshape plan now.png wanted.ply --stride 8 --error-margin 0.5", "places 8 pixels apart"),
+        ("jshape plan now.png wanted.png --planner refine --stride 4 --seconds 5s", "search 5 s"),
         ("jshape plan a.npy b.npy --camera-file camera.json --reproject", "another camera"),
     ),
     "goal": (

@@ -21,7 +21,7 @@ from jshape.cli.robot import (
 from jshape.data.view import middle_depth
 from jshape.errors import BadFile
 from jshape.io import banks
-from jshape.planning.api import DEFAULT_BANK
+from jshape.planning.options import DEFAULT_BANK, Constraints, StopCriteria
 from jshape.planning.plan import Plan
 from jshape.robot.loop import HEAD
 from jshape.robot.session import Session
@@ -57,9 +57,9 @@ def execute(options: argparse.Namespace) -> dict[str, Any]:
         may_move(options)
         say(HEAD)
         summary = session.mold(
-            robot, bank, plan=plan, max_steps=max(len(plan), 1), confirm=confirm,
-            blind=options.arm == "dry", draw=molding_pictures(bank.rois),
-            max_missing=options.max_missing,
+            robot, bank, plan=plan, confirm=confirm, blind=options.arm == "dry",
+            draw=molding_pictures(bank.rois), stop=StopCriteria(max_steps=max(len(plan), 1)),
+            constraints=Constraints(max_missing=options.max_missing),
         )  # fmt: skip
     if not options.json:
         tell(summary)

@@ -24,7 +24,7 @@ from jshape.io import banks, cameras, drawings, files, folders, formats, images
 from jshape.io.frames import Source, frame_of, source_of
 from jshape.io.simulated import material_of
 from jshape.models.bank import Bank
-from jshape.planning.api import DEFAULT_BANK
+from jshape.planning.options import DEFAULT_BANK
 from jshape.sim.material import MATERIALS, Material
 from jshape.viz.style import drawn
 
@@ -68,7 +68,7 @@ def goal(options: argparse.Namespace) -> dict[str, Any]:
     limits = Limits(
         steepest=_steepest(options, material, wanted.stands),
         floor=options.floor_mm / 1e3,
-        reach=_reach(options.reach, now.camera),
+        reach=_reach(options.reachable, now.camera),
     )
     made = make_goal(bed, wanted.change, limits, balance=options.balance, like=wanted.frame)
     result = {
@@ -161,8 +161,7 @@ def _write(
     part = options.window or options.depth_range
     own = f" --window 0,0,{now.camera.width}x{now.camera.height}" if part else " --reproject"
     reproject = own if said["window"] is None else ""
-    tried = "--stride 12 --strengths 0.2,0.5,1,1.6,2.3 --yaws 4 --caution 0.5"
-    added = {"out": str(out), "next": f"jshape plan {names}{reproject} {tried} --out my-plan"}
+    added = {"out": str(out), "next": f"jshape plan {names}{reproject} --out my-plan"}
     with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
         for name, depth in (("now", now.depth), ("goal", made.depth)):
             if counts:
@@ -279,7 +278,10 @@ def add(commands: Any) -> None:
         help="as much in as out: spread the rest around it (the default), or move the level",
     )  # fmt: skip
     parser.add_argument(
-        "--reach", type=Path, metavar="MASK", help="image that is not 0 where the bed may change"
+        "--reachable",
+        type=Path,
+        metavar="MASK",
+        help="image that is not 0 where the bed may change",
     )
     parser.add_argument(
         "--camera-file",

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from jshape import metric
 from jshape.camera import Camera, differing, window_of
 from jshape.cli import arguments, settings
 from jshape.cli.robot import (
@@ -19,29 +18,25 @@ from jshape.cli.robot import (
     robot_of,
     tell,
 )
+from jshape.cli.search_options import KEPT, add_search, kept_of, reachable, search_of
 from jshape.data.intrinsics import within
 from jshape.data.view import View, image_of_depth, middle_depth, view_of
 from jshape.errors import BadCamera, BadFile, JShapeError
 from jshape.io import banks, formats, points
 from jshape.io.frames import Source, frame_of, goal_source, source_of
 from jshape.models.bank import Bank
-from jshape.planning.api import DEFAULT_BANK
 from jshape.planning.devices import over_devices
+from jshape.planning.options import DEFAULT_BANK, fields_of
+from jshape.planning.options import options as keywords
 from jshape.robot.loop import HEAD
 from jshape.robot.robot import Robot
 from jshape.robot.session import Session
 from jshape.viz.pictures import molding_pictures
 
-KEPT = (
-    "max_steps", "min_gain_mm", "tolerance_mm", "caution", "planner", "stride", "strengths", "yaws",
-    "time", "seed", "max_missing",
-)  # fmt: skip
-"""Options that a run is gone on with as it began, unless the command line says otherwise."""
-
 
 def mold(options: argparse.Namespace) -> dict[str, Any]:
     """Mold what the camera sees into what is wanted."""
-    how = over_devices(options.devices)
+    over_devices(options.devices)  # before anything starts JAX
     say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
     if options.resume == (options.desired is not None):
         raise BadFile("give either the image DESIRED, or --resume to go on with the run in --out")
@@ -57,21 +52,21 @@ def mold(options: argparse.Namespace) -> dict[str, Any]:
             meta = {
                 "what": "mold", "bank": str(bank_name), "arm": options.arm,
                 "camera": robot.eye.name, "goal": str(options.desired),
-                **{name: getattr(options, name) for name in KEPT}, **known,
+                **kept_of(options), **known,
             }  # fmt: skip
             session = Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
         else:
             bank = gone_on(session.run.meta, robot, bank)
         may_move(options)
         say(HEAD)
-        per_mm = 1.0 / float(metric.to_mm(1.0, bank.camera))
+        eye = robot.eye.camera
+        mask = reachable(
+            options.reachable, eye.shape, bank,
+            lambda: robot.view or View(eye, bank.camera, window_of(bank.camera, eye), 0.0),
+        )  # fmt: skip
         summary = session.mold(
-            robot, bank, planner=options.planner, max_steps=options.max_steps, confirm=confirm,
-            blind=options.arm == "dry", draw=molding_pictures(bank.rois),
-            stride=options.stride, strengths=options.strengths, yaws=options.yaws,
-            min_gain=options.min_gain_mm * per_mm, tolerance=options.tolerance_mm * per_mm,
-            caution=options.caution, seconds=options.time, seed=options.seed,
-            max_missing=options.max_missing, how=how,
+            robot, bank, confirm=confirm, blind=options.arm == "dry",
+            draw=molding_pictures(bank.rois), **keywords(search_of(options), reachable=mask),
         )  # fmt: skip
     if not options.json:
         tell(summary)
@@ -108,7 +103,7 @@ def goal_of(
             source = own._replace(camera=of_eye[0], depth_unit=unit)  # no preset of the same size
         else:
             source = source_of(path, shape, options.camera_file, bank, options.depth_unit)
-    depth = frame_of(path, source, reproject=options.reproject)
+    depth = frame_of(path, source, reproject=bool(options.reproject))
     theirs = within(source.camera, (float(eye.z_min), float(eye.z_max)))
     at = window_of(eye, theirs)
     if at is not None:  # the robot's own camera, or a part of its frames
@@ -121,7 +116,7 @@ def goal_of(
         known["bed_m"] = middle_depth(depth)
         bank = gone_on(known, robot, bank)
     view = view_of(
-        source.camera, bank.camera, depth, reproject=options.reproject, where=str(path)
+        source.camera, bank.camera, depth, reproject=bool(options.reproject), where=str(path)
     )  # fmt: skip
     if at is None and (view.window is None) != (window_of(bank.camera, eye) is None):
         raise BadCamera(
@@ -131,8 +126,9 @@ def goal_of(
     if at is not None and view.window is None:
         known["rise_m"] = view.rise
         robot.view = view
+    max_missing = fields_of(search_of(options))["max_missing"]
     image = image_of_depth(
-        depth, bank.camera, max_missing=options.max_missing, where=str(path), view=view
+        depth, bank.camera, max_missing=max_missing, where=str(path), view=view
     ).image  # fmt: skip
     return image, bank, known
 
@@ -183,44 +179,9 @@ def add(commands: Any) -> None:
     parser = arguments.command(commands, "mold", mold)
     parser.register("action", None, arguments.Remembered)
     parser.add_argument("desired", type=Path, nargs="?", help="depth image wanted, or a PLY or PCD")
-    add_robot(parser)
+    add_robot(parser, plans=True)
     add_run(parser)
     parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
     parser.add_argument("--depth-unit", type=arguments.positive, help="metres per count of DESIRED")
-    parser.add_argument(
-        "--stride", type=arguments.positive_count, default=arguments.STRIDE, metavar="PIXELS",
-        help=f"between places where actions are tried ({arguments.STRIDE})",
-    )  # fmt: skip
-    parser.add_argument(
-        "--strengths", type=arguments.positives, default=list(arguments.STRENGTHS),
-        metavar="S,S,...", help="how many times as deep as trained actions are tried",
-    )  # fmt: skip
-    parser.add_argument(
-        "--yaws", type=arguments.positive_count, default=1, metavar="N",
-        help="directions of the hand over half a turn (1)",
-    )  # fmt: skip
-    arguments.add_search(parser)
-    parser.add_argument(
-        "--time", type=arguments.duration, metavar="TIME", help="for each plan: 5s, 500ms, 2min"
-    )
-    parser.add_argument("--seed", type=arguments.seed, default=0, help="for searches that draw")
-    parser.add_argument(
-        "--max-steps", type=arguments.positive_count, default=16, help="most actions (16)"
-    )
-    parser.add_argument(
-        "--min-gain-mm", type=arguments.nonnegative, default=0.01,
-        help="an action must help by more than this (0.01: below it noise decides)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--tolerance-mm", type=arguments.nonnegative, default=0.0,
-        help="stop when the goal is this near",
-    )  # fmt: skip
-    parser.add_argument(
-        "--caution", type=arguments.nonnegative, default=0.0, metavar="X",
-        help="an action must also gain more than X times its usual error (0)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--max-missing", type=arguments.share, default=0.1,
-        help="largest share of pixels without depth to fill (0.1)",
-    )  # fmt: skip
+    add_search(parser)
     parser.set_defaults(kept=[one for one in parser._actions if one.dest in KEPT])

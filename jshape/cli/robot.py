@@ -210,8 +210,20 @@ def tell(summary: Mapping[str, Any]) -> None:
     print(f"run and pictures: {summary['out']}")
 
 
-def add_robot(parser: argparse.ArgumentParser, arm: str | None = "dry") -> None:
-    """The options that say which robot; `arm` is the one that is meant without `--arm`."""
+def add_robot(
+    parser: argparse.ArgumentParser, arm: str | None = "dry", *, plans: bool = False
+) -> None:
+    """The options that say which robot; those of a search say more where the command plans.
+
+    Args:
+      parser: of the command.
+      arm: the one that is meant without `--arm`.
+      plans: `add_search` adds its options too.
+    """
+    if not plans:
+        parser.add_argument(
+            "--reproject", action="store_true", help="the camera is another than the bank's"
+        )
     parser.add_argument(
         "--arm", default=arm, metavar="ARM", help=f"{described(ARMS)}; default: {arm or 'none'}"
     )
@@ -223,9 +235,6 @@ def add_robot(parser: argparse.ArgumentParser, arm: str | None = "dry") -> None:
         help="camera.json to believe instead of what the camera says",
     )  # fmt: skip
     cameras.add_looking(parser, temporal=True)
-    parser.add_argument(
-        "--reproject", action="store_true", help="the camera is another than the bank's"
-    )
     parser.add_argument(
         "--base", type=Path, metavar="POSE", help="of the camera, from `jshape calibrate`"
     )

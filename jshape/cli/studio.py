@@ -11,7 +11,7 @@ from jshape.cli import arguments
 from jshape.cli.robot import add_robot, robot_of
 from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError
-from jshape.planning.api import DEFAULT_BANK
+from jshape.planning.options import DEFAULT_BANK
 from jshape.robot.cameras.simulated import levelled_world
 
 PORT = 8077

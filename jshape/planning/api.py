@@ -1,11 +1,11 @@
 """The main job: an image and a goal in, a plan out.
 
 Thin host wrappers: they check what came, turn names into arrays, call one compiled search and
-read its answer.  Nothing is compiled anew for another image, goal, place, least gain or tolerance;
-another `max_steps`, or another number of places, is another shape.
+read its answer.  Nothing is compiled anew for another image, goal, position, least gain or
+tolerance; another `max_steps`, or another number of positions, is another shape.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,77 +23,61 @@ from jshape.models.bank import Bank
 from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
 from jshape.planning.evaluate import ONE_BY_ONE, How, candidates_at
+from jshape.planning.options import (
+    DEFAULT_BANK,
+    GROUPS,
+    Constraints,
+    SearchBudget,
+    SearchSpace,
+    StopCriteria,
+    hinted,
+)
 from jshape.planning.plan import Plan
 from jshape.planning.rollout import Act, check_acts, predict_acts
 from jshape.planning.search import PLANNERS
 from jshape.planning.search.base import Found, Status, Task
 from jshape.planning.state import Terrain, terrain_of
 
-DEFAULT_BANK = "pressed-flour-robot"
-MAX_STEPS = 1000
-"""Most actions of a plan: the predicted ROI of each has its place in memory from the start."""
 
-
+@hinted
 def plan(
     I0: ArrayLike,
     Istar: ArrayLike,
     *,
     bank: Bank | str | Path | None = None,
     planner: str = "greedy",
-    positions: ArrayLike | Mapping[str, ArrayLike] | str | None = None,
-    stride: int | None = None,
-    strengths: Sequence[float | int] = (1.0,),
-    yaws: int | Mapping[str, int] = 1,
-    max_steps: int = 16,
-    min_gain: float = 0.0,
-    tolerance: float = 0.0,
-    caution: float = 0.0,
-    clip: str = "refuse",
-    reach: ArrayLike | None = None,
-    clearance_mm: float = 0.0,
-    most: Mapping[str, int] | None = None,
-    seconds: float | None = None,
-    evaluations: int | None = None,
-    seed: int = 0,
+    space: SearchSpace = SearchSpace(),
+    constraints: Constraints = Constraints(),
+    stop: StopCriteria = StopCriteria(),
+    budget: SearchBudget = SearchBudget(),
     start: Plan | None = None,
-    how: How = ONE_BY_ONE,
+    execution: How = ONE_BY_ONE,
 ) -> Plan:
     """The sequence of actions that molds image I0 into Istar, as the bank predicts it.
+
+    Single fields of the four records: `plan(I0, Istar, **jshape.options(max_steps=4, yaws=1))`;
+    the paper's search: `plan(I0, Istar, **jshape.PAPER)`.
 
     Args:
       I0: (H, W) weighed image I of the bed now (see `jshape.weigh`), floats in [0, 1].
       Istar: (H, W) the image wanted.
       bank: a `Bank`, the name of a bundled one or a folder; None is the bundled default.
       planner: which search (docs/planning.md says which when).
-      positions: (N, 2) of (u, v) ROI centres for all actions, a mapping of action to such, or a
-        grid "21x15" (columns x rows) that spans the image for each action; None is the paper's
-        grid of 15, the same for all actions.
-      stride: instead of positions, every so many pixels along u and v; the best of them are then
-        moved, and their strengths changed, in smaller and smaller steps.
-      strengths: how many times as deep as trained each action is tried.
-      yaws: directions of the hand over half a turn, for all actions or each; 1 is the trained one
-        alone.
-      max_steps: most actions in the plan.
-      min_gain: an action must lower d by more than this.
-      tolerance: stop when d is at most this.
-      caution: an action must also gain more than this many times its own usual error.
-      clip: what to do with given positions whose ROI leaves the image: "refuse", "shift", "drop".
-      reach: (H, W), not 0 where the hand may be placed; None is everywhere.
-      clearance_mm: least distance of places to the image's edge and to what `reach` leaves out.
-      most: how often each action may be used.
-      seconds: the search stops about then with the best it has; compiling is not counted.
-      evaluations: the search stops after so many predictions with the best it has.
-      seed: for `mcts`, which draws.
+      space: what is tried.
+      constraints: what is allowed.
+      stop: when the sequence ends.
+      budget: what the search may spend.
       start: an earlier plan for about the same images, which `refine` and `improve` begin with if
         it is better than greedy's.
-      how: chunks and devices to evaluate candidates with; changes no result.
+      execution: chunks and devices to evaluate candidates with; changes no result.
 
     Raises:
       BadImage: wrong shape, type, range, or pixels without a reading.
       BadPosition: a ROI leaves the image.
-      BadBank: several yaws for a bank whose predictors cannot be turned; caution with one that
-        does not know its errors.
+      BadBank: several yaws for a bank whose predictors cannot be turned; an error margin with one
+        that does not know its errors.
       UnknownName: no such planner, bank or action.
+      BadOption: a keyword that there is not.
       JShapeError: a number that makes no sense.
     """
     bank = _as_bank(bank)
@@ -101,47 +85,40 @@ def plan(
     goal = check_image(Istar, bank.camera, "Istar")
     if planner not in tuple(PLANNERS):
         raise UnknownName("planner", planner, PLANNERS)
-    if not isinstance(max_steps, int | np.integer) or not 0 <= max_steps <= MAX_STEPS:
-        raise JShapeError(
-            f"max_steps is {quoted(max_steps)}; it must be a whole number to {MAX_STEPS}"
-        )
-    numbers = {"min_gain": min_gain, "tolerance": tolerance, "caution": caution}
-    for name, value in numbers.items():
-        if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
-            raise JShapeError(f"{name} is {quoted(value)}; it must be a number from 0")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
-        raise JShapeError(
-            f"seed is {quoted(seed)}; it must be a whole number from 0 to {2**32 - 1}"
-        )
     if start is not None and not isinstance(start, Plan):
         raise JShapeError(f"start is a {type(start).__name__}; it must be a Plan")
-    if positions is not None and stride is not None:
-        raise JShapeError("positions and stride are both given; one says where actions are tried")
-    free = places.reachable(bank.camera, reach, clearance_mm)
-    turned = tasks.directions(bank, yaws)
+    for (name, kind), record in zip(
+        GROUPS.items(), (space, constraints, stop, budget), strict=True
+    ):  # fmt: skip
+        if not isinstance(record, kind):
+            raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
+    limits = tasks.limits(bank, stop, constraints.max_uses)
+    seed, max_steps = tasks.seed(budget.seed), int(stop.max_steps)
+    free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
+    turned = tasks.directions(bank, space.yaws)
     terrain = _terrain(bank, first, goal, np.array([yaw for _, yaw in turned], np.float32),
                        moves=tuple((a, yaw != 0) for a, yaw in turned))  # fmt: skip
-    if stride is None:
-        where = places.placed_positions(bank, positions, clip)
+    if space.positions is None:
+        where = tasks.at_nodes(terrain, bank, places.dense_positions(bank, space.stride))
     else:
-        where = tasks.at_nodes(terrain, bank, places.dense_positions(bank, stride))
+        where = places.placed_positions(bank, space.positions, space.out_of_bounds)
     where = places.within(where, free)
     task = Task(
         terrain=terrain,
-        candidates=candidates_at(terrain, bank, where, tasks.strengths(strengths), free),
-        limits=tasks.limits(bank, min_gain, tolerance, caution, most),
-        max_steps=int(max_steps),
-        budget=tasks.budget(seconds, evaluations),
-        fine=tasks.rounds(terrain, stride),
+        candidates=candidates_at(terrain, bank, where, tasks.strengths(space.strengths), free),
+        limits=limits,
+        max_steps=max_steps,
+        budget=tasks.budget(budget),
+        fine=tasks.rounds(terrain, space.stride) if space.positions is None else 0,
         key=jax.random.key(seed),
-        start=None if start is None else tasks.as_found(start, terrain, bank, int(max_steps)),
-        how=how,
+        start=None if start is None else tasks.as_found(start, terrain, bank, max_steps),
+        how=execution,
     )
     found = jax.device_get(PLANNERS[planner](task))
     spent = task.budget.elapsed
     # The search's own distances are sums of changes, which drift by rounding, and on the ground.
     planned = predict_acts(
-        bank, first, goal, _acts(found, task), Status(int(found.status)), float(tolerance),
+        bank, first, goal, _acts(found, task), Status(int(found.status)), float(limits.tolerance),
         int(found.evaluations),
     )  # fmt: skip
     return replace(planned, seconds=spent)
@@ -202,17 +179,19 @@ def _terrain(
     return terrain_of(bank, image, goal, turned)
 
 
+@hinted
 def plan_depth(
     z0: ArrayLike,
     zstar: ArrayLike,
     *,
-    bank: Bank | str | Path | None = None,
     camera: Camera | tuple[Camera, Camera] | None = None,
-    reproject: bool = False,
     depth_unit: float = 0.001,
-    max_missing: float = 0.1,
-    names: tuple[str, str] = ("z0", "zstar"),
-    **options: Any,
+    bank: Bank | str | Path | None = None,
+    planner: str = "greedy",
+    space: SearchSpace = SearchSpace(),
+    constraints: Constraints = Constraints(),
+    stop: StopCriteria = StopCriteria(),
+    budget: SearchBudget = SearchBudget(),
 ) -> Plan:
     """`plan` from raw depth images: metres as floats, or uint16 counts of `depth_unit` metres.
 
@@ -223,23 +202,45 @@ def plan_depth(
     Args:
       z0: (H, W) depth of the bed now.
       zstar: (H, W) the depth wanted.
-      bank: as for `plan`.
       camera: that took the frames, or (that of z0, that of zstar); None is the bank's own.  If the
-        bank's image is a window of this camera's, it is cut out.
-      reproject: see the frames of another camera, or from another distance, as the bank's camera
-        would.  `plan.camera_positions` are the places in the camera's own pixels.  Of two cameras
-        the middles of both beds are taken to be equally high.
+        bank's image is a window of this camera's, it is cut out.  With `constraints.reproject` the
+        frames of any other camera are seen as the bank's would see them; `plan.camera_positions`
+        are the positions in the camera's own pixels, and of two cameras the middles of both beds
+        are taken to be equally high.
       depth_unit: metres per count of integer images.
-      max_missing: largest share of pixels without a reading that may be filled.
-      names: what to call the two images in errors.
-      **options: passed on to `plan`.
+      bank: as for `plan`, like all below.
+      planner: which search.
+      space: what is tried.
+      constraints: what is allowed, `max_missing` and `reproject` among it.
+      stop: when the sequence ends.
+      budget: what the search may spend.
 
     Raises:
       MissingDepth: too many pixels without a reading.
       BadCamera: the bank is for another camera.
       BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
+      JShapeError: as for `plan`.
     """
+    return plan_frames(
+        z0, zstar, camera=camera, depth_unit=depth_unit, bank=bank, planner=planner, space=space,
+        constraints=constraints, stop=stop, budget=budget,
+    )  # fmt: skip
+
+
+def plan_frames(
+    z0: ArrayLike,
+    zstar: ArrayLike,
+    *,
+    camera: Camera | tuple[Camera, Camera] | None = None,
+    depth_unit: float = 0.001,
+    bank: Bank | str | Path | None = None,
+    constraints: Constraints = Constraints(),
+    names: tuple[str, str] = ("z0", "zstar"),
+    **more: Any,
+) -> Plan:
+    """`plan_depth` where errors name the two frames, and with all keywords of `plan`."""
     bank = _as_bank(bank)
+    reproject = constraints.reproject
     views: tuple[View | None, View | None] = (None, None)
     if camera is not None:
         pair = camera if isinstance(camera, tuple) else (camera, camera)
@@ -260,13 +261,13 @@ def plan_depth(
             bank.camera,
             view=view,
             depth_unit=depth_unit,
-            max_missing=max_missing,
+            max_missing=constraints.max_missing,
             where=name,
         )
         for name, depth, view in zip(names, (z0, zstar), views, strict=True)
     )
     return replace(
-        plan(now.image, wanted.image, bank=bank, **options),
+        plan(now.image, wanted.image, bank=bank, constraints=constraints, **more),
         filled=(now.filled, wanted.filled),
         clamped=(now.clamped, wanted.clamped),
         view=views[0],

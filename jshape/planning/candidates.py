@@ -14,20 +14,22 @@ from jshape.models.bank import Bank
 
 
 def placed_positions(
-    bank: Bank, positions: ArrayLike | Mapping[str, ArrayLike] | str | None, clip: str = "refuse"
+    bank: Bank, positions: ArrayLike | Mapping[str, ArrayLike] | str, out_of_bounds: str = "refuse"
 ) -> dict[str, np.ndarray]:
     """Positions (N_a, 2) per action of a bank, all ROIs inside the image (host).
 
-    None is the paper's 5 x 3 grid, laid so that the bank's largest ROI fits everywhere; "21x15"
+    "paper" is the paper's 5 x 3 grid, laid so that the bank's largest ROI fits everywhere; "21x15"
     is a grid as wide as each action's own ROI allows.
     """
     rois = bank.rois
-    if positions is None:
+    if isinstance(positions, str) and positions == "paper":
         per_action = dict.fromkeys(bank.actions, actions.grid(bank.camera, margin=bank.largest_roi))
     elif isinstance(positions, str):
         size = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", positions, re.ASCII)
         if not size:
-            raise BadPosition(f"positions {quoted(positions)}: a grid is written COLUMNSxROWS")
+            raise BadPosition(
+                f"positions {quoted(positions)}: a grid is written COLUMNSxROWS or paper"
+            )
         columns, rows = int(size[1]), int(size[2])
         per_action = {
             name: actions.grid(bank.camera, columns, rows, margin=roi) for name, roi in rois.items()
@@ -39,7 +41,7 @@ def placed_positions(
         per_action = {name: _as_positions(where) for name, where in positions.items()}
     else:
         per_action = dict.fromkeys(bank.actions, _as_positions(positions))
-    return actions.place(bank.camera, per_action, rois, clip)
+    return actions.place(bank.camera, per_action, rois, out_of_bounds)
 
 
 def _as_positions(positions: ArrayLike) -> np.ndarray:
@@ -104,14 +106,14 @@ def reachable(
     try:
         free = np.ones(camera.shape, bool) if mask is None else np.ma.filled(mask, 0)
     except ValueError:
-        raise BadImage("reach is no (H, W) image: it has rows of different length") from None
+        raise BadImage("reachable is no (H, W) image: it has rows of different length") from None
     if free.shape != camera.shape or free.dtype.kind not in "buif":
         raise BadImage(
-            f"reach has shape {free.shape} and type {free.dtype}; the bank's camera makes "
+            f"reachable has shape {free.shape} and type {free.dtype}; the bank's camera makes "
             f"{camera.shape} (rows, columns)"
         )
     if free.dtype.kind == "f" and not np.isfinite(free).all():
-        raise BadImage("reach has pixels that are NaN or infinite")
+        raise BadImage("reachable has pixels that are NaN or infinite")
     free = free != 0
     if clearance_mm:
         depth = (float(camera.z_min) + float(camera.z_max)) / 2
@@ -120,7 +122,7 @@ def reachable(
         free = far[1:-1, 1:-1] > clearance_mm
     if not free.any():
         clear = f" {clearance_mm:g} mm from its ends" if clearance_mm else ""
-        raise BadImage(f"reach leaves no pixel{clear} where the hand may be placed")
+        raise BadImage(f"reachable leaves no pixel{clear} where the hand may be placed")
     return free
 
 

@@ -1,4 +1,4 @@
-"""What people ask of a search, as numbers and arrays: checked, with one clear error each (host)."""
+"""The options of a search as numbers and arrays: checked, with one clear error each (host)."""
 
 import math
 import time
@@ -7,18 +7,24 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jshape import actions as rectangles
+from jshape import metric
 from jshape.errors import BadBank, JShapeError, UnknownName, quoted
 from jshape.models.bank import Bank
+from jshape.planning.options import ERROR_MARGIN, YAWS, SearchBudget, StopCriteria
 from jshape.planning.plan import Plan
 from jshape.planning.search.base import EVER, Budget, Found, Limits, room_for
 from jshape.planning.state import Terrain
 
 DEEPEST = 100
 """Greatest strength that is tried."""
+MAX_STEPS = 1000
+"""Most actions of a plan: the predicted ROI of each has its place in memory from the start."""
 
 
-def directions(bank: Bank, yaws: int | Mapping[str, int]) -> list[tuple[int, float]]:
+def directions(bank: Bank, yaws: int | Mapping[str, int] | None) -> list[tuple[int, float]]:
     """(action number, yaw) of every move, the trained direction first."""
+    if yaws is None:
+        yaws = YAWS if bank.turns else 1
     if not isinstance(yaws, Mapping):
         yaws = dict.fromkeys(bank.actions, yaws)
     for name, count in yaws.items():
@@ -53,10 +59,8 @@ def at_nodes(
     return found
 
 
-def rounds(terrain: Terrain, stride: int | None) -> int:
-    """Rounds of polishing that lead from a stride of pixels down to one node."""
-    if stride is None:
-        return 0
+def rounds(terrain: Terrain, stride: int) -> int:
+    """Rounds of local search that lead from a stride of pixels down to one node."""
     return max(math.ceil(math.log2(max(stride / float(min(terrain.pitch)), 1.0))), 0)
 
 
@@ -79,37 +83,61 @@ def strengths(strengths: Sequence[float | int]) -> list[float]:
     return sorted({float(value) for value in values})
 
 
-def limits(
-    bank: Bank, min_gain: float, tolerance: float, caution: float, most: Mapping[str, int] | None
-) -> Limits:
-    """What a search must gain and may use, `caution` times the bank's own errors among it."""
-    if caution and bank.errors_mm is None:
+def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -> Limits:
+    """What a search must gain and may use, the bank's own errors times the margin among it."""
+    if not isinstance(stop.max_steps, int | np.integer) or not 0 <= stop.max_steps <= MAX_STEPS:
+        raise JShapeError(
+            f"max_steps is {quoted(stop.max_steps)}; it must be a whole number to {MAX_STEPS}"
+        )
+    margin = stop.error_margin
+    if margin is None:
+        margin = 0.0 if bank.errors_mm is None else ERROR_MARGIN
+    numbers = {
+        "min_gain_mm": stop.min_gain_mm, "tolerance_mm": stop.tolerance_mm, "error_margin": margin
+    }  # fmt: skip
+    for name, value in numbers.items():
+        if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
+            raise JShapeError(f"{name} is {quoted(value)}; it must be a number from 0")
+    if margin and bank.errors_mm is None:
         raise BadBank(
-            f"caution is {quoted(caution)}, but the bank does not know how wrong it is; 0 is "
+            f"error_margin is {quoted(margin)}, but the bank does not know how wrong it is; 0 is "
             "allowed (jshape train measures it)"
         )
-    if most is not None and not isinstance(most, Mapping):
-        raise JShapeError(f"most is {quoted(most)}; it must be a mapping of action to count")
+    if max_uses is not None and not isinstance(max_uses, Mapping):
+        raise JShapeError(
+            f"max_uses is {quoted(max_uses)}; it must be a mapping of action to count"
+        )
     allowed = np.full(len(bank.actions), EVER, np.int32)
-    for name, count in (most or {}).items():
+    for name, count in (max_uses or {}).items():
         if name not in bank.actions:
             raise UnknownName("action", name, bank.actions)
         if not isinstance(count, int | np.integer) or isinstance(count, bool) or count < 0:
             raise JShapeError(
-                f"most of {name} is {quoted(count)}; it must be a whole number from 0"
+                f"max_uses of {name} is {quoted(count)}; it must be a whole number from 0"
             )
         allowed[bank.actions.index(name)] = min(count, EVER)
+    per_mm = 1.0 / float(metric.to_mm(1.0, bank.camera))
     return Limits(
-        min_gain=float(min_gain),
-        tolerance=float(tolerance),
+        min_gain=float(stop.min_gain_mm) * per_mm,
+        tolerance=float(stop.tolerance_mm) * per_mm,
         # On the host: sent with the search, not each with a transfer of its own.
-        errors=np.asarray(caution * bank.error_of_d()) if caution else np.zeros(len(allowed), "f4"),
+        errors=np.asarray(margin * bank.error_of_d()) if margin else np.zeros(len(allowed), "f4"),
         most=allowed,
     )
 
 
-def budget(seconds: float | None, evaluations: int | None) -> Budget:
+def seed(value: int) -> int:
+    """A seed, checked."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < 2**32:
+        raise JShapeError(
+            f"seed is {quoted(value)}; it must be a whole number from 0 to {2**32 - 1}"
+        )
+    return int(value)
+
+
+def budget(spent: SearchBudget) -> Budget:
     """A budget that starts now."""
+    seconds, evaluations = spent.seconds, spent.evaluations
     for name, value in (("seconds", seconds), ("evaluations", evaluations)):
         number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
         if value is not None and not (number and 0 < value < np.inf):

@@ -20,6 +20,7 @@ CORE = {
     "jax": "jax", "jaxlib": "jaxlib", "flax": "flax", "optax": "optax",
     "numpy": "numpy", "scipy": "scipy", "opencv-python-headless": "cv2",
     "matplotlib": "matplotlib", "tqdm": "tqdm", "shtab": "shtab",
+    "filelock": "filelock", "platformdirs": "platformdirs",
 }  # fmt: skip
 """What jshape cannot do without: packages, and the module that each brings."""
 BANK = "flour-robot"

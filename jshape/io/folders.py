@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from jshape.errors import BadFile, one_line
-from jshape.io.files import check_writable, parents, refuse, sync_folder, temp_beside
+from jshape.io.files import check_writable, lock, parents, refuse, sync_folder, temp_beside
 
 
 @contextmanager
@@ -143,36 +143,22 @@ def _left(found: Path, free: str) -> str:
 
 
 @contextmanager
-def _held(folder: Path, *, quiet: bool = True) -> Iterator[None]:
-    """Marks a folder as being written, until the block or the process ends, however it does."""
-    handle = None
+def _held(folder: Path) -> Iterator[bool]:
+    """Mark a folder as being written until the block or the process ends; False: another does."""
+    handle, mine = None, True
     try:
-        # No folder can be opened on Windows, nor locked on some network disks.
-        with suppress(*((OSError,) if quiet else ())):
+        with suppress(OSError):  # Windows opens no folder, some network disks lock none
             handle = os.open(folder, os.O_RDONLY)
-            _lock(handle)
-        yield
+            mine = lock(handle)
+        yield mine
     finally:
         if handle is not None:
             os.close(handle)
 
 
 def _is_held(folder: Path) -> bool:
-    try:
-        with _held(folder, quiet=False):
-            return False
-    except BlockingIOError:
-        return True
-    except OSError:  # nothing tells here
-        return False
-
-
-def _lock(handle: int) -> None:
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        return
-    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with _held(folder) as mine:
+        return not mine
 
 
 def beside(target: Path, ending: str) -> Path:

@@ -1,4 +1,4 @@
-"""A journal on disk: one JSON line for each thing that happened, on disk before the next begins."""
+"""Files that grow by one JSON line at a time, each on disk before the next begins."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -6,17 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from jshape.errors import BadFile
-from jshape.io.files import append, json_text, parse_json, read_bytes, refuse, regular
-
-try:
-    import fcntl
-except ImportError:  # Windows: nothing keeps two programs apart there
-    fcntl = None
+from jshape.io.files import append, json_text, lock, parse_json, read_bytes, refuse, regular
 
 NAME = "log.jsonl"
 LOCK = "log.lock"
 LIMIT = 256 * 2**20
-"""Largest journal that is read, bytes."""
+"""Largest file of lines that is read, bytes."""
 
 
 def note(path: Path, event: Mapping[str, Any]) -> None:
@@ -44,10 +39,24 @@ def events(path: Path) -> list[dict[str, Any]]:
     Raises:
       BadFile: it cannot be read, or is damaged before its last line.
     """
-    if path.stat().st_size == 0:  # it was made, and the disk was full
-        return []
-    *lines, _ = read_bytes(path, limit=LIMIT).split(b"\n")
-    return [parse_json(line, f"{path}: line {k + 1}") for k, line in enumerate(lines)]
+    return read_lines(path)[0]
+
+
+def read_lines(path: Path) -> tuple[list[dict[str, Any]], int]:
+    """The complete lines and the bytes that they take.  Raises as `events`."""
+    if path.is_file() and path.stat().st_size == 0:  # it was made, and the disk was full
+        return [], 0
+    *lines, torn = read_bytes(path, limit=LIMIT).split(b"\n")
+    found, size = [], 0
+    for number, line in enumerate(lines, 1):
+        try:
+            found.append(parse_json(line, f"{path}: line {number}"))
+        except BadFile:
+            if number == len(lines) and not torn:  # a power cut may leave a block of zeros
+                break
+            raise
+        size += len(line) + 1
+    return found, size
 
 
 @contextmanager
@@ -57,15 +66,10 @@ def alone(folder: Path) -> Iterator[None]:
     Raises:
       BadFile: another program has the run, or the lock cannot be made.
     """
-    path = folder / LOCK
     try:
-        file = open(path, "ab", opener=regular)
+        with open(folder / LOCK, "ab", opener=regular) as file:
+            if not lock(file.fileno()):
+                raise BadFile(f"{folder}: another program goes on with this run")
+            yield
     except OSError as problem:
-        refuse(path, "cannot be written", problem)
-    with file:
-        if fcntl is not None:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise BadFile(f"{folder}: another program goes on with this run") from None
-        yield
+        refuse(folder / LOCK, "cannot be written", problem)

@@ -13,21 +13,13 @@ from typing import Any
 import numpy as np
 
 from jshape._typing import Float
+from jshape.data.depth import to_metres
 from jshape.errors import BadFile, quoted
 from jshape.io.cameras import check_depth_unit
-from jshape.io.files import (
-    append,
-    inside,
-    json_text,
-    parse_json,
-    read_bytes,
-    read_json,
-    refuse,
-    write_atomic,
-    write_json,
-)
+from jshape.io.files import append, inside, json_text, read_json, refuse, write_atomic, write_json
 from jshape.io.folders import atomic_folder
-from jshape.io.images import read_counts, to_metres, write_depth_png
+from jshape.io.images import read_counts, write_depth_png
+from jshape.io.journal import read_lines
 
 FORMAT = "jshape-run"
 VERSION = 1
@@ -38,8 +30,6 @@ CONTENTS = (DESCRIPTION, STEPS, FRAMES)
 """What a run's folder holds, at the top."""
 DEPTH_UNIT = 0.0001
 """Default metres per count of a run's frames: 0.1 mm, up to 6.5 m."""
-STEPS_LIMIT = 256 * 2**20
-"""Largest steps.jsonl that is read, bytes."""
 
 _RESERVED = ("index", "frame")
 
@@ -127,7 +117,11 @@ class Run:
         if not isinstance(meta, dict):
             raise BadFile(f"{where}: meta is a {type(meta).__name__}; expected an object")
         unit = check_depth_unit(content.get("depth_unit"), where)
-        return cls(folder, meta, unit, *_read_steps(folder / STEPS))
+        steps, size = read_lines(folder / STEPS)
+        for number, step in enumerate(steps):
+            if step.get("index") != number:
+                raise BadFile(f"{folder / STEPS}: line {number + 1}: index is not {number}")
+        return cls(folder, meta, unit, steps, (size, (folder / STEPS).stat().st_size))
 
     @property
     def steps(self) -> tuple[dict[str, Any], ...]:
@@ -193,27 +187,3 @@ class Run:
         except (OSError, ValueError) as problem:
             refuse(path, "cannot be written", problem)
         self._size = self._end = self._size + len(line)
-
-
-def _read_steps(path: Path) -> tuple[list[dict[str, Any]], tuple[int, int]]:
-    """The complete steps, the bytes that they take, and the bytes of the file."""
-    if path.is_file() and path.stat().st_size == 0:
-        return [], (0, 0)
-    data = read_bytes(path, limit=STEPS_LIMIT)
-    lines = data.split(b"\n")
-    last = len(lines) - 1  # after the last newline: empty, or torn
-    steps: list[dict[str, Any]] = []
-    size = 0
-    for number, line in enumerate(lines[:last]):
-        try:
-            step = parse_json(line, f"{path}: line {number + 1}")
-            if step.get("index") != number:
-                raise BadFile(f"{path}: line {number + 1}: index is not {number}")
-        except BadFile:
-            # After a power cut the last block may hold zeros and still end in a newline.
-            if number == last - 1 and not lines[last]:
-                break
-            raise
-        steps.append(step)
-        size += len(line) + 1
-    return steps, (size, len(data))

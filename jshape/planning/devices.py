@@ -53,13 +53,15 @@ def remember_compiled(folder: str | os.PathLike | None = None) -> Path | None:
     Returns:
       The folder; None where nothing is kept.
     """
+    from platformdirs import user_cache_path
+
     folder = folder or os.environ.get("JSHAPE_CACHE")
     if str(folder) == "off" or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return None
     # Code for one processor may not run on another that shares the folder.
     name = f"compiled-{hashlib.sha256(_processor().encode()).hexdigest()[:12]}"
     try:
-        path = Path(folder or _user_cache()) / name
+        path = (Path(folder) if folder else user_cache_path("jshape")) / name
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError):  # nowhere to keep it, or no home: compile each time
         return None
@@ -68,12 +70,6 @@ def remember_compiled(folder: str | os.PathLike | None = None) -> Path | None:
     jax.config.update("jax_compilation_cache_dir", str(path))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
     return path
-
-
-def _user_cache() -> Path:
-    """`jshape` among what programs may lose."""
-    given = os.environ.get("XDG_CACHE_HOME")
-    return (Path(given) if given else Path.home() / ".cache") / "jshape"
 
 
 def _processor() -> str:

@@ -24,7 +24,7 @@ from jshape.camera import PAPER_BOX, Camera
 from jshape.data.simulate import random_bed
 from jshape.data.view import image_of_depth
 from jshape.errors import BadImage
-from jshape.io.points import read_points
+from jshape.io.points import read_mesh
 from jshape.models.bank import Bank
 from jshape.robot.simulated import SimulatedWorld
 
@@ -259,7 +259,7 @@ def _measured(path: Path, camera: Camera) -> shapes.Shape:
             return shapes.Shape(f"sand {path.stem}", shapes.sand(arrays["arr_0"], camera))
     # Such as "dumpling_001_cutter_planar": which piece, and after how many tools.
     name = " ".join(path.stem.split("_")[: 3 if path.stem.startswith("alphabet") else 2])
-    return shapes.Shape(f"dough {name}", shapes.dough(read_points(path), camera))
+    return shapes.Shape(f"dough {name}", shapes.dough(read_mesh(path)[0], camera))
 
 
 def _seen(world: SimulatedWorld) -> np.ndarray:

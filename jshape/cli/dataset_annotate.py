@@ -64,7 +64,7 @@ def annotate(options: argparse.Namespace) -> dict[str, Any]:
             ]
             colours = [sheets.colour_of(str(found.action[k])) for k in page]
             sheet = partial(sheets.contact_sheet, tiles, colours=colours)
-            add.pictures |= drawn({annotations.sheet_name(number): sheet}, dpi=90)
+            add.pictures.update(drawn({annotations.sheet_name(number): sheet}, dpi=90))
     rows = _groups(found.select(there), by_hand[there])
     if not options.json:
         print_table(("action", "pairs", "by hand", "ROI (w x h)"), rows)

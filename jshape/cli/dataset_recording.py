@@ -111,7 +111,7 @@ def segment(options: argparse.Namespace) -> dict[str, Any]:
             ],
             title=f"{name}: {len(cut.open)} open segments, {len(kept)} pairs",
         )
-        add.pictures |= drawn({annotations.TIMELINE: timeline})
+        add.pictures.update(drawn({annotations.TIMELINE: timeline}))
     rows = [
         (f"{c.before.segment} / {c.after.segment}", text, c.why)
         for c, text in zip(changes, story, strict=True)

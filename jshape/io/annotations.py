@@ -8,7 +8,7 @@ drawn by hand.  Readers that only want pairs do not look at the column.
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,8 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.errors import BadDataset, quoted
-from jshape.io.cameras import write_camera
-from jshape.io.datasets import CAMERA, COLUMNS, CONTENTS, TABLE, Adder
+from jshape.io.datasets import COLUMNS, CONTENTS, TABLE, Adder, dataset_writer
 from jshape.io.files import write_atomic
-from jshape.io.folders import atomic_folder
 from jshape.io.tables import read_table
 
 FOUND = "found"
@@ -54,15 +52,10 @@ def found_writer(
       BadDataset: no pair was added.
       BadFile: the folder exists or cannot be written.
     """
-    with atomic_folder(folder, overwrite, contents=FOUND_CONTENTS) as temp:
-        write_camera(temp / CAMERA, camera, depth_unit)
-        adder = FoundAdder(Adder(str(folder), temp, camera))
-        yield adder
-        if not adder.pairs.ids:
-            raise BadDataset(f"{folder}: no pairs were added")
-        write_atomic(temp / TABLE, adder.pairs.table())
-        for name, content in adder.pictures.items():
-            write_atomic(temp / name, content)
+    with dataset_writer(
+        folder, camera, depth_unit, overwrite=overwrite, contents=FOUND_CONTENTS
+    ) as pairs:
+        yield FoundAdder(pairs)
 
 
 @dataclass
@@ -70,8 +63,11 @@ class FoundAdder:
     """Adds pairs to a data set whose boxes were found."""
 
     pairs: Adder
-    pictures: dict[str, bytes] = field(default_factory=dict)
-    """PNG files to write beside the table, by their names."""
+
+    @property
+    def pictures(self) -> dict[str, bytes]:
+        """PNG files to write beside the table, by their names."""
+        return self.pairs.pictures
 
     def __call__(self, *, by_hand: bool = False, **pair: Any) -> None:
         """Add a pair, as `dataset_writer` takes it; `by_hand`: a person drew its box."""

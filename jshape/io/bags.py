@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import Camera
-from jshape.data.depth import wrong_shape
-from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, check_numbers, counts_of, same_frames
+from jshape.data.depth import check_numbers, wrong_shape
+from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, same_frames
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.io.bag_cameras import INFO, camera_of, stated
 from jshape.io.bag_images import COMPRESSED, IMAGE, decode, encoding_of

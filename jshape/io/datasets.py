@@ -7,7 +7,7 @@ and sizes `(w, h)`, pixels.
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -132,7 +132,12 @@ def row_of(pairs: Pairs, k: int) -> dict[str, Any]:
 
 @contextmanager
 def dataset_writer(
-    folder: str | os.PathLike, camera: Camera, depth_unit: float, *, overwrite: bool = False
+    folder: str | os.PathLike,
+    camera: Camera,
+    depth_unit: float,
+    *,
+    overwrite: bool = False,
+    contents: Sequence[str] = CONTENTS,
 ) -> "Iterator[Adder]":
     """A data set written pair by pair: only one pair is in memory, and the folder appears whole.
 
@@ -145,6 +150,7 @@ def dataset_writer(
       camera: that sees all frames.
       depth_unit: metres per count.
       overwrite: replace the data set that is there.
+      contents: what the folder of one that is replaced may hold.
 
     Yields:
       The function that adds a pair.  It raises BadDataset for one that could not be read again.
@@ -154,13 +160,14 @@ def dataset_writer(
       BadFile: the folder exists or cannot be written.
       BadCamera: the camera or the unit makes no sense.
     """
-    with atomic_folder(folder, overwrite, contents=CONTENTS) as temp:
+    with atomic_folder(folder, overwrite, contents=contents) as temp:
         write_camera(temp / CAMERA, camera, depth_unit)
         adder = Adder(str(folder), temp, camera)
         yield adder
         if not adder.ids:
             raise BadDataset(f"{folder}: no pairs were added")
-        write_atomic(temp / TABLE, adder.table())
+        for name, content in {TABLE: adder.table(), **adder.pictures}.items():
+            write_atomic(temp / name, content)
 
 
 @dataclass
@@ -174,6 +181,8 @@ class Adder:
     ids: set[str] = field(default_factory=set)
     extra: dict[str, None] = field(default_factory=dict)
     """Names of the pairs' own columns, in order."""
+    pictures: dict[str, bytes] = field(default_factory=dict)
+    """PNG files to write beside the table, by their names."""
 
     def __call__(
         self,

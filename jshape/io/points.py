@@ -37,23 +37,6 @@ _VERTEX = re.compile(
 _GROUPS = re.compile(rb"^[ \t]*(?:usemtl|mtllib|o|g|s)\b[^\n]*$", re.MULTILINE)
 
 
-def read_points(path: str | os.PathLike) -> Float[np.ndarray, "P 3"]:
-    """The points of a PLY or PCD file (of a mesh: its vertices), metres.
-
-    Points with a coordinate that is not finite are dropped.
-
-    Args:
-      path: .ply (ASCII or binary) or .pcd (ASCII, binary or compressed).
-
-    Returns:
-      (P, 3) float32, P >= 1.
-
-    Raises:
-      BadFile: the file cannot be read, is of another kind, damaged, or holds no point.
-    """
-    return read_mesh(path, SUFFIXES)[0]
-
-
 def read_goal(
     path: str | os.PathLike,
     camera: Camera,
@@ -159,6 +142,8 @@ def read_mesh(
     path: str | os.PathLike, allowed: Sequence[str] = SOLIDS
 ) -> tuple[Float[np.ndarray, "P 3"], Int[np.ndarray, "F 3"] | None]:
     """Points in the file's own unit, and the faces of a mesh (None: the file has none).
+
+    Points with a coordinate that is not finite are dropped.
 
     Args:
       path: PLY, PCD, STL or OBJ.

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape.camera import D435_BAZAR, PAPER_BOX, Camera
-from jshape.data.depth import to_metres, wrong_shape
-from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, check_numbers, counts_of, within
+from jshape.data.depth import check_numbers, to_metres, wrong_shape
+from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, within
 from jshape.errors import BadCamera, BadImage, JShapeError, one_line
 from jshape.io import bags
 from jshape.io.cameras import DEPTH_UNIT, read_camera

@@ -25,7 +25,7 @@ from jshape.io.cameras import CAMERA, read_camera, write_camera
 from jshape.io.files import inside, write_atomic
 from jshape.io.folders import atomic_folder
 from jshape.io.images import read_counts, write_counts_png
-from jshape.io.tables import Table, check_action, read_table
+from jshape.io.tables import Table, as_dataset, check_action, read_table
 
 COLUMNS = (
     "id", "action", "agent", "material", "prior", "posterior", "u", "v", "width", "height"
@@ -272,10 +272,8 @@ def _read_camera(folder: Path) -> tuple[Camera, float]:
     for name in (CAMERA, TABLE):
         if not (folder / name).is_file():
             raise BadDataset(f"{folder}: has no {name}, so it is not a data set")
-    try:
+    with as_dataset():
         return read_camera(folder / CAMERA)
-    except BadFile as problem:
-        raise BadDataset(str(problem)) from None
 
 
 def _read_rows(table: Table, path: Path, camera: Camera) -> list["_Row"]:
@@ -362,10 +360,8 @@ def _read_frames(
     files, frame = list(first.values()), 2 * camera.width * camera.height
     # One frame first: a camera.json of absurd size is refused before memory is asked for.
     counts, where = _read_frame(folder, *files[0][:2], camera), f"{folder}: {next(iter(first))}"
-    try:
+    with as_dataset():
         check_unit(to_metres(counts, depth_unit, where), camera, where, depth_unit)
-    except BadImage as problem:
-        raise BadDataset(str(problem)) from None
     if frame * which.size <= IN_MEMORY:
         try:
             read = np.empty((2, len(rows), *camera.shape), np.uint16)

@@ -14,14 +14,14 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.annotate import Box, find_effect
-from jshape.data.depth import wrong_shape
 from jshape.data.missing import only_readings
 from jshape.data.segment import provisional_box
-from jshape.errors import BadDataset, BadFile, BadImage
+from jshape.errors import BadDataset
 from jshape.io.cameras import read_camera
 from jshape.io.formats import read_array
 from jshape.io.images import depth_of_array, to_counts
 from jshape.io.recordings import by_number
+from jshape.io.tables import as_dataset
 
 STATES = ("before", "after")
 _SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".exr")
@@ -87,10 +87,8 @@ def before_after_camera(
     path = Path(source) / "camera.json" if camera is None else Path(camera)
     if not path.is_file():
         raise BadDataset(f"{path}: no such file; it (or --camera FILE) says what the frames mean")
-    try:
+    with as_dataset():
         return read_camera(path)
-    except BadFile as problem:
-        raise BadDataset(str(problem)) from None
 
 
 def before_after_pairs(
@@ -116,18 +114,14 @@ def before_after_pairs(
 def _counts(
     path: Path, camera: Camera, depth_unit: float, left_out: Counter[str] | None
 ) -> np.ndarray:
-    try:
-        raw = read_array(path)
-        if raw.shape != camera.shape:
-            raise BadDataset(wrong_shape(str(path), raw.shape, camera))
+    with as_dataset():
+        raw, where = read_array(path), str(path)
         depth = depth_of_array(
-            raw, str(path), depth_unit=depth_unit, camera=camera, check_range=False,
+            raw,
+            where,
+            depth_unit=depth_unit,
+            camera=camera,
+            check_range=False,
             left_out=left_out,
-        )  # fmt: skip
-        return (
-            only_readings(raw)
-            if raw.dtype == np.uint16
-            else to_counts(depth, depth_unit, str(path))
         )
-    except (BadFile, BadImage) as problem:
-        raise BadDataset(str(problem)) from None
+        return only_readings(raw) if raw.dtype == np.uint16 else to_counts(depth, depth_unit, where)

@@ -181,7 +181,7 @@ def read_mesh(
 
 
 def _stl(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Corners and faces of an STL: of all its solids, whatever stands behind them."""
+    """Corners and faces of an STL: of all its solids; bytes may follow (not in trimesh)."""
     count = int.from_bytes(data[80:84], "little")
     if 0 < 50 * count <= len(data) - 84:  # a text's bytes 80 to 84 would say half a billion faces
         corners = np.frombuffer(data, _FACE, count, 84)["corners"].reshape(-1, 3)

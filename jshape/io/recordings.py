@@ -18,12 +18,12 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.depth import check_unit, to_metres, wrong_shape
-from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
+from jshape.errors import BadDataset, BadImage, one_line, quoted
 from jshape.io.cameras import CAMERA, read_camera, write_camera
 from jshape.io.files import write_atomic, write_json
 from jshape.io.folders import atomic_folder
 from jshape.io.images import read_counts, write_counts_png
-from jshape.io.tables import check_action, read_table
+from jshape.io.tables import as_dataset, check_action, read_table
 
 FRAMES = "frames"
 TRUTH = "truth.json"
@@ -74,14 +74,13 @@ class Recording:
           BadDataset: the file cannot be read, is not 16-bit single-channel or has another size.
         """
         path = self.files[index]
-        try:
-            counts = read_counts(path)
-        except BadImage as problem:
-            if "no pixel has a reading" in str(problem):  # a covered lens is no damage
-                return np.zeros(self.camera.shape, np.uint16)
-            raise BadDataset(str(problem)) from None
-        except BadFile as problem:
-            raise BadDataset(str(problem)) from None
+        with as_dataset():
+            try:
+                counts = read_counts(path)
+            except BadImage as problem:
+                if "no pixel has a reading" in str(problem):  # a covered lens is no damage
+                    return np.zeros(self.camera.shape, np.uint16)
+                raise
         if counts.shape != self.camera.shape:
             raise BadDataset(wrong_shape(str(path), counts.shape, self.camera))
         return counts
@@ -110,10 +109,8 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
         raise BadDataset(f"{folder}: {what}")
     if not (folder / CAMERA).is_file():
         raise BadDataset(f"{folder}: has no {CAMERA}, so nothing says what its frames mean")
-    try:
+    with as_dataset():
         camera, depth_unit = read_camera(folder / CAMERA)
-    except BadFile as problem:
-        raise BadDataset(str(problem)) from None
     within = folder / FRAMES if (folder / FRAMES).is_dir() else folder
     try:
         names = [name for name in os.listdir(within) if not name.startswith(".")]
@@ -137,11 +134,9 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
             f"{within}: missing frames: {text}{more}; --allow-gaps takes the others all the same"
         )
     recording = Recording(folder, camera, depth_unit, tuple(found.values()))
-    try:
+    with as_dataset():
         counts, where = recording.frame(0), str(recording.files[0])
         check_unit(to_metres(counts, depth_unit, where), camera, where, depth_unit)
-    except BadImage as problem:
-        raise BadDataset(str(problem)) from None
     return recording
 
 

@@ -7,10 +7,11 @@ import codecs
 import csv
 import io
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
-from jshape.errors import BadDataset, BadFile, one_line, quoted
+from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
 from jshape.io.files import read_bytes
 
 FILE_LIMIT = 64 * 2**20
@@ -42,6 +43,15 @@ class Table:
         return stream.getvalue()
 
 
+@contextmanager
+def as_dataset() -> Iterator[None]:
+    """Raise BadDataset for a file of a data set that cannot be read."""
+    try:
+        yield
+    except (BadFile, BadImage) as problem:
+        raise BadDataset(str(problem)) from None
+
+
 def read_table(path: str | os.PathLike, needed: Sequence[str]) -> Table:
     """The table of a CSV file; empty lines are left out.
 
@@ -52,8 +62,9 @@ def read_table(path: str | os.PathLike, needed: Sequence[str]) -> Table:
     Raises:
       BadDataset: it cannot be read, a name is missing or twice, a row has more or fewer cells.
     """
-    try:
+    with as_dataset():
         data = read_bytes(path, limit=FILE_LIMIT)
+    try:
         utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text"
         text = data.decode("utf-16" if utf16 else "utf-8-sig")
         separator = _separator(text, needed)
@@ -85,8 +96,6 @@ def read_table(path: str | os.PathLike, needed: Sequence[str]) -> Table:
             table.rows.append(dict(zip(header, cells, strict=False)))
             table.lines.append(lines.line_num)
         return table
-    except BadFile as problem:
-        raise BadDataset(str(problem)) from None
     except UnicodeDecodeError:
         raise BadDataset(f"{path}: is not UTF-8 text; save it as CSV UTF-8") from None
     except csv.Error as problem:

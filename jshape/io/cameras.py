@@ -13,7 +13,7 @@ from jshape.data.depth import unit_that_fits
 from jshape.data.missing import only_readings
 from jshape.errors import BadCamera, JShapeError, did_you_mean, quoted
 from jshape.io.files import read_json, write_json
-from jshape.io.formats import read_array
+from jshape.io.formats import COUNTS, read_array
 
 CAMERA = "camera.json"
 """What describes the camera of the frames beside it."""
@@ -57,7 +57,7 @@ def _unit_beside(path: Path, camera: Camera) -> str:
         near = sorted(itertools.islice(found, 100))
     except OSError:
         return ""
-    frames = (file for file in near if file.suffix.lower() in (".png", ".tif", ".tiff", ".npy"))
+    frames = (file for file in near if file.suffix.lower() in COUNTS)
     for file in itertools.islice(frames, 3):
         try:
             counts = read_array(file)

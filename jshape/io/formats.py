@@ -23,6 +23,11 @@ FILE_LIMIT = 512 * 2**20
 PIXEL_LIMIT = 2**26
 """Most pixels of an image: 67 million."""
 
+COUNTS = (".png", ".tif", ".tiff", ".npy")
+"""Endings of files that can hold the 16-bit counts of a frame."""
+SUFFIXES = (*COUNTS, ".exr")
+"""Endings of the files that `read_array` reads."""
+
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")

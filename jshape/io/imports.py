@@ -18,13 +18,12 @@ from jshape.data.missing import only_readings
 from jshape.data.segment import provisional_box
 from jshape.errors import BadDataset
 from jshape.io.cameras import read_camera
-from jshape.io.formats import read_array
+from jshape.io.formats import SUFFIXES, read_array
 from jshape.io.images import depth_of_array, to_counts
 from jshape.io.recordings import by_number
 from jshape.io.tables import as_dataset
 
 STATES = ("before", "after")
-_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".exr")
 
 
 class BeforeAfter(NamedTuple):
@@ -56,7 +55,7 @@ def before_after_files(source: str | os.PathLike) -> dict[str, tuple[Path, Path]
             files = [(p.stem.removesuffix(end), p) for p in sorted(source.iterdir())
                      if p.stem.endswith(end)]  # fmt: skip
         for name, path in files:
-            if path.suffix.lower() not in _SUFFIXES or not path.is_file() or name.startswith("."):
+            if path.suffix.lower() not in SUFFIXES or not path.is_file() or name.startswith("."):
                 continue
             other = found.setdefault(name, {}).setdefault(state, path)
             if other != path:

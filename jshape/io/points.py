@@ -8,7 +8,7 @@ import io
 import os
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -159,11 +159,7 @@ def read_mesh(
         raise BadFile(
             f"{path}: point clouds are {kinds}, not {quoted(suffix) if suffix else 'this'}"
         )
-    data = read_bytes(path, limit=FILE_LIMIT)
-    if suffix == ".pcd":
-        points, faces = parse_pcd(path, data), None
-    else:
-        points, faces = _stl(path, data) if suffix == ".stl" else _parse(path, data, suffix[1:])
+    points, faces = _READERS[suffix](path, read_bytes(path, limit=FILE_LIMIT))
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise BadFile(f"{path}: holds no points")
@@ -198,8 +194,9 @@ def _stl(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
     return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
-def _parse(path: Path, data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray | None]:
+def _ply_or_obj(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray | None]:
     """Points and faces of a PLY or OBJ."""
+    kind = path.suffix.lower()[1:]
     name = kind.upper()
     try:
         import trimesh
@@ -225,3 +222,12 @@ def _parse(path: Path, data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray |
     if faces is not None and len(faces) and not 0 <= faces.min() <= faces.max() < len(points):
         raise BadFile(f"{path}: a face of the {name} names a point that is not there")
     return points, faces
+
+
+_READERS: dict[str, Callable[[Path, bytes], tuple[np.ndarray, np.ndarray | None]]] = {
+    ".ply": _ply_or_obj,
+    ".obj": _ply_or_obj,
+    ".stl": _stl,
+    ".pcd": lambda path, data: (parse_pcd(path, data), None),
+}
+"""The reader of each format: points, and faces if it has any."""

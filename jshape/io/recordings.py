@@ -22,6 +22,7 @@ from jshape.errors import BadDataset, BadImage, one_line, quoted
 from jshape.io.cameras import CAMERA, read_camera, write_camera
 from jshape.io.files import write_atomic, write_json
 from jshape.io.folders import atomic_folder
+from jshape.io.formats import COUNTS
 from jshape.io.images import read_counts, write_counts_png
 from jshape.io.tables import as_dataset, check_action, read_table
 
@@ -42,7 +43,6 @@ _STAMPED = re.compile(
 """A date and a time: 2024-05-01_12-00-00, 20240501_120000.25."""
 _COUNTED = 10**9
 """Numbers from here on are times (seconds since 1970 and finer), between which nothing lacks."""
-_SUFFIXES = (".png", ".tif", ".tiff", ".npy")
 
 
 class Label(NamedTuple):
@@ -116,7 +116,7 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
         names = [name for name in os.listdir(within) if not name.startswith(".")]
     except OSError as problem:
         raise BadDataset(f"{within}: cannot be read: {one_line(problem)}") from None
-    images = sorted(within / n for n in names if Path(n).suffix.lower() in _SUFFIXES)
+    images = sorted(within / n for n in names if Path(n).suffix.lower() in COUNTS)
     found = in_order(images)
     if not found:
         ends = f" ({_names(images[:1])} does not end in a number)" * bool(images)

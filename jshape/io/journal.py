@@ -66,10 +66,16 @@ def alone(folder: Path) -> Iterator[None]:
     Raises:
       BadFile: another program has the run, or the lock cannot be made.
     """
+    path = folder / LOCK
     try:
-        with open(folder / LOCK, "ab", opener=regular) as file:
-            if not lock(file.fileno()):
-                raise BadFile(f"{folder}: another program goes on with this run")
-            yield
+        file = open(path, "ab", opener=regular)
     except OSError as problem:
-        refuse(folder / LOCK, "cannot be written", problem)
+        refuse(path, "cannot be written", problem)
+    with file:
+        try:
+            mine = lock(file.fileno())
+        except OSError as problem:
+            refuse(path, "cannot be locked", problem)
+        if not mine:
+            raise BadFile(f"{folder}: another program goes on with this run")
+        yield

@@ -39,7 +39,7 @@ class Difference:
         As seen from straight above: f_D knows nothing of the view from the side.
         """
         w, h = square(self.roi)
-        return replace(self, delta=turn(self.delta, yaw, (h, w)))
+        return replace(self, delta=jnp.asarray(turn(self.delta, yaw, (h, w))))
 
 
 def fit_difference(

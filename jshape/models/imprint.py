@@ -18,11 +18,12 @@ from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jshape._typing import Array, Float, Int
 from jshape.camera import Camera
 from jshape.models.orthographic import Ground
-from jshape.models.turn import square, turn
+from jshape.models.turn import namespace, square, turn
 
 SOFT = 1e-3
 """How softly the tool's edge meets the ground, metres: contact fades over about this height."""
@@ -87,7 +88,10 @@ class Pressed:
     def turned(self, yaw: float | Array) -> "Pressed":
         """The same hand turned by `yaw` radians from u towards v; its ROI becomes a square."""
         shape = square(self.ground.shape)
-        maps = {name: turn(getattr(self, name), yaw, shape, out) for name, out in _OUTSIDE.items()}
+        xp = namespace(self, yaw)
+        fields = xp.stack([xp.asarray(getattr(self, name)) for name in _OUTSIDE])
+        turned = turn(fields, yaw, shape, np.array(list(_OUTSIDE.values()), np.float32))
+        maps = {name: jnp.asarray(one) for name, one in zip(_OUTSIDE, turned, strict=True)}
         return replace(self, ground=replace(self.ground, shape=shape, roi=square(self.roi)), **maps)
 
     def change(
@@ -103,10 +107,13 @@ class Pressed:
 
     def ready(self) -> "Press":
         """What of a change does not depend on the ground, computed once for many grounds."""
-        give = jnp.maximum(self.give, 0.0)
-        least = 1e-6 * give.size  # 1 µm over the grid against 0 / 0
+        xp = namespace(self)
+        give, least = xp.asarray(self.give), np.float32(1e-6 * self.give.size)
+        weights = xp.exp(xp.asarray(self.reference) - xp.asarray(self.reference).max())
+        # 1 µm over the grid against 0 / 0.
+        volume = _sum(xp.maximum(give, np.float32(0)) * _soft(xp.asarray(self.tool))) + least
         return Press(
-            weights=jax.nn.softmax(self.reference.reshape(-1)).reshape(self.reference.shape),
+            weights=jnp.asarray(weights / weights.sum()),
             tool=self.tool,
             give=self.give,
             rest=self.rest,
@@ -114,8 +121,8 @@ class Pressed:
             follow=self.follow,
             deep=self.deep,
             stroke=self.stroke,
-            volume=_sum(give * _soft(self.tool)) + least,
-            least=jnp.asarray(least, jnp.float32),
+            volume=jnp.asarray(volume),
+            least=jnp.asarray(least),
         )
 
 
@@ -143,6 +150,12 @@ class Press:
     """Displaced on flat ground at strength 1, metres times nodes."""
     least: Float[Array, ""]
 
+    def __call__(
+        self, surface: Float[Array, "rows columns"], first: Array, strength: float | Array
+    ) -> Float[Array, "rows columns"]:
+        """The ground after the action, metres: the same wherever its first node is."""
+        return surface + self.change(surface, strength)
+
     def change(
         self, surface: Float[Array, "*B rows columns"], strength: float | Array = 1.0
     ) -> Float[Array, "*C rows columns"]:
@@ -164,10 +177,11 @@ def _soft(height: Array) -> Array:
 
     The rational function takes a third of the time of exponential and logarithm in a sweep.
     """
-    t = jnp.abs(height) / SOFT
+    xp = namespace(height)
+    t = xp.abs(height) / np.float32(SOFT)
     corner = 1.0 + t * (0.18072232 + t * (0.03586025 + t * 0.0029687))
     corner = corner * corner
-    return jnp.maximum(height, 0.0) + (SOFT * 0.6931472) / (corner * corner)
+    return xp.maximum(height, np.float32(0)) + np.float32(SOFT * 0.6931472) / (corner * corner)
 
 
 def _sum(field: Array) -> Array:

@@ -7,14 +7,13 @@ tolerance; another `max_steps`, or another number of positions, is another shape
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
-from jshape._typing import Array, ArrayLike
+from jshape._typing import ArrayLike
 from jshape.camera import Camera, unmasked
 from jshape.data.depth import check_unit, to_metres
 from jshape.data.view import View, image_of_depth, view_beside, view_of
@@ -36,7 +35,7 @@ from jshape.planning.plan import Plan
 from jshape.planning.rollout import Act, check_acts, predict_acts
 from jshape.planning.search import PLANNERS
 from jshape.planning.search.base import Found, Status, Task
-from jshape.planning.state import Terrain, terrain_of
+from jshape.planning.state import on_images, prepared
 
 
 @hinted
@@ -96,13 +95,12 @@ def plan(
     seed, max_steps = tasks.seed(budget.seed), int(stop.max_steps)
     free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
     turned = tasks.directions(bank, space.yaws)
-    terrain = _terrain(bank, first, goal, np.array([yaw for _, yaw in turned], np.float32),
-                       moves=tuple((a, yaw != 0) for a, yaw in turned))  # fmt: skip
+    moves = prepared(bank, [(a, np.float32(yaw) if yaw else None) for a, yaw in turned])
+    terrain = _terrain(bank, first, goal, *moves)
     if space.positions is None:
         where = tasks.at_nodes(terrain, bank, places.dense_positions(bank, space.stride))
     else:
         where = places.placed_positions(bank, space.positions, space.out_of_bounds)
-    where = places.within(where, free)
     task = Task(
         terrain=terrain,
         candidates=candidates_at(terrain, bank, where, tasks.strengths(space.strengths), free),
@@ -126,15 +124,18 @@ def plan(
 
 def _acts(found: Found, task: Task) -> list[Act]:
     """The moves that a search found, at their exact places."""
-    acts = []
+    candidates, acts = task.candidates, []
+    first, pixels = np.asarray(candidates.first), np.asarray(candidates.pixels)
+    usable, of = np.asarray(candidates.open), np.asarray(candidates.move)
+    mine = [usable & (of == number) for number in range(len(task.terrain.moves))]
     for k in range(int(found.steps)):
         number = int(found.move[k])
         move = task.terrain.moves[number]
         exact = task.terrain.pixel(found.node[k])[::-1]
-        known = np.asarray(task.candidates.first[number]) + move.middle
+        known = first[mine[number]] + move.middle
         same = np.flatnonzero((known == found.node[k]).all(1))
         if same.size:  # a given place, not the node beside it
-            exact = np.asarray(task.candidates.pixels[number])[same[0]]
+            exact = pixels[mine[number]][same[0]]
         acts.append(Act(move.action, np.asarray(exact), found.strength[k], float(move.yaw)))
     return acts
 
@@ -171,12 +172,7 @@ def rollout(
     return predict_acts(bank, first, goal, acts, Status.PLAN_ENDED)
 
 
-@partial(jax.jit, static_argnames=["moves"])
-def _terrain(
-    bank: Bank, image: Array, goal: Array, yaws: Array, *, moves: tuple[tuple[int, bool], ...]
-) -> Terrain:
-    turned = [(a, yaws[k] if turn else None) for k, (a, turn) in enumerate(moves)]
-    return terrain_of(bank, image, goal, turned)
+_terrain = jax.jit(on_images)
 
 
 @hinted

@@ -1,21 +1,23 @@
 """A sequence of actions carried out on images, one ROI after the other.  Eq. predStep1 to 3."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jshape._typing import Array, Float, Int
 from jshape.models.bank import Bank
 
 
-@jax.jit(static_argnames=["action", "turned", "moved"])
 def after_action(
     bank: Bank,
-    image: Float[Array, "H W"],
-    first: Int[Array, "2"],
-    strength: float | Array = 1.0,
-    yaw: float | Array = 0.0,
-    offset: Float[Array, "2"] | tuple[float, float] = (0.0, 0.0),
+    image: Float[Any, "H W"],
+    first: Int[Any, "2"],
+    strength: float | Array | np.floating = 1.0,
+    yaw: float | Array | np.floating = 0.0,
+    offset: Float[Any, "2"] | tuple[float, float] = (0.0, 0.0),
     *,
     action: int,
     turned: bool = False,
@@ -37,16 +39,30 @@ def after_action(
     predictor = bank.predictors[action]
     if turned:
         predictor = predictor.turned(yaw)
+    return _after(
+        predictor, jnp.asarray(image), jnp.asarray(first), jnp.asarray(strength, jnp.float32),
+        jnp.asarray(offset, jnp.float32) if moved else None,
+    )  # fmt: skip
+
+
+@jax.jit
+def _after(
+    predictor: Any,
+    image: Float[Array, "H W"],
+    first: Int[Array, "2"],
+    strength: Float[Array, ""],
+    offset: Float[Array, "2"] | None,
+) -> tuple[Float[Array, "h w"], Float[Array, ""]]:
     w, h = predictor.roi
     roi = lax.dynamic_slice(image, first, (h, w))
-    if moved:
-        # The bed as seen from the exact place, and what changes there put back.
-        seen = shift(roi, jnp.asarray(offset))
-        raw = roi + shift(predictor(seen, first, strength) - seen, -jnp.asarray(offset))
-    else:
+    if offset is None:
         raw = predictor(roi, first, strength)
+    else:
+        # The bed as seen from the exact place, and what changes there put back.
+        seen = shift(roi, offset)
+        raw = roi + shift(predictor(seen, first, strength) - seen, -offset)
     after = jnp.clip(raw, 0.0, 1.0)
-    return after, (raw != after).mean()
+    return after, (raw != after).mean(dtype=jnp.float32)
 
 
 def shift(window: Float[Array, "n m"], by: Array) -> Float[Array, "n m"]:
@@ -57,7 +73,7 @@ def shift(window: Float[Array, "n m"], by: Array) -> Float[Array, "n m"]:
     for axis in (0, 1):
         share = by[axis]
         size = window.shape[axis]
-        line = jnp.arange(size)
+        line = jnp.arange(size, dtype=jnp.int32)
         ahead = jnp.take(window, jnp.minimum(line + 1, size - 1), axis=axis)
         behind = jnp.take(window, jnp.maximum(line - 1, 0), axis=axis)
         rest = 1.0 - jnp.abs(share)

@@ -3,11 +3,13 @@
 A candidate is one move at one place with one strength.  Candidates are numbered move by move,
 place by place, strength by strength, as Algorithm 1 visits them.  What is computed is by how much
 each changes d, from its window alone.
+
+Places and strengths lie in storage of a few sizes, with masks: another grid, another reachable
+mask or other strengths compile nothing anew.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +21,13 @@ from jshape import actions
 from jshape._typing import Array, Bool, Float, Int
 from jshape.models.bank import Bank
 from jshape.planning.state import Terrain
+
+PLACES = 256, 16
+"""Least storage for places, and how many times as large the next is."""
+STRENGTHS = 8, 8
+"""Likewise for strengths."""
+SPARE = 108
+"""Places left free at the end: a local search puts its own there."""
 
 
 @dataclass(frozen=True)
@@ -38,33 +47,47 @@ ONE_BY_ONE = How()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Candidates:
-    """M = S · sum of N_m candidates: first nodes (v, u) of their windows per move, strengths."""
+    """The candidates of all moves, in padded storage: N places, S strengths."""
 
-    first: tuple[Int[Array, "_ 2"], ...]
-    """Per move of the terrain: first node of the window at each of its places."""
+    first: Int[Array, "N 2"]
+    """First node (v, u) of each place's window, move by move; fillers at the end."""
+    move: Int[Array, "N"]
+    """Number of each place's move."""
+    start: Int[Array, "_"]
+    """Where each move's places begin; last, where all end."""
+    open: Bool[Array, "N"]
+    """Places at which a hand may be placed; False for fillers."""
+    pixels: Int[Array, "N 2"]
+    """The places as (u, v) pixels."""
     strengths: Float[Array, "S"]
-    """How many times as deep as the trained action."""
-    pixels: tuple[Int[Array, "_ 2"], ...]
-    """Per move: the places as (u, v) pixels."""
-    reach: Bool[Array, "R C"] | None = None
-    """Nodes at which a hand may be placed; None: all."""
+    """How many times as deep as the trained action, weakest first; the last is repeated."""
+    tried: Int[Array, ""]
+    """How many strengths there are."""
+    reach: Bool[Array, "R C"]
+    """Nodes at which a hand may be placed."""
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """N_m per move."""
-        return tuple(len(first) for first in self.first)
+        """Places of each move (host)."""
+        return tuple(np.diff(np.asarray(self.start)).tolist())
 
     def __len__(self) -> int:
-        return sum(self.counts) * len(self.strengths)
+        return int(np.count_nonzero(self.open)) * int(self.tried)
 
     def locate(self, index: int) -> tuple[int, int, int]:
         """(move number, place number, strength number) of a candidate (host)."""
-        place, strength = divmod(index, len(self.strengths))
+        place, strength = divmod(index, int(self.tried))
         for number, count in enumerate(self.counts):
             if place < count:
                 return number, place, strength
             place -= count
         raise IndexError(index)
+
+    def of_move(self, number: int, values: Array | None = None) -> np.ndarray:
+        """One move's rows of `first`, or of other values of all places (host)."""
+        start = np.asarray(self.start)
+        whole = np.asarray(self.first if values is None else values)
+        return whole[start[number] : start[number + 1]]
 
 
 @jax.tree_util.register_dataclass
@@ -72,10 +95,10 @@ class Candidates:
 class Board:
     """What is known of the candidates."""
 
-    changes: tuple[Float[Array, "_ S"], ...]
-    """Per move: change of d by each place and strength; 0 where not yet evaluated."""
-    stale: tuple[Bool[Array, "_"], ...]
-    """Per move: places whose values are not those of the map as it is."""
+    changes: Float[Array, "N S"]
+    """Change of d by each place and strength; 0 where not yet evaluated."""
+    stale: Bool[Array, "N"]
+    """Places whose values are not those of the map as it is."""
 
 
 def candidates_at(
@@ -96,43 +119,173 @@ def candidates_at(
       strengths: to try.
       reach: (H, W) pixels at which a hand may be placed; None: all.
     """
-    firsts, pixels = [], []
+    shape = terrain.now.shape
+    firsts, pixels, counts = [], [], [0]
     for move in terrain.moves:
         name = bank.actions[move.action]
         centres = positions.get(name, np.zeros((0, 2), np.int32))
         inside = actions.fits(bank.camera, centres, move.roi)  # a turned hand needs more room
         node = terrain.node(centres[inside][:, ::-1])
-        rows, columns = terrain.now.shape
-        room = np.array([rows, columns]) - move.shape
-        firsts.append(np.clip(node - move.middle, 0, room).astype(np.int32))
-        pixels.append(centres[inside].astype(np.int32))
+        firsts.append(np.clip(node - move.middle, 0, np.array(shape) - move.shape))
+        pixels.append(centres[inside])
+        counts.append(len(node))
+    start = np.cumsum(counts, dtype=np.int32)
+    room = _storage(int(start[-1]) + SPARE, *PLACES)
+
+    def padded(rows: list[np.ndarray]) -> np.ndarray:
+        whole = np.zeros((room, 2), np.int32)
+        whole[: start[-1]] = np.concatenate([np.zeros((0, 2), np.int32), *rows])
+        return whole
+
+    move = np.zeros(room, np.int32)
+    move[: start[-1]] = np.repeat(np.arange(len(terrain.moves)), counts[1:])
+    usable = np.arange(room) < start[-1]
+    nodes = np.ones(shape, bool)
+    where = padded(pixels)
     if reach is not None:
-        at = np.moveaxis(np.indices(terrain.now.shape), 0, -1).reshape(-1, 2)
+        usable &= reach[where[:, 1], where[:, 0]]
+        at = np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 2)
         v, u = np.clip(np.rint(terrain.pixel(at)).astype(int), 0, np.array(reach.shape) - 1).T
-        reach = reach[v, u].reshape(terrain.now.shape)
+        nodes = reach[v, u].reshape(shape)
+    deep = np.pad(
+        np.asarray(strengths, np.float32),
+        (0, _storage(len(strengths), *STRENGTHS) - len(strengths)),
+        mode="edge",
+    )
+    tried = np.int32(len(strengths))
     # All in one transfer: one by one they take as long as a small search.
-    arrays = tuple(firsts), np.asarray(strengths, np.float32), tuple(pixels), reach
-    return Candidates(*jax.device_put(arrays))
+    return Candidates(
+        *jax.device_put((padded(firsts), move, start, usable, where, deep, tried, nodes))
+    )
+
+
+def _storage(count: int, least: int, times: int) -> int:
+    """The storage that holds so many."""
+    while least < count:
+        least *= times
+    return least
 
 
 def fresh_board(candidates: Candidates) -> Board:
     """A board on which nothing is known."""
-    count = len(candidates.strengths)
-    return Board(
-        tuple(jnp.zeros((n, count), jnp.float32) for n in candidates.counts),
-        tuple(jnp.ones(n, dtype=bool) for n in candidates.counts),
-    )
+    sizes = len(candidates.first), len(candidates.strengths)
+    return Board(jnp.zeros(sizes, jnp.float32), jnp.asarray(candidates.open))
 
 
 def touch(
     board: Board, candidates: Candidates, terrain: Terrain, first: Array, shape: Array
 ) -> Board:
     """The board after the window at `first` of `shape` has changed: what overlaps it is stale."""
-    stale = []
-    for move, firsts, old in zip(terrain.moves, candidates.first, board.stale, strict=True):
-        apart = (firsts >= first + shape) | (first >= firsts + jnp.array(move.shape, jnp.int32))
-        stale.append(old | ~apart.any(-1))
-    return replace(board, stale=tuple(stale))
+    shapes = jnp.asarray(terrain.shapes)[candidates.move]
+    apart = (candidates.first >= first + shape) | (first >= candidates.first + shapes)
+    return replace(board, stale=board.stale | (candidates.open & ~apart.any(-1)))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Work:
+    """What is to be evaluated: places of each move, with the strengths of each."""
+
+    first: Int[Array, "N 2"]
+    """First nodes of windows."""
+    order: Int[Array, "N"]
+    """Rows of `first` to be evaluated, move by move."""
+    start: Int[Array, "_"]
+    """Where each move's begin in `order`; last, where all end."""
+    strengths: Float[Array, "A S"]
+    """Per move."""
+    count: Int[Array, ""]
+    """How many of the strengths."""
+
+
+def evaluate(
+    terrain: Terrain,
+    now: Float[Array, "R C"],
+    work: Work,
+    changes: Float[Array, "N S"],
+    how: How = ONE_BY_ONE,
+) -> Float[Array, "N S"]:
+    """`changes` with the rows of `work` computed anew; the others are neither read nor computed.
+
+    A loop over moves and in it one over places: each step is a slice, on a CPU 2.5 times as fast as
+    one gather over all places, and the loop's length is what there is to do.
+    """
+    if how.mesh is None:
+        return _evaluate(terrain, now, work, changes, how.chunk)
+    axis, devices = how.mesh.axis_names[0], how.mesh.size
+
+    def mine(terrain, now, work, changes):
+        begin, count = work.start[:-1], jnp.diff(work.start)
+        rank = lax.axis_index(axis).astype(jnp.int32)
+        part = begin + count * rank // devices, begin + count * (rank + 1) // devices
+        new = _evaluate(terrain, now, work, jnp.zeros_like(changes), how.chunk, part)
+        new = lax.psum(new, axis)
+        row = jnp.arange(len(changes), dtype=jnp.int32)
+        done = jnp.zeros(len(changes), bool)
+        done = done.at[jnp.where(row < work.start[-1], work.order, len(changes))].set(
+            True, mode="drop"
+        )
+        return jnp.where(done[:, None], new, changes)
+
+    whole = PartitionSpec()
+    return jax.shard_map(mine, mesh=how.mesh, in_specs=(whole,) * 4, out_specs=whole,
+                         check_vma=False)(terrain, now, work, changes)  # fmt: skip
+
+
+def _evaluate(terrain, now, work, changes, chunk, part=None):
+    begins, ends = part or (work.start[:-1], work.start[1:])
+
+    def of_move(number, changes):
+        def of_kernel(kernel, effect, changes, begin, end, strengths):
+            def one(first):
+                return terrain.change(kernel, effect, now, first, strengths, work.count)
+
+            def some(i, changes):
+                if chunk == 1:
+                    row = work.order[begin + i]
+                    return changes.at[row].set(one(work.first[row]))
+                at = begin + i * chunk + jnp.arange(chunk, dtype=jnp.int32)
+                row = work.order[jnp.minimum(at, len(work.order) - 1)]
+                new = jax.vmap(one)(work.first[row])
+                return changes.at[jnp.where(at < end, row, len(changes))].set(new, mode="drop")
+
+            return lax.fori_loop(0, -(-(end - begin) // chunk), some, changes)
+
+        operands = changes, begins[number], ends[number], work.strengths[number]
+        return terrain.with_kernel(number, of_kernel, *operands)
+
+    return lax.fori_loop(0, len(terrain.moves), of_move, changes)
+
+
+def stale_work(
+    terrain: Terrain, candidates: Candidates, board: Board, room: int | Array | None = None
+) -> tuple[Work, Bool[Array, "N"]]:
+    """The stale places of a board as work; and which they are.
+
+    Args:
+      terrain: the moves.
+      candidates: where.
+      board: what is known.
+      room: at most about this many candidates are evaluated, of each move in proportion; None is
+        all.
+    """
+    moves, places = len(terrain.moves), len(candidates.first)
+    number = jnp.arange(places, dtype=jnp.int32)
+    before = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(board.stale, dtype=jnp.int32)])
+    until = before[candidates.start]  # stale places before each move's first
+    due = board.stale
+    if room is not None:
+        waiting = until[-1]
+        fit = jnp.minimum(jnp.asarray(room, jnp.int32) / candidates.tried, waiting)
+        portion = (fit / jnp.maximum(waiting, 1)).astype(jnp.float32)
+        # Rounded up for the moves so far together: in all, by less than one place.
+        most = jnp.diff(jnp.ceil(until.astype(jnp.float32) * portion)).astype(jnp.int32)
+        due &= before[:-1] - until[candidates.move] < most[candidates.move]
+    ends = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(due, dtype=jnp.int32)])
+    order = jnp.zeros(places, jnp.int32)
+    order = order.at[jnp.where(due, ends[:-1], places)].set(number, mode="drop")
+    strengths = jnp.broadcast_to(candidates.strengths, (moves, len(candidates.strengths)))
+    return Work(candidates.first, order, ends[candidates.start], strengths, candidates.tried), due
 
 
 def refresh(
@@ -143,100 +296,25 @@ def refresh(
     room: int | Array | None = None,
     how: How = ONE_BY_ONE,
 ) -> tuple[Board, Int[Array, ""]]:
-    """The board with stale candidates computed anew; the others are neither read nor computed.
-
-    Args:
-      terrain: the moves and the map wanted.
-      now: the map as it is.
-      candidates: where.
-      board: what is known.
-      room: at most about this many candidates are evaluated, of each move in proportion; None is
-        all.
-      how: memory and devices.
+    """The board with stale candidates computed anew.  See `stale_work`.
 
     Returns:
       The board, in which places for which there was no room are still stale, and the evaluations.
     """
-    per_place = len(candidates.strengths)
-    waiting = sum(_count(stale) for stale in board.stale)
-    places = waiting if room is None else jnp.minimum(room / per_place, waiting)
-    portion = places / jnp.maximum(waiting, 1)
-    changes, stale, spent, before = [], [], jnp.int32(0), jnp.int32(0)
-    for number, first in enumerate(candidates.first):
-        old, old_stale = board.changes[number], board.stale[number]
-        count = first.shape[0]
-        if count:
-            # Rounded up for the moves so far together: in all, by less than one place.
-            earlier, before = before, before + _count(old_stale)
-            most = jnp.ceil(before * portion) - jnp.ceil(earlier * portion)
-            most = jnp.clip(most, 0, count).astype(jnp.int32)
-            work = partial(_refresh_move, number, how.chunk)
-            if how.mesh is not None:
-                work = _shared(work, how.mesh)
-                most = -(-most // how.mesh.size)
-            old, left = work(terrain, now, first, candidates.strengths, old, old_stale, most)
-            spent += _count(old_stale & ~left) * per_place
-            old_stale = left
-        changes.append(old)
-        stale.append(old_stale)
-    return Board(tuple(changes), tuple(stale)), spent
-
-
-def _count(stale: Bool[Array, "N"]) -> Int[Array, ""]:
-    return stale.sum(dtype=jnp.int32)
-
-
-def _refresh_move(number, chunk, terrain, now, first, strengths, changes, stale, most):
-    """One move: a loop over its stale places.
-
-    With a static window and `chunk` 1 each step is a slice, on a CPU 2.5 times as fast as one
-    gather over all places, and the loop's length is the number of stale places.
-    """
-    move, count = terrain.moves[number], first.shape[0]
-    rank = jnp.cumsum(stale, dtype=jnp.int32) - 1
-    most = jnp.minimum(_count(stale), most)
-    order = jnp.zeros(count + chunk, jnp.int32)  # stale places first, in their own order
-    numbers = jnp.arange(count, dtype=jnp.int32)
-    order = order.at[jnp.where(stale, rank, count + chunk)].set(numbers, mode="drop")
-
-    def one(first):
-        return terrain.change(move, now, first, strengths)
-
-    def evaluate(i, values):
-        if chunk == 1:
-            return values.at[order[i]].set(one(first[order[i]]))
-        mine = lax.dynamic_slice_in_dim(order, i * chunk, chunk)
-        valid = i * chunk + jnp.arange(chunk, dtype=jnp.int32) < most
-        return values.at[jnp.where(valid, mine, count)].set(jax.vmap(one)(first[mine]), mode="drop")
-
-    changes = lax.fori_loop(0, -(-most // chunk), evaluate, changes)
-    return changes, stale & (rank >= most)
-
-
-def _shared(work, mesh: Mesh):
-    """`work` with the places split over the devices of a mesh (of one axis)."""
-    whole, split = PartitionSpec(), PartitionSpec(mesh.axis_names[0])
-
-    def padded(terrain, now, first, strengths, changes, stale, most):
-        count = first.shape[0]
-        extra = -count % mesh.size
-        first, changes, stale = (
-            jnp.pad(a, [(0, extra)] + [(0, 0)] * (a.ndim - 1)) for a in (first, changes, stale)
-        )
-        changes, stale = jax.shard_map(
-            work,
-            mesh=mesh,
-            in_specs=(whole, whole, split, whole, split, split, whole),
-            out_specs=(split, split),
-            check_vma=False,
-        )(terrain, now, first, strengths, changes, stale, most)
-        return changes[:count], stale[:count]
-
-    return padded
+    work, due = stale_work(terrain, candidates, board, room)
+    changes = evaluate(terrain, now, work, board.changes, how)
+    return Board(changes, board.stale & ~due), work.start[-1] * candidates.tried
 
 
 @jax.jit(static_argnames=["how"])
+def _sweep(terrain: Terrain, candidates: Candidates, how: How) -> Float[Array, "N S"]:
+    return refresh(terrain, terrain.now, candidates, fresh_board(candidates), how=how)[0].changes
+
+
 def sweep(terrain: Terrain, candidates: Candidates, how: How = ONE_BY_ONE) -> tuple[Array, ...]:
     """Change of d by every candidate: per move (N, S), negative where the goal comes nearer."""
-    board, _ = refresh(terrain, terrain.now, candidates, fresh_board(candidates), how=how)
-    return board.changes
+    if not terrain.moves:
+        return ()
+    changes = _sweep(terrain, candidates, how)[:, : int(candidates.tried)]
+    start = np.asarray(candidates.start)
+    return tuple(changes[a:b] for a, b in zip(start[:-1], start[1:], strict=True))

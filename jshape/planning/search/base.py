@@ -1,5 +1,6 @@
 """What every planner takes and gives back."""
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -8,7 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jshape._typing import Array, Float, Int
+from jshape._typing import Array, Bool, Float, Int
 from jshape.planning.evaluate import ONE_BY_ONE, Candidates, How
 from jshape.planning.state import Terrain
 
@@ -59,14 +60,17 @@ class Limits:
     max_steps: int | Array = EVER
     """Most actions, within the room that a search has for them."""
 
-    def needed(self, action: int, strengths: Float[Array, "S"]) -> Float[Array, "S"]:
-        """What an action must gain, for each strength."""
+    def needed(
+        self, action: Int[Array, "*B"], strengths: Float[Array, "..."]
+    ) -> Float[Array, "*B S"]:
+        """What actions must gain, for each strength."""
         errors = jnp.asarray(self.errors, jnp.float32)
-        error = errors if errors.ndim == 0 else errors[action]
-        return jnp.maximum(jnp.float32(self.min_gain), error * jnp.sqrt(strengths))
+        error = errors[action] if errors.ndim else jnp.broadcast_to(errors, action.shape)
+        needed = error[..., None] * jnp.sqrt(strengths)
+        return jnp.maximum(jnp.asarray(self.min_gain, jnp.float32), needed)
 
-    def allowed(self, action: int, used: Int[Array, "A"]) -> Array:
-        """Whether an action may be used once more."""
+    def allowed(self, action: Int[Array, "*B"], used: Int[Array, "A"]) -> Bool[Array, "*B"]:
+        """Whether actions may be used once more."""
         most = jnp.asarray(self.most, jnp.int32)
         return used[action] < (most if most.ndim == 0 else most[action])
 
@@ -109,6 +113,21 @@ def nothing(terrain: Terrain, max_steps: int) -> Found:
 def room_for(max_steps: int) -> int:
     """Storage for so many actions, in sixteens: another `max_steps` rarely compiles anything."""
     return max(-(-max_steps // 16) * 16, 16)
+
+
+_traces: list[str] = []
+"""Names of the functions that were traced by `compiled`, in this process."""
+
+
+def compiled(function: Callable, static: tuple[str, ...] = ()) -> Callable:
+    """`jax.jit` with these static arguments; a `Budget` sees when it compiles."""
+
+    @functools.wraps(function)
+    def traced(*args, **kwargs):
+        _traces.append(function.__name__)  # Python runs this only while JAX traces
+        return function(*args, **kwargs)
+
+    return jax.jit(traced, static_argnames=static)
 
 
 class Budget:
@@ -161,10 +180,10 @@ class Budget:
         return self.seconds is None or self.elapsed + seconds <= self.seconds
 
     def call(self, function: Callable, *args: Any, **static: Any) -> Any:
-        """The result of a jitted function, ready.  A call that compiled it first is not counted."""
-        known, began = function._cache_size(), self._clock()  # pyright: ignore
+        """The result of a function made by `compiled`, ready.  Compiling it is not counted."""
+        known, began = len(_traces), self._clock()
         result = jax.block_until_ready(function(*args, **static))
-        if function._cache_size() > known:  # pyright: ignore
+        if len(_traces) > known:
             self._start += self._clock() - began
             self._compiled = True
         return result
@@ -201,7 +220,7 @@ class Task:
     """Most actions; `limits` says the same."""
     budget: Budget = field(default_factory=Budget)
     fine: int = 0
-    """Rounds of polishing: the neighbours of the best candidates, at ever smaller steps."""
+    """Rounds of local search: the neighbours of the best candidates, at ever smaller steps."""
     key: Array = field(default_factory=lambda: jax.random.key(0))
     """For searches that draw."""
     start: Found | None = None

@@ -6,16 +6,16 @@ what is done, not by one node of where.
 """
 
 from dataclasses import replace
+from functools import partial
 
-import jax
 import jax.numpy as jnp
 
 from jshape._typing import Array
 from jshape.planning.evaluate import Candidates, refresh
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Found, Limits, Status, Task, better, ended
+from jshape.planning.search.base import Found, Limits, Status, Task, better, compiled, ended
 from jshape.planning.search.greedy import State
-from jshape.planning.search.local import polished
+from jshape.planning.search.local import Local, improved_locally
 from jshape.planning.state import Terrain
 
 WIDTH = 4
@@ -56,44 +56,45 @@ def _children(task: Task, state: State) -> list[State]:
             break
         if task.budget.over:
             return []
-    chosen, firsts, strengths, gains, more = task.budget.call(
-        options, state, task.terrain, task.candidates, task.limits,
-        jnp.int32(task.budget.left), fine=task.fine,
+    best, more = task.budget.call(
+        best_candidates, state, task.terrain, task.candidates, task.limits,
+        jnp.int32(task.fine), jnp.int32(task.budget.left), width=WIDTH,
     )  # fmt: skip
     task.budget.spend(int(more))
     return [
         task.budget.call(
-            greedy.take, state, task.terrain, task.candidates, chosen[k], firsts[k], strengths[k]
+            greedy.take, state, task.terrain, task.candidates,
+            best.move[k], best.first[k], best.strength[k],
         )
-        for k in range(len(gains))
-        if float(gains[k]) > 0
-    ]
+        for k in range(len(best.gain))
+        if float(best.gain[k]) > 0
+    ]  # fmt: skip
 
 
-@jax.jit(static_argnames=["how"])
-def look(state: State, terrain: Terrain, candidates: Candidates, room: Array, how) -> tuple:
+@partial(compiled, static=("how",))
+def look(state: State, terrain: Terrain, candidates: Candidates, room: Array, *, how) -> tuple:
     """The state with its board refreshed as far as there is room; whether more waits; spent."""
     board, spent = refresh(terrain, state.now, candidates, state.board, room, how)
-    waiting = jnp.stack([stale.any() for stale in board.stale]).any()
-    return replace(state, board=board), waiting, spent
+    return replace(state, board=board), board.stale.any(), spent
 
 
-@jax.jit(static_argnames=["fine"])
-def options(
+@partial(compiled, static=("width",))
+def best_candidates(
     state: State,
     terrain: Terrain,
     candidates: Candidates,
     limits: Limits,
+    fine: Array,
     left: Array,
     *,
-    fine: int,
-):
-    """The best candidates of the `WIDTH` best moves; none after convergence."""
-    gains, firsts, strengths = greedy.best_of_moves(state, terrain, candidates, limits)
-    gains = jnp.where(state.found.distance > limits.tolerance, gains, 0.0)
-    return polished(
-        terrain, state.now, candidates, gains, firsts, strengths, limits, fine, WIDTH, left
+    width: int,
+) -> tuple[Local, Array]:
+    """The best candidates of the `width` best moves, improved; no gain after convergence."""
+    best, spent = improved_locally(
+        terrain, state.now, candidates, state.board, state.used, limits, fine, width, left
     )
+    far = state.found.distance > limits.tolerance
+    return replace(best, gain=jnp.where(far, best.gain, 0.0)), spent
 
 
 def _as_set(found: Found) -> tuple:

@@ -6,15 +6,15 @@ in a row that overlap are also tried in the other order.  Only what lowers d is 
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jshape._typing import Array
-from jshape.planning.evaluate import Board, Candidates, fresh_board
+from jshape.planning.evaluate import Board, Candidates, fresh_board, touch
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Found, Status, Task, better, ended
+from jshape.planning.search.base import Found, Status, Task, better, compiled, ended
 from jshape.planning.search.greedy import State
+from jshape.planning.search.local import no_local
 from jshape.planning.search.sequence import begun, measured, without
 from jshape.planning.state import Terrain
 
@@ -66,7 +66,7 @@ def _exchanged(
         state = task.budget.call(
             greedy.advance, state, task.terrain, task.candidates, task.limits,
             jnp.int32(task.budget.room()), jnp.int32(task.budget.left),
-            fine=task.fine, how=task.how,
+            jnp.int32(task.fine), how=task.how,
         )  # fmt: skip
         task.budget.spend(int(state.found.evaluations) - spent)
         if int(state.found.status) >= 0 or task.budget.over:
@@ -77,7 +77,7 @@ def _exchanged(
     return result, state.board, state.now, kept
 
 
-@jax.jit
+@compiled
 def at_map(
     terrain: Terrain, candidates: Candidates, found: Found, now: Array, board: Board, seen: Array
 ) -> State:
@@ -85,21 +85,22 @@ def at_map(
     apart = jnp.abs(now - seen) > 0
     rows, columns = apart.any(1), apart.any(0)
     first = jnp.array([jnp.argmax(rows), jnp.argmax(columns)], jnp.int32)
-    last = jnp.array([apart.shape[0] - jnp.argmax(rows[::-1]),
-                      apart.shape[1] - jnp.argmax(columns[::-1])])  # fmt: skip
+    ends = jnp.array([jnp.argmax(rows[::-1]), jnp.argmax(columns[::-1])], jnp.int32)
+    last = jnp.array(apart.shape, jnp.int32) - ends
     shape = jnp.where(apart.any(), last - first, 0)
-    board = greedy.touch(board, candidates, terrain, first, shape)
-    actions = jnp.array([move.action for move in terrain.moves], jnp.int32)
-    used = jnp.zeros(1 + max(move.action for move in terrain.moves), jnp.int32)
+    board = touch(board, candidates, terrain, first, shape)
+    actions = jnp.asarray(terrain.actions)
+    used = jnp.zeros(1 + max(terrain.actions), jnp.int32)
     used = used.at[actions[found.move]].add(found.move >= 0)
     status, none = jnp.int32(-1), jnp.int32(0)
-    return State(now, board, used, replace(found, status=status, evaluations=none))
+    found = replace(found, status=status, evaluations=none)
+    return State(now, board, used, found, no_local(terrain))
 
 
 def _swapped(task: Task, found: Found, k: int) -> Found:
     """The k-th and the next action in the other order, if they overlap and that helps."""
     node, move = np.asarray(found.node), np.asarray(found.move)
-    shapes = [np.array(task.terrain.moves[m].shape) for m in move[k : k + 2]]
+    shapes = task.terrain.shapes[move[k : k + 2]]
     if (np.abs(node[k] - node[k + 1]) >= (shapes[0] + shapes[1]) / 2).any() or task.budget.over:
         return found
     order = np.arange(len(move))

@@ -14,12 +14,10 @@ from jax import lax
 
 from jshape._typing import Array, Float, Int
 from jshape.errors import JShapeError
-from jshape.planning.evaluate import Candidates
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Found, Limits, Status, Task, better, ended
-from jshape.planning.search.beam import look
+from jshape.planning.search.base import Found, Status, Task, better, compiled, ended
+from jshape.planning.search.beam import best_candidates, look
 from jshape.planning.search.greedy import State
-from jshape.planning.search.local import polished
 from jshape.planning.state import Terrain
 
 LISTED = 12
@@ -38,7 +36,7 @@ def search(task: Task) -> Found:
     Raises:
       JShapeError: mctx is not installed.
     """
-    mctx = _mctx()
+    _mctx()
     best = greedy.search(task)
     state = greedy.begin(task.terrain, task.candidates, task.max_steps)
     key = task.key
@@ -51,7 +49,7 @@ def search(task: Task) -> Found:
         if task.budget.over or not task.budget.holds(work):
             return ended(task, best, Status.BUDGET)
         choice = task.budget.call(
-            _policy, mine, task.terrain, state.now, state.found.distance, *listed, mctx=mctx
+            _policy, mine, task.terrain, state.now, state.found.distance, *listed
         )
         task.budget.spend(work)
         moves, firsts, strengths = listed
@@ -86,33 +84,19 @@ def _list(task: Task, state: State) -> tuple[tuple[Array, Array, Array] | None, 
             break
         if task.budget.over:
             return None, state
-    moves, firsts, strengths, gains, more = task.budget.call(
-        _polished, state, task.terrain, task.candidates, task.limits,
-        jnp.int32(task.budget.left), fine=task.fine,
+    best, more = task.budget.call(
+        best_candidates, state, task.terrain, task.candidates, task.limits,
+        jnp.int32(task.fine), jnp.int32(task.budget.left), width=LISTED,
     )  # fmt: skip
     task.budget.spend(int(more))
-    if not float(gains.max()) > 0:
+    if not float(best.gain.max()) > 0:
         return None, state
     # What is not worth its action stands in for the best, so that the list keeps its length.
-    order = jnp.where(gains > 0, jnp.arange(len(gains)), jnp.argmax(gains))
-    return (moves[order], firsts[order], strengths[order]), state
+    order = jnp.where(best.gain > 0, jnp.arange(len(best.gain)), jnp.argmax(best.gain))
+    return (best.move[order], best.first[order], best.strength[order]), state
 
 
-@jax.jit(static_argnames=["fine"])
-def _polished(
-    state: State,
-    terrain: Terrain,
-    candidates: Candidates,
-    limits: Limits,
-    left: Array,
-    *,
-    fine: int,
-):
-    ones = greedy.best_of_moves(state, terrain, candidates, limits)
-    return polished(terrain, state.now, candidates, *ones, limits, fine, LISTED, left)
-
-
-@jax.jit(static_argnames=["mctx"])
+@compiled
 def _policy(
     key: Array,
     terrain: Terrain,
@@ -121,26 +105,19 @@ def _policy(
     moves: Int[Array, "L"],
     firsts: Int[Array, "L 2"],
     strengths: Float[Array, "L"],
-    *,
-    mctx,
 ) -> Int[Array, ""]:
     """The number on the list that tree search would take first."""
+    mctx = _mctx()
     unit = distance + 1e-9
 
-    def acting(number: int):
-        return lambda m, first, s: terrain.act(terrain.moves[number], m, first, s)
-
-    def change(number: int):
-        return lambda m, first, s: terrain.change(terrain.moves[number], m, first, s[None])[0]
-
-    acts = [acting(n) for n in range(len(terrain.moves))]
-    changes = [change(n) for n in range(len(terrain.moves))]
-
     def acted(m: Array, k: Array) -> Array:
-        return lax.switch(moves[k], acts, m, firsts[k], strengths[k])
+        return terrain.act(moves[k], m, firsts[k], strengths[k])
 
     def gain(m: Array, k: Array) -> Array:
-        return -lax.switch(moves[k], changes, m, firsts[k], strengths[k]) / unit
+        def one(kernel, effect, m, first, strength):
+            return terrain.change(kernel, effect, m, first, strength[None], jnp.int32(1))[0]
+
+        return -terrain.with_kernel(moves[k], one, m, firsts[k], strengths[k]) / unit
 
     def map_after(history: Int[Array, "D"]) -> Array:
         def one(m, entry):

@@ -13,8 +13,8 @@ import optax
 from jshape._typing import Array
 from jshape.planning.evaluate import Candidates
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Found, Limits, Status, Task, better, ended
-from jshape.planning.search.sequence import begun, bounds, carry_out
+from jshape.planning.search.base import Found, Limits, Status, Task, better, compiled, ended
+from jshape.planning.search.sequence import begun, carry_out, least_and_most
 from jshape.planning.state import Terrain
 
 ROUNDS = 24
@@ -61,12 +61,12 @@ def refined(task: Task, found: Found) -> Found:
     return ended(task, found, None)
 
 
-@jax.jit
+@compiled
 def descend(
     terrain: Terrain, candidates: Candidates, limits: Limits, found: Found, rate: Array
 ) -> Found:
     """`STEPS` steps of Adam on all places and strengths; the best sequence on the way."""
-    low, high = bounds(terrain, candidates)
+    low, high = least_and_most(terrain, candidates)
     known = candidates.strengths
     used = found.move >= 0
     scale = jnp.array([PLACE, PLACE, STRENGTH], jnp.float32) * rate
@@ -81,8 +81,6 @@ def descend(
         return carry_out(terrain, with_values(values))[1][-1]
 
     def reachable(values: Array) -> Array:
-        if candidates.reach is None:
-            return jnp.bool_(True)
         row, column = jnp.rint(values[:, :2]).astype(jnp.int32).T
         return (candidates.reach[row, column] | ~used).all()
 

@@ -2,6 +2,8 @@
 
 from collections import Counter
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,32 +12,38 @@ from jax import lax
 
 from jshape._typing import Array, Float
 from jshape.planning.evaluate import Candidates
-from jshape.planning.search.base import Found, Task, nothing
-from jshape.planning.state import Move, Terrain
+from jshape.planning.search.base import Found, Task, compiled, nothing
+from jshape.planning.search.local import bounds
+from jshape.planning.state import Kernel, Terrain
 
 
 def act_between(
-    terrain: Terrain, move: Move, now: Array, node: Float[Array, "2"], strength: Array
+    terrain: Terrain,
+    kernel: Kernel,
+    effect: Any,
+    now: Array,
+    node: Float[Array, "2"],
+    strength: Array,
 ) -> Float[Array, "R C"]:
     """The map after a move whose place is `node` (v, u), on nodes or between them.
 
     The bed as seen from the exact place, by bilinear shift, and the change put back the same way;
     on a node that is `Terrain.act`.
     """
-    rows, columns = move.shape
-    room = jnp.array(now.shape, jnp.int32) - jnp.array(move.shape, jnp.int32)
-    first = jnp.clip(node - jnp.asarray(move.middle), 0.0, room)
+    rows, columns = shape = kernel.shape
+    room = jnp.array(now.shape, jnp.int32) - jnp.array(shape, jnp.int32)
+    middle = jnp.array([rows // 2, columns // 2], jnp.float32)
+    first = jnp.clip(node - middle, 0.0, room.astype(jnp.float32))
     # At the map's end from the last node but one, with a share of 1.
     base = jnp.floor(lax.stop_gradient(first)).astype(jnp.int32)
     base = jnp.clip(base, 0, jnp.maximum(room - 1, 0))
-    down, right = first - base
+    down, right = first - base.astype(first.dtype)
     whole = now
     if rows == now.shape[0] or columns == now.shape[1]:  # a window as large as the map
         whole = jnp.pad(now, ((0, 1), (0, 1)), mode="edge")
     larger = lax.dynamic_slice(whole, base, (rows + 1, columns + 1))
     seen = _between(_between(larger, down, 0), right, 1)
-    after = jnp.clip(move(seen, base, strength), terrain.limits[0], terrain.limits[1])
-    change = after - seen
+    change = terrain.seen(effect(seen, base, strength)) - seen
     for share, axis in ((down, 0), (right, 1)):
         before, behind = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
         before[axis], behind[axis] = (0, 1), (1, 0)
@@ -54,19 +62,12 @@ def _between(window: Array, share: Array, axis: int) -> Array:
 def carry_out(terrain: Terrain, found: Found) -> tuple[Array, Array]:
     """The map after a sequence (R, C), and d before and after each of its K entries (K+1,)."""
 
-    def with_move(number: int):
-        def act(now, node, strength):
-            return act_between(terrain, terrain.moves[number], now, node, strength)
-
-        return act
-
-    moves = [with_move(number) for number in range(len(terrain.moves))]
-
     def one(now, entry):
         move, node, strength = entry
 
         def act(now):
-            return lax.switch(move, moves, now, node, strength)
+            between = partial(act_between, terrain)
+            return terrain.with_kernel(move, between, now, node, strength)
 
         now = lax.cond(move >= 0, act, lambda now: now, now)
         return now, terrain.distance_of(now)
@@ -75,7 +76,7 @@ def carry_out(terrain: Terrain, found: Found) -> tuple[Array, Array]:
     return now, jnp.concatenate([terrain.distance[None], distances])
 
 
-@jax.jit
+@compiled
 def measured(terrain: Terrain, found: Found) -> tuple[Found, Array, Array]:
     """A sequence with its distance, the map after it, and d before and after each entry."""
     now, distances = carry_out(terrain, found)
@@ -91,15 +92,16 @@ def begun(task: Task) -> Found | None:
     if task.start is None or task.budget.over:
         return None
     terrain, candidates, start = task.terrain, task.candidates, jax.device_get(task.start)
-    low, high = jax.device_get(bounds(terrain, candidates))
+    low, high = jax.device_get(least_and_most(terrain, candidates))
+    open_moves = set(np.asarray(candidates.move)[np.asarray(candidates.open)].tolist())
     known, most = np.asarray(candidates.strengths), np.asarray(task.limits.most)
     moves, nodes, strengths, used = [], [], [], Counter()
     for move, node, strength in zip(start.move, start.node, start.strength, strict=True):
-        if move < 0 or not candidates.counts[move] or len(moves) == task.max_steps:
+        if int(move) not in open_moves or len(moves) == task.max_steps:
             continue
         inside = np.clip(node, low[move], high[move])
         row, column = np.rint(inside).astype(int)
-        free = candidates.reach is None or bool(candidates.reach[row, column])
+        free = bool(candidates.reach[row, column])
         action = terrain.moves[move].action
         allowed = used[action] < (most[action] if most.ndim else most)
         if np.abs(inside - node).max() < 0.51 and free and allowed:
@@ -138,11 +140,8 @@ def without(found: Found, k: int | Array) -> Found:
     )
 
 
-def bounds(terrain: Terrain, candidates: Candidates) -> tuple[Array, Array]:
+def least_and_most(terrain: Terrain, candidates: Candidates) -> tuple[Array, Array]:
     """Least and greatest place (v, u) of each move's candidates, (moves, 2) each."""
-    low, high = [], []
-    for move, first in zip(terrain.moves, candidates.first, strict=True):
-        some = first if first.shape[0] else jnp.zeros((1, 2), jnp.int32)
-        low.append(some.min(0) + move.middle)
-        high.append(some.max(0) + move.middle)
-    return jnp.stack(low).astype(jnp.float32), jnp.stack(high).astype(jnp.float32)
+    middle = jnp.asarray(terrain.shapes // 2)
+    low, high = bounds(terrain, candidates)
+    return (low + middle).astype(jnp.float32), (high + middle).astype(jnp.float32)

@@ -217,7 +217,7 @@ def _pixels(terrain: Terrain, candidates: Candidates) -> int:
     """Pixels, or nodes, of the windows of all candidates."""
     sizes = [np.prod(move.shape) for move in terrain.moves]
     places = sum(n * size for n, size in zip(candidates.counts, sizes, strict=True))
-    return int(places) * len(candidates.strengths)
+    return int(places) * int(candidates.tried)
 
 
 def _copying(candidates: Candidates) -> float:
@@ -226,7 +226,7 @@ def _copying(candidates: Candidates) -> float:
     Each ROI pixel of each candidate is read twice (image, goal), each effect stays in cache.
     """
     pixels = sum(
-        len(first) * w * h for first, (w, h) in zip(candidates.first, ROIS.values(), strict=True)
+        count * w * h for count, (w, h) in zip(candidates.counts, ROIS.values(), strict=True)
     )
     source = np.ones(min(pixels, 2**26), np.float32)
     copied = np.empty_like(source)

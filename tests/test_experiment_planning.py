@@ -266,7 +266,7 @@ def test_the_surplus_is_removed_where_it_is(bank, bumpy):
 def test_random_draws_from_the_candidates(bumpy):
     found = baselines.random(bumpy)
     known = {(m, *(first + bumpy.terrain.moves[m].middle).tolist())
-             for m in (0, 1) for first in np.asarray(bumpy.candidates.first[m])}  # fmt: skip
+             for m in (0, 1) for first in bumpy.candidates.of_move(m)}  # fmt: skip
     drawn = list(zip(found.move[:4].tolist(), *found.node[:4].astype(int).T.tolist(), strict=True))
     assert int(found.steps) == 4 and set(drawn) <= known
     assert (np.asarray(found.strength[:4]) == 1).all() and (found.move[4:] == -1).all()

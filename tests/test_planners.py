@@ -106,7 +106,9 @@ def check(task, found):
     assert (move[:steps] >= 0).all() and (move[steps:] == -1).all()
     move, node, strength = move[:steps], node[:steps], strength[:steps]
     if steps:
-        low, high = (np.asarray(bound)[move] for bound in bounds(task.terrain, task.candidates))
+        low, high = (
+            np.asarray(bound)[move] for bound in least_and_most(task.terrain, task.candidates)
+        )
         assert (node >= low).all() and (node <= high).all()
         known = np.asarray(task.candidates.strengths)
         assert (strength >= known.min()).all() and (strength <= known.max()).all()

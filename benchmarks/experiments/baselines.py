@@ -33,7 +33,7 @@ def random(task: Task) -> Found:
     for drawn in rng.integers(counts.sum(), size=task.max_steps):
         move = int(np.searchsorted(counts.cumsum(), drawn, side="right"))
         place = drawn - counts[:move].sum()
-        taken.append((move, np.asarray(task.candidates.first[move])[place]))
+        taken.append((move, task.candidates.of_move(move)[place]))
     return _found(task, taken, Status.MAX_STEPS)
 
 
@@ -53,7 +53,7 @@ def surplus(task: Task) -> Found:
         best, most = None, 0.0
         total = np.pad(above.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
         for number, move in enumerate(terrain.moves):
-            first = np.asarray(task.candidates.first[number])
+            first = task.candidates.of_move(number)
             if not len(first):
                 continue
             (top, left), (bottom, right) = first.T, (first + move.shape).T

@@ -174,21 +174,20 @@ def tree(story: Story, count: int = SHOWN) -> Tree:
     layers = []
     for step in range(len(plan) + 1):
         found = []
-        for move, first, at, changes in zip(
-            terrain.moves, candidates.first, candidates.pixels, sweep(terrain, candidates),
-            strict=True,
-        ):  # fmt: skip
+        for number, changes in enumerate(sweep(terrain, candidates)):
+            first = candidates.of_move(number)
+            at = candidates.of_move(number, candidates.pixels)
             after = plan.distances_mm[step] + np.asarray(metric.to_mm(changes[:, 0], camera))
-            name = bank.actions[move.action]
-            for node, (u, v), d in zip(first, np.asarray(at).tolist(), after.tolist(), strict=True):
+            name = bank.actions[terrain.moves[number].action]
+            for node, (u, v), d in zip(first, at.tolist(), after.tolist(), strict=True):
                 taken = step < len(plan) and (plan.actions[step], *plan.positions[step].tolist())
-                found.append((Candidate(name, (u, v), d, taken == (name, u, v)), move, node))
+                found.append((Candidate(name, (u, v), d, taken == (name, u, v)), number, node))
         # The chosen one first, should rounding have put its equal before it.
         found.sort(key=lambda one: (not one[0].chosen, one[0].distance_mm))
         layers.append(tuple(candidate for candidate, *_ in found[:count]))
-        best, move, node = found[0]
+        best, number, node = found[0]
         if best.chosen:  # on the search's own map: images made from it are rounded
-            now = terrain.act(move, terrain.now, node, jnp.float32(1))
+            now = terrain.act(number, terrain.now, node, jnp.float32(1))
             terrain = replace(terrain, now=now)
     return layers
 

@@ -33,7 +33,7 @@ class Difference:
         """
         return roi + jnp.asarray(strength)[..., None, None] * self.delta
 
-    def turned(self, yaw: float | Array) -> "Difference":
+    def turned(self, yaw: float | Array | np.floating) -> "Difference":
         """The same change turned by `yaw` radians from u towards v; its ROI becomes a square.
 
         As seen from straight above: f_D knows nothing of the view from the side.

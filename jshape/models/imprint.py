@@ -15,6 +15,7 @@ after does not depend on the one before.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -85,7 +86,7 @@ class Pressed:
         seen_before, seen_after = self.ground.to_roi(jnp.stack([before, after]), place)
         return roi - (seen_after - seen_before) * per_metre
 
-    def turned(self, yaw: float | Array) -> "Pressed":
+    def turned(self, yaw: float | Array | np.floating) -> "Pressed":
         """The same hand turned by `yaw` radians from u towards v; its ROI becomes a square."""
         shape = square(self.ground.shape)
         xp = namespace(self, yaw)
@@ -172,7 +173,7 @@ class Press:
         return jnp.clip(5.0 * strength, 0.0, 1.0) * whole
 
 
-def _soft(height: Array) -> Array:
+def _soft(height: Any) -> Any:
     """max(height, 0) with a soft corner, metres: SOFT * softplus(height / SOFT) to 0.2 µm.
 
     The rational function takes a third of the time of exponential and logarithm in a sweep.
@@ -184,6 +185,6 @@ def _soft(height: Array) -> Array:
     return xp.maximum(height, np.float32(0)) + np.float32(SOFT * 0.6931472) / (corner * corner)
 
 
-def _sum(field: Array) -> Array:
+def _sum(field: Any) -> Any:
     """Over the grid, kept as two axes of 1."""
     return field.sum((-2, -1), keepdims=True)

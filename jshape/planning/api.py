@@ -1,8 +1,8 @@
 """The main job: an image and a goal in, a plan out.
 
 Thin host wrappers: they check what came, turn names into arrays, call one compiled search and
-read its answer.  Nothing is compiled anew for another image, goal, position, least gain or
-tolerance; another `max_steps`, or another number of positions, is another shape.
+read its answer.  Nothing is compiled anew for another image, goal, least gain or tolerance, nor for
+other positions, strengths or reachable masks that fit into the same storage (`evaluate.PLACES`).
 """
 
 from collections.abc import Sequence

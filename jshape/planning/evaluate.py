@@ -69,7 +69,8 @@ class Candidates:
     @property
     def counts(self) -> tuple[int, ...]:
         """Places of each move (host)."""
-        return tuple(np.diff(np.asarray(self.start)).tolist())
+        mine = np.asarray(self.move)[np.asarray(self.open)]
+        return tuple(np.bincount(mine, minlength=len(self.start) - 1).tolist())
 
     def __len__(self) -> int:
         return int(np.count_nonzero(self.open)) * int(self.tried)
@@ -84,10 +85,9 @@ class Candidates:
         raise IndexError(index)
 
     def of_move(self, number: int, values: Array | None = None) -> np.ndarray:
-        """One move's rows of `first`, or of other values of all places (host)."""
-        start = np.asarray(self.start)
-        whole = np.asarray(self.first if values is None else values)
-        return whole[start[number] : start[number + 1]]
+        """One move's places: their rows of `first`, or of other values of all places (host)."""
+        mine = np.asarray(self.open) & (np.asarray(self.move) == number)
+        return np.asarray(self.first if values is None else values)[mine]
 
 
 @jax.tree_util.register_dataclass

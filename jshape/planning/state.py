@@ -35,7 +35,7 @@ MARGIN = 4
 class Move:
     """One action with one direction of the hand."""
 
-    yaw: float | Array
+    yaw: float | Array | np.floating
     """Turn of the hand from u towards v, radians."""
     action: int = field(metadata=STATIC)
     """Number of the action in the bank."""
@@ -61,15 +61,18 @@ class Kernel:
 
     numbers: Float[Array, "G P"]
     """All numbers of each move's effect in one row: gathered with one copy."""
-    form: tuple[Any, tuple[tuple[int, ...], ...]] = field(metadata=STATIC)
-    """The effects' tree and the shapes of its leaves."""
+    form: tuple[Any, str, tuple[tuple[int, ...], ...]] = field(metadata=STATIC)
+    """The effects' tree, the same in words, and the shapes of its leaves.
+
+    In words too: for JAX 0.10 the trees of two dataclasses with as many fields are equal.
+    """
     shape: tuple[int, int] = field(metadata=STATIC)
     """Rows and columns of the window."""
 
     def member(self, number: int | Int[Array, ""]) -> Any:
         """The effect of one move: (window, first node, strength) -> window after."""
         row = lax.dynamic_index_in_dim(self.numbers, number, 0, False)
-        structure, shapes = self.form
+        structure, _, shapes = self.form
         ends = np.cumsum([math.prod(shape) for shape in shapes])
         parts = [
             row[end - math.prod(shape) : end].reshape(shape)
@@ -235,7 +238,7 @@ def on_images(
 
 
 def prepared(
-    bank: Bank, moves: Sequence[tuple[int, float | Array | None]]
+    bank: Bank, moves: Sequence[tuple[int, float | Array | np.floating | None]]
 ) -> tuple[tuple[Move, ...], tuple[Kernel, ...]]:
     """The moves, and kernels that hold the effects of all with one window size.
 
@@ -249,7 +252,7 @@ def prepared(
         hand = hand if yaw is None else hand.turned(yaw)
         shape = hand.ground.shape if on_ground else hand.roi[::-1]
         leaves, structure = jax.tree.flatten(hand.ready() if on_ground else hand)
-        key = (structure, tuple(np.shape(leaf) for leaf in leaves)), shape
+        key = (structure, str(structure), tuple(np.shape(leaf) for leaf in leaves)), shape
         xp = namespace(leaves)
         row = xp.concatenate([xp.asarray(leaf, np.float32).reshape(-1) for leaf in leaves])
         stack = stacks.setdefault(key, [])

@@ -7,6 +7,7 @@ are the greedy gains in the node: without them tree search does poorly at this b
 """
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -63,7 +64,7 @@ def search(task: Task) -> Found:
     return ended(task, best, Status.BUDGET if task.budget.over else None)
 
 
-def _mctx():
+def _mctx() -> Any:
     try:
         import mctx
     except ImportError:

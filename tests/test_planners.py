@@ -353,8 +353,8 @@ def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
         return improved_locally(terrain, terrain.now, candidates, board, used, FREE, 2, left=left)
 
     def known(left):
-        local, spent = jax.device_get(of(left))
-        return local.move, local.first, local.strength, local.gain, spent
+        local, spent = of(left)
+        return jax.device_get((local.move, local.first, local.strength, local.gain, spent))
 
     moves, places, depths, gained, spent = known(EVER)
     each = 9 * len(strengths) * 2

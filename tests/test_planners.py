@@ -305,7 +305,7 @@ def test_what_is_known_of_another_map_is_used_where_they_are_equal():
         assert 0 < int(stale.sum()) < len(stale)
         known = candidates.of_move(number, state.board.changes)[:, : len(STRENGTHS)]
         np.testing.assert_allclose(known[~stale], np.asarray(change)[~stale], atol=1e-7)
-        assert np.abs(known - change)[~fresh].max() > 1e-5
+        assert np.abs(known - change)[stale].max() > 1e-5
     assert state.used.tolist() == [1, 0, 0] and int(state.found.status) == -1
 
 

@@ -163,7 +163,7 @@ class Terrain:
         now: Float[Array, "R C"],
         first: Int[Array, "2"],
         strengths: Float[Array, "S"],
-        count: Int[Array, ""],
+        count: int | Int[Array, ""],
     ) -> Float[Array, "S"]:
         """Change of d by an effect at one place, for the first `count` strengths; 0 for the rest.
 

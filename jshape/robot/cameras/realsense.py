@@ -15,7 +15,13 @@ import numpy as np
 from jshape._typing import Num
 from jshape.data.intrinsics import Z_RANGE, pinhole, same_frames
 from jshape.errors import BadFile, JShapeError, one_line
-from jshape.robot.cameras.base import TIMEOUT, CameraLost, CameraSettings, EndOfFrames
+from jshape.robot.cameras.base import (
+    TIMEOUT,
+    CameraLost,
+    CameraSettings,
+    DepthCamera,
+    EndOfFrames,
+)
 
 SUFFIXES = (".db3", ".bag")
 """Recordings of the SDK: .db3 since 2.58, .bag before."""
@@ -150,7 +156,7 @@ class RealSense(AbstractContextManager):
         self.close()
 
 
-def open_realsense(address: str, settings: CameraSettings) -> RealSense:
+def open_realsense(address: str, settings: CameraSettings) -> DepthCamera:
     """The only one for "", one of several by its serial number, or a recording by its path."""
     settings.check_own_unit(f"realsense:{address}" if address else "realsense")
     file = address if Path(address).suffix.lower() in SUFFIXES else None

@@ -153,10 +153,10 @@ def dataset_writer(
       contents: what the folder of one that is replaced may hold.
 
     Yields:
-      The function that adds a pair.  It raises BadDataset for one that could not be read again.
+      The function that adds a pair.
 
     Raises:
-      BadDataset: no pair was added.
+      BadDataset: no pair was added, or one that could not be read again.
       BadFile: the folder exists or cannot be written.
       BadCamera: the camera or the unit makes no sense.
     """
@@ -202,11 +202,8 @@ class Adder:
     ) -> None:
         """Write the two frames of a pair, (H, W) uint16 counts, and remember its row.
 
-        `extra` are columns of one's own: any text, by name.
-
-        Raises:
-          BadDataset: a name, number or frame that could not be read again.
-          BadFile: a frame cannot be written.
+        `extra` are columns of one's own: any text, by name.  Raises BadDataset for a name, number
+        or frame that could not be read again, BadFile for a frame that cannot be written.
         """
         where = f"{self.where}: pair {quoted(id)}"
         texts = {"id": id, "action": action, "agent": agent, "material": material}
@@ -239,7 +236,9 @@ class Adder:
         paths = {c: f"{FRAMES}/{len(self.ids):05d}_{c}.png" for c in ("prior", "posterior")}
         for column, counts in (("prior", prior), ("posterior", posterior)):
             write_counts_png(self.folder / paths[column], counts)
-        self.rows.append(texts | paths | numbers | {STRENGTH: _decimal(strength)} | own)
+        # As short as float32 allows: 0.3, not 0.300000012.
+        decimal = np.format_float_positional(np.float32(strength), trim="-")
+        self.rows.append(texts | paths | numbers | {STRENGTH: decimal} | own)
         self.extra |= dict.fromkeys(own)
         self.ids.add(id)
 
@@ -249,11 +248,6 @@ class Adder:
         header = [*COLUMNS, *([] if all_one else [STRENGTH]), *self.extra]
         rows = [{name: row.get(name, "") for name in header} for row in self.rows]
         return Table(header, rows, []).text()
-
-
-def _decimal(number: float) -> str:
-    """As short as float32 allows: 0.3, not 0.300000012."""
-    return np.format_float_positional(np.float32(number), trim="-")
 
 
 @dataclass(frozen=True)

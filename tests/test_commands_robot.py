@@ -27,7 +27,7 @@ from jshape.robot.simulated import SimulatedWorld, bed_of
 from tests.conftest import ROOT
 
 QUICK = ["--bank", "flour-robot", "--frames", "3"]
-TRIED = ["--stride", "24", "--strengths", "1", "--max-steps", "1"]
+TRIED = ["--stride", "24", "--strengths", "1", "--yaws", "1", "--max-steps", "1"]
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_the_bed_is_molded_and_the_run_says_how(goal, tmp_path, capsys):
     assert main(again) == 2
     found = capsys.readouterr()
     assert "all 1 actions of the run are done; a larger --max-steps goes on" in found.err
-    assert "going on with: --stride 24 --strengths 1.0 --max-steps 1\n" in found.out
+    assert "going on with: --stride 24 --strengths 1.0 --yaws 1 --max-steps 1\n" in found.out
     assert main([*again, "--arm", "sim:4"]) == 2
     assert "was begun with the arm sim:3, not sim:4" in capsys.readouterr().err
     assert main([*again, "--max-steps", "2"]) == 0  # the bed of this process is untouched
@@ -77,15 +77,17 @@ def test_a_run_goes_on_as_it_began(tmp_path):
         return options, said
 
     began = {
-        "max_steps": 2, "min_gain_mm": 0.2, "tolerance_mm": 0.0, "strengths": [0.5, 1], "time": None
+        "max_steps": 2, "min_gain_mm": 0.2, "tolerance_mm": 0.0, "strengths": [0.5, 1],
+        "seconds": None,
     }  # fmt: skip
     options, said = kept(began, "--max-steps", "16")
     assert (options.max_steps, options.min_gain_mm, options.strengths) == (16, 0.2, [0.5, 1.0])
-    assert said == ["going on with: --strengths 0.5,1.0 --min-gain-mm 0.2"] and options.time is None
+    assert said == ["going on with: --strengths 0.5,1.0 --min-gain-mm 0.2"]
+    assert options.seconds is None
     assert kept(began)[0].max_steps == 2
     options, said = kept({"planner": "greedy"})
-    assert (options.max_steps, options.min_gain_mm, said) == (16, 0.01, [])
-    with pytest.raises(BadFile, match="the run's max-steps: 'two' is not a whole number from 1"):
+    assert (options.max_steps, options.min_gain_mm, said) == (None, None, [])
+    with pytest.raises(BadFile, match="the run's max-steps: 'two' is not a whole number from 0"):
         kept({"max_steps": "two"})
 
 

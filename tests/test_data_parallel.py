@@ -24,7 +24,7 @@ mesh = mesh_of(devices, "batch")
 how = over_devices(devices)
 
 import jax, jax.numpy as jnp, numpy as np
-from jshape import PAPER_BOX, plan
+from jshape import PAPER, PAPER_BOX, options, plan
 from jshape.data.pairs import Examples
 from jshape.learn import training
 from jshape.learn.data_parallel import DataParallel
@@ -61,7 +61,7 @@ bank = Bank(PAPER_BOX, (crater(100, 80, 0.2), crater(40, 45, 0.3)), ("knock", "p
 now = np.full(PAPER_BOX.shape, 0.5, "f4")
 goal = now.copy()
 goal[100:180, 100:200] -= 0.1
-made = plan(now, goal, bank=bank, positions="9x7", max_steps=4, how=how)
+made = plan(now, goal, execution=how, **options(PAPER, bank=bank, positions="9x7", max_steps=4))
 answer["plan"] = [made.actions, made.positions.tolist(), made.distances.tolist()]
 
 if mesh:  # what devices tell each other in a step: sums, no images

@@ -124,7 +124,7 @@ def run_planning(
             for case in progress(left, len(left), "planning"):
                 entry, problem = entries[case.entry], problems[case.kind][case.number]
                 options = options_of(entry, known[entry["bank"]], case.loop)
-                options |= {"seed": settings.seed + case.number}
+                options = keywords(options, seed=settings.seed + case.number)
                 if settings.seconds is not None:
                     options |= {"seconds": settings.seconds}
                 found, bed = attempt(problem, case, options | {"how": how}, settings)

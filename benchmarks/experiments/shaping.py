@@ -32,7 +32,7 @@ from jshape.robot.simulated import SimulatedWorld
 FIGURES = ("shaping.png", "tree.png")
 GRID, DENSE = "15 places", "dense"
 TRIED: dict[str, dict[str, Any]] = {
-    GRID: {"positions": None},
+    GRID: {"positions": "paper"},
     DENSE: {"stride": 8, "strengths": [0.5, 1.0, 1.6]},
 }
 """Where actions are tried: at the paper's places at the depth they were trained with, or not."""

@@ -11,7 +11,7 @@ from jshape.app.advice import why_empty
 from jshape.app.bench import Bench
 from jshape.app.desk import Desk
 from jshape.io import banks
-from jshape.planning.options import SearchSpace, StopCriteria
+from jshape.planning.options import STRIDE, SearchSpace, StopCriteria
 from jshape.planning.search import PLANNERS
 
 POLL = 0.3
@@ -40,7 +40,7 @@ class PlanPanel:
         space = SearchSpace()
         with ui.row().classes("w-full items-end gap-2"):
             ui.button("plan", on_click=self._plan).props("dense no-caps").tooltip(
-                f"Search for actions: every {space.stride} px, "
+                f"Search for actions: every {STRIDE} px, "
                 f"{', '.join(f'x{x:g}' for x in space.strengths)} as deep as trained"
             )
             self._most = ui.number(

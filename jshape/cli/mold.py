@@ -166,7 +166,9 @@ def keep_on(
             then = settings.read_value(action, key, known[name], options.out)
         except JShapeError as problem:
             raise BadFile(f"{options.out}: the run's {key}: {problem}") from None
-        if then != getattr(options, name):
+        now = getattr(options, name)
+        usual = getattr(action, "usual", None) if now is None else now
+        if then != (list(usual) if isinstance(usual, tuple) else usual):
             setattr(options, name, then)
             text = ",".join(map(str, then)) if isinstance(then, list) else str(then)
             said.append(f"--{key} {text}")

@@ -67,7 +67,7 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
             )
         robot = Robot(
             eye, arm, hand, bank.camera, base_camera=base_camera, frames=options.frames,
-            reproject=options.reproject,
+            reproject=bool(options.reproject),
         )  # fmt: skip
         try:
             yield robot

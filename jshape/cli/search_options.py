@@ -19,7 +19,8 @@ from jshape.planning.search import PLANNERS
 FIELDS: dict[str, tuple[Any, str, str]] = {
     "positions": (str, "CxR|FILE", "a grid of positions for each action, paper for the paper's 15, "
                                    "or a JSON file"),
-    "stride": (arguments.positive_count, "PIXELS", "between positions where none are given"),
+    "stride": (arguments.positive_count, "PIXELS", "between positions where none are given (12, less "
+                                                 "for small ROIs)"),
     "strengths": (arguments.positives, "S,S,...", "depths to try, times the trained one"),
     "yaws": (arguments.positive_count, "N", "number of yaw angles in [0, pi) (4 where the bank can "
                                             "turn the hand; 1 disables rotation)"),
@@ -63,7 +64,7 @@ def add_search(parser: argparse.ArgumentParser) -> None:
         said = "" if default in (None, False) else f" (default: {default})"
         to: Any = where if name in ("positions", "stride") else parser
         added = to.add_argument(f"--{name.replace('_', '-')}", help=what + said, **more)
-        added.usual = default  # for `jshape config`: None is not given
+        added.usual = usual[name]  # what holds where the option is None: not given
     parser.add_argument(
         "--planner",
         choices=tuple(PLANNERS),

@@ -97,8 +97,9 @@ def plan(
     turned = tasks.directions(bank, space.yaws)
     moves = prepared(bank, [(a, np.float32(yaw) if yaw else None) for a, yaw in turned])
     terrain = _terrain(bank, first, goal, *moves)
+    stride = places.usual_stride(bank) if space.stride is None else space.stride
     if space.positions is None:
-        where = tasks.at_nodes(terrain, bank, places.dense_positions(bank, space.stride))
+        where = tasks.at_nodes(terrain, bank, places.dense_positions(bank, stride))
     else:
         where = places.placed_positions(bank, space.positions, space.out_of_bounds)
     task = Task(
@@ -107,7 +108,7 @@ def plan(
         limits=limits,
         max_steps=max_steps,
         budget=tasks.budget(budget),
-        fine=tasks.rounds(terrain, space.stride) if space.positions is None else 0,
+        fine=tasks.rounds(terrain, stride) if space.positions is None else 0,
         key=jax.random.key(seed),
         start=None if start is None else tasks.as_found(start, terrain, bank, max_steps),
         how=execution,

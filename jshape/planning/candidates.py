@@ -11,6 +11,7 @@ from jshape._typing import ArrayLike, Bool
 from jshape.camera import Camera
 from jshape.errors import BadImage, BadPosition, JShapeError, UnknownName, quoted
 from jshape.models.bank import Bank
+from jshape.planning.options import STRIDE
 
 
 def placed_positions(
@@ -58,6 +59,11 @@ def _as_positions(positions: ArrayLike) -> np.ndarray:
             "they must be (N, 2) whole pixels (u, v)"
         )
     return array.astype(np.int32)
+
+
+def usual_stride(bank: Bank) -> int:
+    """Pixels between positions that miss no action of a bank."""
+    return min(STRIDE, max(min(min(roi) for roi in bank.rois.values()) // 4, 1))
 
 
 def dense_positions(bank: Bank, stride: int) -> dict[str, np.ndarray]:

@@ -19,6 +19,8 @@ DEFAULT_BANK = "pressed-flour-robot"
 YAWS = 4
 """Of the hand, where the bank's predictors can be turned and nothing else is said.  A stroke 40 mm
 wide and 140 mm long, 15 mm deep: 0.288 mm become 0.078 in 3 actions, with one yaw 0.179 in 8."""
+STRIDE = 12
+"""Pixels between positions, where the ROIs are not small and nothing else is said."""
 ERROR_MARGIN = 0.5
 """Where the bank knows its errors and nothing else is said."""
 
@@ -58,8 +60,9 @@ class SearchSpace:
     """(N, 2) of (u, v) ROI centres for all actions, a mapping of action to such, a grid "21x15"
     (columns x rows) that spans the image for each action, or "paper": the paper's 15, the same for
     all actions.  None: every `stride` pixels, the best of them refined by a local search."""
-    stride: int = 12
-    """Pixels along u and v between positions, where none are given."""
+    stride: int | None = None
+    """Pixels along u and v between positions, where none are given.  None: 12, or a quarter of the
+    smallest ROI's shorter side where that is less."""
     strengths: Sequence[float] = (0.2, 0.5, 1.0, 1.6, 2.3)
     """How many times as deep as trained each action is tried."""
     yaws: int | Mapping[str, int] | None = None

@@ -26,7 +26,7 @@ from jshape.io import banks, formats, points
 from jshape.io.frames import Source, frame_of, goal_source, source_of
 from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
-from jshape.planning.options import DEFAULT_BANK, fields_of
+from jshape.planning.options import DEFAULT_BANK, Constraints
 from jshape.planning.options import options as keywords
 from jshape.robot.loop import HEAD
 from jshape.robot.robot import Robot
@@ -126,7 +126,9 @@ def goal_of(
     if at is not None and view.window is None:
         known["rise_m"] = view.rise
         robot.view = view
-    max_missing = fields_of(search_of(options))["max_missing"]
+    max_missing = options.max_missing
+    if max_missing is None:
+        max_missing = Constraints().max_missing
     image = image_of_depth(
         depth, bank.camera, max_missing=max_missing, where=str(path), view=view
     ).image  # fmt: skip

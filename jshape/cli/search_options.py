@@ -65,12 +65,13 @@ def add_search(parser: argparse.ArgumentParser) -> None:
         to: Any = where if name in ("positions", "stride") else parser
         added = to.add_argument(f"--{name.replace('_', '-')}", help=what + said, **more)
         added.usual = usual[name]  # what holds where the option is None: not given
-    parser.add_argument(
+    planner: Any = parser.add_argument(
         "--planner",
         choices=tuple(PLANNERS),
         metavar="NAME",
         help=f"which search: {', '.join(PLANNERS)} (default: greedy, the quickest)",
     )
+    planner.usual = "greedy"
     arguments.add_devices(parser)
 
 

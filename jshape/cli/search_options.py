@@ -19,7 +19,7 @@ from jshape.planning.search import PLANNERS
 FIELDS: dict[str, tuple[Any, str, str]] = {
     "positions": (str, "CxR|FILE", "a grid of positions for each action, paper for the paper's 15, "
                                    "or a JSON file"),
-    "stride": (arguments.positive_count, "PIXELS", "between positions where none are given (12, less "
+    "stride": (arguments.positive_count, "PIXELS", "between positions that are not given (12; less "
                                                  "for small ROIs)"),
     "strengths": (arguments.positives, "S,S,...", "depths to try, times the trained one"),
     "yaws": (arguments.positive_count, "N", "number of yaw angles in [0, pi) (4 where the bank can "

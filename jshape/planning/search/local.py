@@ -160,12 +160,15 @@ def _trials(
 ) -> tuple[Int[Array, "E P 2"], Float[Array, "E D"]]:
     """First nodes of the places, and the strengths, that a round tries."""
     low, high = bounds(terrain, candidates)
-    step = 2 ** jnp.maximum(rounds - 1 - local.round, 0)
-    around = local.first[:, None] + jnp.asarray(AROUND) * step
+    coarser = jnp.maximum(jnp.asarray(rounds, jnp.int32) - 1 - local.round, 0)
+    step = jnp.left_shift(jnp.int32(1), coarser)
+    around = local.first[:, None] + jnp.asarray(AROUND, jnp.int32) * step
     around = jnp.clip(around, low[local.move][:, None], high[local.move][:, None])
     known = candidates.strengths
     spacing = (known.max() - known.min()) / jnp.maximum(candidates.tried - 1, 1).astype(known.dtype)
-    trial = local.strength[:, None] + jnp.asarray(DEEPER) * spacing / (2.0**local.round)
+    trial = local.strength[:, None] + jnp.asarray(DEEPER, jnp.float32) * spacing / (
+        jnp.float32(2.0) ** local.round.astype(jnp.float32)
+    )
     return around, jnp.clip(trial, known.min(), known.max())
 
 

@@ -115,8 +115,7 @@ def test_other_forms_of_a_depth_image(bank, molded):
     counts = np.rint(z0 * 1e4).astype(np.uint16)
     same = plan_depth(counts, zstar, bank=bank, depth_unit=1e-4, max_steps=1)
     swapped = plan_depth(counts.astype(">u2"), zstar, bank=bank, depth_unit=1e-4, max_steps=1)
-    np.testing.assert_array_equal(swapped.images[0], same.images[0])
-    np.testing.assert_allclose(swapped.distances, same.distances, rtol=1e-6)
+    np.testing.assert_array_equal(swapped.distances, same.distances)
     with pytest.raises(BadImage, match="depth_unit 0.0001 instead of 0.001 would fit"):
         plan_depth(counts, zstar, bank=bank)
     with pytest.raises(BadImage, match=r"holds int64; .*\.astype\(np.uint16\)"):

@@ -33,7 +33,7 @@ def corners(box):
     return np.array([[x, y, z] for x in box[:2] for y in box[2:4] for z in box[4:]])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     x=st.tuples(st.floats(-0.6, 0.6), st.floats(0.001, 0.3)),
     y=st.tuples(st.floats(-0.4, 0.4), st.floats(0.001, 0.3)),

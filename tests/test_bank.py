@@ -24,7 +24,7 @@ def bank_of(rng, errors_mm=None, camera=CAMERA):
     return Bank(camera, predictors, tuple(SIZES), errors_mm=errors)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1), off=st.floats(0, 1), like=st.floats(0, 1))
 def test_the_error_bounds_what_d_is_wrong_by(seed, off, like):
     """A prediction that is off by a known amount, any goal: d is off by `error_of_d` at most."""

@@ -65,7 +65,7 @@ def test_points_equal_a_pixel_by_pixel_transcription(rng):
     np.testing.assert_allclose(SMALL.points(luminance), points_by_hand(SMALL, luminance), atol=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**31), bits=st.sampled_from([8, 16]))
 def test_project_inverts_points(seed, bits):
     camera = replace(SMALL, bits=bits)

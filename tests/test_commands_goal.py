@@ -14,6 +14,7 @@ from jshape.data.view import image_of_depth
 from jshape.store.cameras import read_camera, write_camera
 from jshape.store.drawings import read_drawing
 from jshape.store.images import read_depth, write_depth_png
+from tests.test_cli import refused as refused_line
 
 OTHER = Camera(320, 240, 280.0, 280.0, 161.0, 118.0, 0.3, 1.0)
 UNIT = 1e-4
@@ -48,13 +49,7 @@ def change_mm(folder, suffix="png"):
 
 
 def refused(capsys, said, *words):
-    try:
-        code = main(["goal", *words])
-    except SystemExit as exit_:
-        code = exit_.code
-    assert code == 2
-    error = capsys.readouterr().err
-    assert said in error and error.count("\n") == 1, error
+    refused_line(["goal", *words], capsys, said)
 
 
 def test_a_newcomer_makes_a_goal_without_a_camera_and_plans_for_it(tmp_path, monkeypatch, capsys):

@@ -88,7 +88,7 @@ def placed(steps, positions, strengths=(1.0,)):
     return [(i, tuple(positions[i][j].tolist()), strengths[k]) for i, j, k in steps]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**31), max_steps=st.sampled_from([0, 3, 6]))
 def test_greedy_equals_the_transcription(seed, max_steps):
     bank, deltas, image, goal, positions = problem(seed)
@@ -103,7 +103,7 @@ def test_greedy_equals_the_transcription(seed, max_steps):
     np.testing.assert_allclose(again[: len(steps) + 1], distances, atol=1e-7)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**31))
 def test_strengths_are_tried_in_their_order(seed):
     strengths = (0.5, 1.0, 2.0)
@@ -116,7 +116,7 @@ def test_strengths_are_tried_in_their_order(seed):
     np.testing.assert_allclose(found.distance, distances[-1], atol=1e-7)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**31), min_gain=st.floats(0, 0.02))
 def test_greedy_equals_the_transcription_on_real_numbers(seed, min_gain):
     bank, deltas, image, goal, positions = problem(seed, exact=False)
@@ -129,7 +129,7 @@ def test_greedy_equals_the_transcription_on_real_numbers(seed, min_gain):
     assert steps_of(found)[:sure] == placed(steps, positions)[:sure]
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**31))
 def test_the_change_on_the_roi_equals_that_on_the_full_image(seed):
     bank, deltas, image, goal, positions = problem(seed, exact=False)

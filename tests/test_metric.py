@@ -40,7 +40,7 @@ def test_distance_is_a_metric(batch, rng):
     assert (np.asarray(distance(np.zeros((9, 12)), np.ones((9, 12)))) == 1).all()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**31), h=st.integers(1, 300), w=st.integers(1, 600))
 def test_all_routes_of_distance_equal_the_loop(seed, h, w):
     """NumPy and JAX arrays, one pair and batches, small and large images, eager and jitted."""

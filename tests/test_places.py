@@ -52,7 +52,7 @@ def images(bank):
     return now, goal
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     size=st.tuples(st.integers(1, 48), st.integers(1, 40)), stride=st.sampled_from([1, 2, 3, 7, 40])
 )

@@ -411,7 +411,7 @@ def small_task(deltas, image, goal, positions, **options):
     return Task(terrain, candidates_at(terrain, bank, where, (0.5, 1.0)), **options)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**31), max_steps=st.sampled_from([2, 4]))
 def test_beam_equals_the_transcription(seed, max_steps):
     deltas, image, goal, positions = exact(seed)

@@ -346,7 +346,7 @@ def test_a_cut_off_file_is_refused_and_nothing_is_printed(tmp_path, name, share,
     assert capfd.readouterr() == ("", "")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data(), st.sampled_from([n for n in GOOD if n != "exr"]))
 def test_a_damaged_file_never_escapes_as_another_error(tmp_path_factory, data, name):
     content = bytearray(GOOD[name])

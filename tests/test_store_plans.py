@@ -323,7 +323,7 @@ def test_images_that_unpack_too_far_are_refused(plan, path):
     refused(path, "images: not a readable NPZ")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data())
 def test_a_flipped_byte_never_escapes_as_another_error(tmp_path_factory, data):
     """In the packed images: zlib, zipfile and NumPy have a dozen ways to fail."""

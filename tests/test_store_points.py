@@ -187,7 +187,7 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, name, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.data(), st.sampled_from(["a.ply", "b.ply", "a.pcd", "b.pcd"]))
 def test_a_damaged_file_never_escapes_as_another_error(tmp_path_factory, data, name):
     points = np.arange(12.0).reshape(4, 3)

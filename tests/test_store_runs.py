@@ -62,7 +62,7 @@ def test_every_step_is_synced_before_append_returns(run, monkeypatch):
     assert len(synced) == 1
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.data())
 def test_wherever_the_file_is_cut_the_complete_steps_are_there(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("run")

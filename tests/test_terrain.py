@@ -213,7 +213,7 @@ SIZES = ((7, 6), (4, 8), (24, 5), (24, 18))  # (w, h); the last ones are as larg
 
 
 @pytest.mark.parametrize("size", SIZES)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**31))
 def test_between_nodes_begins_and_ends_on_nodes(size, seed):
     """On a node, the last ones of the map too, it is `act`."""

@@ -53,7 +53,7 @@ notebooks: $(READY)
 	JSHAPE_CACHE=off $(BIN)/python -m notebooks.execute
 
 bank: $(READY)
-	$(BIN)/python -m jshape.experiments.banks weights
+	$(BIN)/python -m benchmarks.experiments.banks weights
 
 clean:
 	rm -rf $(VENV) runs bench build

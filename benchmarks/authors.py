@@ -15,11 +15,11 @@ from benchmarks.problems import Problem, half_size, made_problem
 from benchmarks.report import Report
 from jshape.actions import PAPER_ROIS
 from jshape.data.simulate import ROIS
-from jshape.places import dense_positions
-from jshape.planned import Plan
-from jshape.planning import DEFAULT_BANK
-from jshape.predict.sweep import candidates_at, sweep
-from jshape.predict.terrain import terrain_of
+from jshape.planning.candidates import dense_positions
+from jshape.planning.evaluate import candidates_at, sweep
+from jshape.planning.options import DEFAULT_BANK
+from jshape.planning.plan import Plan
+from jshape.planning.state import terrain_of
 
 SPREAD = (0.6, 1.4)
 """How deep the goals' actions are: no two gain alike, so that rounding decides nothing."""
@@ -74,8 +74,9 @@ def rounding_cannot_decide(problem: Problem, image: np.ndarray, wrong: np.ndarra
     changes = [np.zeros(1), *(np.asarray(change).ravel() for change in sweep(terrain, candidates))]
     total = np.pad(wrong.cumsum(0, dtype=np.float64).cumsum(1), ((1, 0), (1, 0)))
     inside = [np.zeros(1)]
-    for first, move in zip(candidates.first, terrain.moves, strict=True):
-        (top, left), (bottom, right) = np.asarray(first).T, (np.asarray(first) + move.shape).T
+    for number, move in enumerate(terrain.moves):
+        first = candidates.of_move(number)
+        (top, left), (bottom, right) = first.T, (first + move.shape).T
         sums = total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left]
         inside.append(sums / wrong.size)
     change, doubt = np.concatenate(changes), 2 * np.concatenate(inside)

@@ -14,15 +14,15 @@ import numpy as np
 import ot
 
 import jshape
-from benchmarks import metric_memory, metric_peers, metric_pictures
+from benchmarks import clouds, metric_memory, metric_peers, metric_pictures
+from benchmarks.experiments.metric import Pair, beds, seen, timed, transported
+from benchmarks.experiments.metric import seconds as seconds_or_once
+from benchmarks.experiments.samples import CAMERAS, smaller
 from benchmarks.metric_growth import Growth, growth
 from benchmarks.metric_words import duration, ratio
 from benchmarks.report import Report
 from benchmarks.timing import in_turns, seconds
-from jshape import clouds, metric
-from jshape.experiments.metric import Pair, beds, seen, timed, transported
-from jshape.experiments.metric import seconds as seconds_or_once
-from jshape.experiments.samples import CAMERAS, smaller
+from jshape import metric
 
 WIDE = replace(jshape.D435_BAZAR, width=1280, height=720, fx=433 * 1280 / 848, fy=433 * 1.5,
                u0=421 * 1280 / 848, v0=243 * 1.5)  # fmt: skip

@@ -14,9 +14,9 @@ from benchmarks.planning import smooth_bank
 from benchmarks.problems import Problem, made_problem, scaled, sized
 from benchmarks.report import Report
 from jshape.actions import PAPER_ROIS, PAPER_Z
-from jshape.places import dense_positions
-from jshape.planning import DEFAULT_BANK
-from jshape.predict.bank import Bank
+from jshape.models.bank import Bank
+from jshape.planning.candidates import dense_positions
+from jshape.planning.options import DEFAULT_BANK
 
 Lines = Mapping[str, Sequence[tuple[float, float]]]
 """Of each line its points (size, seconds)."""

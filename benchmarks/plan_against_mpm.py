@@ -13,8 +13,8 @@ from pathlib import Path
 
 from benchmarks.sim_against_mpm import default_data
 from jshape import fit, load_bank, load_pairs, plan_depth
-from jshape.planning import DEFAULT_BANK
-from jshape.store.images import read_depth
+from jshape.io.images import read_depth
+from jshape.planning.options import DEFAULT_BANK, PAPER, options
 
 PAIRS_OF = {
     ("flat", "flour", "robot"): "flat_flour_robot",
@@ -37,7 +37,12 @@ def main() -> None:
             print(f"{folder.name}{noise}: applied {_text(applied)}")
             frames = [read_depth(folder / f"{k}.png", depth_unit=1e-4) for k in (0, len(applied))]
             for name, bank in (("fitted", fitted), ("bundled", load_bank(DEFAULT_BANK))):
-                found = plan_depth(*frames, bank=bank, positions=sequence["positions"], clip="drop")
+                found = plan_depth(
+                    *frames,
+                    **options(
+                        PAPER, bank=bank, positions=sequence["positions"], out_of_bounds="drop"
+                    ),
+                )
                 steps = list(zip(found.actions, *found.positions.T.tolist(), strict=True))
                 missed = [step for step in applied if step not in steps]
                 extra = len(steps) - (len(applied) - len(missed))

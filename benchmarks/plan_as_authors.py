@@ -31,7 +31,7 @@ import numpy as np
 
 from benchmarks.problems import Problem
 from jshape.actions import first_pixels
-from jshape.predict.bank import Bank
+from jshape.models.bank import Bank
 
 FULL_IMAGE_PASSES = 10
 """How often `plan_as_authors` reads or writes a whole image per candidate: copy 2, difference 3,

@@ -13,17 +13,17 @@ from benchmarks.timing import in_turns, seconds
 from jshape.actions import PAPER_ROIS
 from jshape.data.simulate import ROIS
 from jshape.learn.networks import changed_most
-from jshape.nn import unet
-from jshape.places import dense_positions
-from jshape.planners import greedy
-from jshape.planners.base import Limits
-from jshape.planning import DEFAULT_BANK
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.network import Network
-from jshape.predict.refined import Refined
-from jshape.predict.sweep import Candidates, candidates_at, sweep
-from jshape.predict.terrain import Terrain, terrain_of
+from jshape.models import unet
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.models.network import Network
+from jshape.models.refined import Refined
+from jshape.planning.candidates import dense_positions
+from jshape.planning.evaluate import Candidates, candidates_at, sweep
+from jshape.planning.options import DEFAULT_BANK
+from jshape.planning.search import greedy
+from jshape.planning.search.base import Limits
+from jshape.planning.state import Terrain, terrain_of
 
 
 def smooth_bank(rois: dict[str, tuple[int, int]], camera: jshape.Camera = jshape.PAPER_BOX) -> Bank:
@@ -82,13 +82,27 @@ def run(report: Report, out: Path) -> None:
     three = smooth_bank(PAPER_ROIS)
     applied = [("grasp", 0), ("knock", 4), ("poke", 10), ("knock", 12)]
     now, goal, positions = problem(three, (5, 3), applied)
-    found = jshape.plan(now, goal, bank=three, positions=positions, max_steps=4)
+    found = jshape.plan(
+        now, goal, **jshape.options(jshape.PAPER, bank=three, positions=positions, max_steps=4)
+    )
     assert len(found) == 4, found.actions
     time = seconds(
-        lambda: jshape.plan(now, goal, bank=three, positions=positions, max_steps=4).status
+        lambda: (
+            jshape.plan(
+                now,
+                goal,
+                **jshape.options(jshape.PAPER, bank=three, positions=positions, max_steps=4),
+            ).status
+        )
     )
     report.add("jshape.plan, 45 candidates, 4 steps", 1e3 * time, "ms", goal=5)
-    time = seconds(lambda: jshape.plan(now, goal, bank=bank, positions="21x15", max_steps=4).status)
+    time = seconds(
+        lambda: (
+            jshape.plan(
+                now, goal, **jshape.options(jshape.PAPER, bank=bank, positions="21x15", max_steps=4)
+            ).status
+        )
+    )
     report.add("jshape.plan, 5 actions at 21x15 places, at most 4 steps", 1e3 * time, "ms")
     _many_goals(report, three, now, goal, dict.fromkeys(three.actions, positions))
 
@@ -203,7 +217,7 @@ def _pixels(terrain: Terrain, candidates: Candidates) -> int:
     """Pixels, or nodes, of the windows of all candidates."""
     sizes = [np.prod(move.shape) for move in terrain.moves]
     places = sum(n * size for n, size in zip(candidates.counts, sizes, strict=True))
-    return int(places) * len(candidates.strengths)
+    return int(places) * int(candidates.tried)
 
 
 def _copying(candidates: Candidates) -> float:
@@ -212,7 +226,7 @@ def _copying(candidates: Candidates) -> float:
     Each ROI pixel of each candidate is read twice (image, goal), each effect stays in cache.
     """
     pixels = sum(
-        len(first) * w * h for first, (w, h) in zip(candidates.first, ROIS.values(), strict=True)
+        count * w * h for count, (w, h) in zip(candidates.counts, ROIS.values(), strict=True)
     )
     source = np.ones(min(pixels, 2**26), np.float32)
     copied = np.empty_like(source)

@@ -10,8 +10,8 @@ import jshape
 from jshape import actions, metric
 from jshape.actions import PAPER_ROIS
 from jshape.camera import Camera
-from jshape.planned import Plan
-from jshape.predict.bank import Bank
+from jshape.models.bank import Bank
+from jshape.planning.plan import Plan
 from tests.reference import greedy as reference
 
 LEVEL = 0.6
@@ -63,7 +63,12 @@ class Problem:
 
     def ours(self, max_steps: int) -> Plan:
         """The public call: checks, search, the predicted images and their distances."""
-        return jshape.plan(*self.images, bank=self.bank, positions=self.places, max_steps=max_steps)
+        return jshape.plan(
+            *self.images,
+            **jshape.options(
+                jshape.PAPER, bank=self.bank, positions=self.places, max_steps=max_steps
+            ),
+        )
 
     def twin(self, max_steps: int) -> list[tuple[int, int, int]]:
         """The steps that the reference twin finds; f_D only."""

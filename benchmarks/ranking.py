@@ -10,17 +10,17 @@ import numpy as np
 
 import jshape
 from benchmarks import metric_pictures
+from benchmarks.experiments.metric import seen
+from benchmarks.experiments.ranking import CAMERA, HILLS, Distance, distances, rank
+from benchmarks.experiments.samples import silent
 from benchmarks.metric_words import ratio
 from benchmarks.report import Report
 from jshape import metric, sim
 from jshape.actions import first_pixels, grid
 from jshape.data.view import image_of_depth
-from jshape.experiments.metric import seen
-from jshape.experiments.ranking import CAMERA, HILLS, Distance, distances, rank
-from jshape.experiments.samples import silent
-from jshape.planning import DEFAULT_BANK
-from jshape.predict.bank import Bank
-from jshape.predict.rollout import after_action
+from jshape.models.bank import Bank
+from jshape.planning.apply import after_action
+from jshape.planning.options import DEFAULT_BANK
 from jshape.robot.simulated import SimulatedWorld
 
 SEED = 0
@@ -224,7 +224,11 @@ def planned(problems: list[Problem], bank: Bank, places: np.ndarray) -> dict[str
     """What `jshape.plan` finds among the same candidates."""
 
     def plan(task: Problem) -> jshape.Plan:
-        return jshape.plan(task.start, task.goal, bank=bank, positions=places, max_steps=APPLIED)
+        return jshape.plan(
+            task.start,
+            task.goal,
+            **jshape.options(jshape.PAPER, bank=bank, positions=places, max_steps=APPLIED),
+        )
 
     for task in problems:  # compiles; an action when it is first in a plan
         plan(task)

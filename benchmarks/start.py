@@ -9,7 +9,7 @@ from benchmarks.report import Report
 
 HELP = """
 import contextlib, io
-from jshape.cli import main
+from jshape.cli.main import main
 with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
     main(["--help"])
 """

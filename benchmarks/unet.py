@@ -20,8 +20,8 @@ from jshape.data.pairs import Examples
 from jshape.data.simulate import ROIS
 from jshape.learn import training
 from jshape.learn.settings import Training
-from jshape.nn import unet
-from jshape.predict.network import Network
+from jshape.models import unet
+from jshape.models.network import Network
 from jshape.viz.style import png
 
 Shape = tuple[int, int, int]

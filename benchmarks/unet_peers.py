@@ -1,4 +1,4 @@
-"""The paper's U-Net in PyTorch and for ONNX Runtime, from the parameters of `jshape.nn.unet`.
+"""The paper's U-Net in PyTorch and for ONNX Runtime, from the parameters of `jshape.models.unet`.
 
 Both take and give images (B, h, w) as jshape's does: sides are padded to multiples of 16 inside.
 """
@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jshape.nn.unet import LEVELS
+from jshape.models.unet import LEVELS
 
 
 def channels_first(kernel: Any) -> np.ndarray:

@@ -16,10 +16,12 @@ from PIL import Image
 
 from jshape import PAPER_BOX, load_bank, metric, plan, sim
 from jshape.data.simulate import random_bed, simulate_pairs, together
-from jshape.experiments.demo import run_demo
+from jshape.demo import run_demo
 from jshape.goals import bed_map
+from jshape.learn import scores
 from jshape.learn.evaluate import cross_validate
-from jshape.viz import pictures, scores, sheets
+from jshape.planning.options import options
+from jshape.viz import pictures, sheets
 from jshape.viz.style import png
 
 IMAGES = Path(__file__).parent / "images"
@@ -138,8 +140,11 @@ def story() -> Figure:
     goal = bed
     for name, at in (("grasp", (130, 120)), ("knock", (360, 260)), ("press", (120, 300))):
         goal = _act(goal, name, at)
-    found = plan(_image(_depth(bed)), _image(_depth(goal)), bank=bank, stride=12,
-                 strengths=(0.5, 1.0), max_steps=4)  # fmt: skip
+    found = plan(
+        _image(_depth(bed)),
+        _image(_depth(goal)),
+        **options(bank=bank, strengths=(0.5, 1.0), max_steps=4),
+    )
     figure = pictures.plan_figure(found, rois=bank.rois)
     for letter, ax in zip("ABCDEF", figure.axes[:6], strict=True):
         ax.text(0.02, 0.97, letter, transform=ax.transAxes, va="top", fontsize=15, zorder=9,

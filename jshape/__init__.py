@@ -9,35 +9,50 @@ if TYPE_CHECKING:
     from jshape.camera import D435_BAZAR, D435_NOMINAL, PAPER_BOX, Camera
     from jshape.data.pairs import Pairs
     from jshape.errors import JShapeError
+    from jshape.io.banks import list_banks, load_bank, save_bank
+    from jshape.io.datasets import load_pairs, save_pairs
     from jshape.learn.held_out import fit
     from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
-    from jshape.planners.base import Status
-    from jshape.planning import Plan, plan, plan_depth, rollout
-    from jshape.predict.bank import Bank
-    from jshape.store.banks import list_banks, load_bank, save_bank
-    from jshape.store.datasets import load_pairs, save_pairs
+    from jshape.models.bank import Bank
+    from jshape.planning.api import plan, plan_depth, rollout
+    from jshape.planning.options import (
+        PAPER,
+        Constraints,
+        SearchBudget,
+        SearchSpace,
+        StopCriteria,
+        options,
+    )
+    from jshape.planning.plan import Plan
+    from jshape.planning.search.base import Status
 
 __version__ = "0.1.0"
 
 __all__ = [
     "D435_BAZAR",
     "D435_NOMINAL",
+    "PAPER",
     "PAPER_ACTIONS",
     "PAPER_BOX",
     "Action",
     "ActionSet",
     "Bank",
     "Camera",
+    "Constraints",
     "JShapeError",
     "Pairs",
     "Plan",
+    "SearchBudget",
+    "SearchSpace",
     "Status",
+    "StopCriteria",
     "distance",
     "fit",
     "grid",
     "list_banks",
     "load_bank",
     "load_pairs",
+    "options",
     "plan",
     "plan_depth",
     "r_matrix",
@@ -57,11 +72,20 @@ _HOMES = {
     "jshape.errors": ("JShapeError",),
     "jshape.learn.held_out": ("fit",),
     "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
-    "jshape.planners.base": ("Status",),
-    "jshape.planning": ("Plan", "plan", "plan_depth", "rollout"),
-    "jshape.predict.bank": ("Bank",),
-    "jshape.store.banks": ("list_banks", "load_bank", "save_bank"),
-    "jshape.store.datasets": ("load_pairs", "save_pairs"),
+    "jshape.planning.search.base": ("Status",),
+    "jshape.planning.api": ("plan", "plan_depth", "rollout"),
+    "jshape.planning.options": (
+        "PAPER",
+        "Constraints",
+        "SearchBudget",
+        "SearchSpace",
+        "StopCriteria",
+        "options",
+    ),
+    "jshape.planning.plan": ("Plan",),
+    "jshape.models.bank": ("Bank",),
+    "jshape.io.banks": ("list_banks", "load_bank", "save_bank"),
+    "jshape.io.datasets": ("load_pairs", "save_pairs"),
 }
 """Where each name is.  They are loaded when they are asked for: JAX takes a second, and neither
 `jshape --help` nor a misspelt command needs it."""
@@ -80,4 +104,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])

@@ -2,6 +2,6 @@
 
 import sys
 
-from jshape.cli import main
+from jshape.cli.main import main
 
 sys.exit(main())

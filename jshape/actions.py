@@ -204,7 +204,7 @@ def place(
     camera: Camera,
     positions: Mapping[str, np.ndarray],
     rois: Mapping[str, tuple[int, int]],
-    clip: str = "refuse",
+    out_of_bounds: str = "refuse",
 ) -> dict[str, np.ndarray]:
     """Positions whose ROIs are all inside the image, per action.
 
@@ -212,14 +212,14 @@ def place(
       camera: whose image.
       positions: per action (N, 2) of (u, v), ROI centres.
       rois: per action ROI size (w, h), pixels.
-      clip: what to do with a ROI that leaves the image: "refuse" raises, "shift" moves it
+      out_of_bounds: what to do with a ROI that leaves the image: "refuse" raises, "shift" moves it
         inwards, "drop" leaves that position out for that action.
 
     Raises:
       BadPosition: with "refuse", naming the first offenders; or a ROI larger than the image.
     """
-    if clip not in ("refuse", "shift", "drop"):
-        raise UnknownName("clip", clip, ("refuse", "shift", "drop"))
+    if out_of_bounds not in ("refuse", "shift", "drop"):
+        raise UnknownName("out_of_bounds", out_of_bounds, ("refuse", "shift", "drop"))
     placed, offenders = {}, []
     for name, where in positions.items():
         (w, h), where = rois[name], np.asarray(where, np.int32).reshape(-1, 2)
@@ -228,10 +228,10 @@ def place(
                 f"{name}: ROI {w}x{h} is larger than the {camera.width}x{camera.height} image"
             )
         inside = fits(camera, where, (w, h))
-        if clip == "shift":
+        if out_of_bounds == "shift":
             low = np.array([w // 2, h // 2])
             where = np.clip(where, low, low + (camera.width - w, camera.height - h))
-        elif clip == "drop":
+        elif out_of_bounds == "drop":
             where = where[inside]
         else:
             offenders += [f"{name} at ({u}, {v})" for u, v in where[~inside]]

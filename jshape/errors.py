@@ -37,6 +37,10 @@ class UnknownName(JShapeError):
         )
 
 
+class BadOption(JShapeError, TypeError):
+    """A keyword that a function or a record of options does not have."""
+
+
 def did_you_mean(name: object, allowed: Iterable[str]) -> str:
     """The end of an error about a name: "; did you mean poke?", or nothing if none is near."""
     by_lower = {one.lower(): one for one in allowed}

@@ -42,8 +42,8 @@ def shared_data():
 def bank():
     """A bank for the paper's box with two smooth craters: quick, and easy to reason about."""
     from jshape import PAPER_BOX
-    from jshape.predict.bank import Bank
-    from jshape.predict.difference import Difference
+    from jshape.models.bank import Bank
+    from jshape.models.difference import Difference
 
     def crater(w, h, depth):
         x, y = (np.linspace(-2, 2, n) for n in (w, h))
@@ -62,3 +62,17 @@ def molded(bank):
         window = np.s_[v - h // 2 : v - h // 2 + h, u - w // 2 : u - w // 2 + w]
         goal[window] = bank.predict(name, goal[window])
     return now, goal, applied
+
+
+def paper(**fields):
+    """Keywords of `plan`: the paper's search but for some fields, with whichever bank."""
+    from jshape import PAPER, options
+
+    return {name: one for name, one in options(PAPER, **fields).items() if name != "bank"}
+
+
+def mm(d):
+    """A distance d of the paper's box in mm."""
+    from jshape import PAPER_BOX, to_mm
+
+    return float(to_mm(d, PAPER_BOX))

@@ -1,6 +1,7 @@
 """What the documentation's commands take: made when a command names it and it is not there yet."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -10,12 +11,12 @@ import numpy as np
 
 from jshape import D435_BAZAR, PAPER_BOX, Camera, Pairs, metric, rollout, save_pairs, sim
 from jshape.camera import reproject
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT, look, simulate_pairs, together
+from jshape.io.cameras import write_camera
+from jshape.io.images import write_depth_png
 from jshape.robot.cameras.played import Played
-from jshape.store.cameras import write_camera
-from jshape.store.images import write_depth_png
 from jshape.viz.style import png
 from tests.conftest import ROOT, SHARED
 
@@ -76,7 +77,6 @@ def bank(folder: Path) -> None:
 
 def plan(folder: Path, name: str = "my-plan") -> None:
     """What `jshape plan --out my-plan` leaves, of actions that were given."""
-    from jshape.store import plans
     from jshape.viz import pictures
 
     whole = [np.where(depth > 0, depth, np.median(depth)) for depth in bed_and_goal()]
@@ -84,7 +84,7 @@ def plan(folder: Path, name: str = "my-plan") -> None:
     names, places = zip(*APPLIED, strict=True)
     found = rollout(now, wanted, names, np.array(places), bank="flour-robot")
     (folder / name).mkdir()
-    plans.write_plan(folder / name / "plan.json", found)
+    found.to_json(folder / name / "plan.json")
     (folder / name / "plan.png").write_bytes(png(pictures.plan_figure(found)))
 
 
@@ -114,6 +114,14 @@ def base(folder: Path) -> None:
     (folder / "base.json").write_text(json.dumps(fields))
 
 
+def own(folder: Path) -> None:
+    """The material and the hand of `own_material.md`, as it writes them."""
+    text = (ROOT / "docs/own_material.md").read_text(encoding="utf-8")
+    for block in re.findall(r"```toml\n(.*?)```", text, re.S):
+        name = re.match(r"# (\S+)", block)
+        (folder / name[1]).write_text(block)
+
+
 def before_after(folder: Path) -> None:
     """Frames of others: NAME_before.png and NAME_after.png."""
     inside, pairs = folder / "frames", pokes(2, 4)
@@ -122,14 +130,6 @@ def before_after(folder: Path) -> None:
     for name, prior, posterior in zip("ab", pairs.prior, pairs.posterior, strict=False):
         cv2.imwrite(str(inside / f"{name}_before.png"), prior)
         cv2.imwrite(str(inside / f"{name}_after.png"), posterior)
-
-
-def downloads(folder: Path) -> None:
-    """The authors' layout, in small."""
-    from tests import test_imports
-
-    made = test_imports.authors.__wrapped__(folder / "made", np.random.default_rng(7))
-    shutil.move(made, folder / "downloads")
 
 
 def mcap(folder: Path) -> None:
@@ -191,9 +191,10 @@ INPUTS = {
     "pairs.json": samples,
     "base.json": base,
     "frames": before_after,
-    "downloads": downloads,
     "data": lambda folder: (folder / "data").symlink_to(SHARED / "data"),
     "session.mcap": mcap,
+    "clay.toml": own,
+    "spatula.toml": own,
     "session.db3": sdk,
 }
 """By the name that the pages give it, how it is made."""

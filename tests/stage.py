@@ -11,11 +11,12 @@ import numpy as np
 
 from jshape import PAPER_BOX, metric
 from jshape.actions import PAPER_Z
+from jshape.io import journal
 from jshape.robot.arms.base import Moved
+from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
 from jshape.robot.session import Session
-from jshape.store import journal
-from jshape.store.procedures import load_hand
+from tests.conftest import mm, paper
 
 UNIT = 0.00005
 PLACES = np.array([[91, 92], [239, 197], [387, 302]])
@@ -108,8 +109,9 @@ def robot_of(bank, image, fails=lambda operation: None):
 
 def mold(session, robot, bank, **options):
     """Mold at the places where the goal was made."""
-    options = {"positions": PLACES, "min_gain": 2e-5, "tolerance": 4e-4, "max_steps": 6} | options
-    return session.mold(robot, bank, **options)
+    own = {name: options.pop(name) for name in ("plan", "confirm", "draw") if name in options}
+    usual = {"positions": PLACES, "min_gain_mm": mm(2e-5), "tolerance_mm": mm(4e-4), "max_steps": 6}
+    return session.mold(robot, bank, **own, **paper(**usual | options))
 
 
 def main(folder, event):

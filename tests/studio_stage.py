@@ -11,9 +11,10 @@ from pathlib import Path
 from jshape import plan
 from jshape.data.view import image_of_depth
 from jshape.robot.cameras.simulated import levelled_world
+from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
-from jshape.store.procedures import load_hand
 from tests import conftest
+from tests.conftest import mm, paper
 from tests.stage import PLACES, Arm, Eye
 
 EVIL = (
@@ -49,13 +50,13 @@ class Endless(Arm):
 
 def begin(folder):
     """A run in its first motion."""
-    from jshape.studio.molder import Molder, State
+    from jshape.app.molder import Molder, State
 
     bank = conftest.bank.__wrapped__()
     now, goal, _ = conftest.molded.__wrapped__(bank)
     eye = Eye(now.copy())
     robot = Robot(eye, Endless(bank, eye, folder), load_hand(), bank.camera, frames=3)
-    made = plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5)
+    made = plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
     molder = Molder(robot, bank, goal, folder / "run", meta={"bank": "fixture"}, plan=made)
     while molder.state is not State.ASKING:
         time.sleep(0.01)
@@ -65,9 +66,9 @@ def begin(folder):
 
 def main(port, folder):
     """Serve until the process is ended."""
-    from jshape.studio import server
-    from jshape.studio.bench import Bench
-    from jshape.studio.desk import Desk
+    from jshape.app import server
+    from jshape.app.bench import Bench
+    from jshape.app.desk import Desk
 
     desk, bench = Desk("flour-robot"), Bench(None, "", folder / "out")
     desk.see(image_of_depth(levelled_world(5).look(), desk.camera).image, "simulated")

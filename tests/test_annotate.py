@@ -11,11 +11,11 @@ import pytest
 
 from benchmarks.annotation import iou, overlaps, pairs_with_truth
 from jshape import Camera, load_pairs, save_pairs
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.annotate import find_effect, place_boxes
 from jshape.data.pairs import Pairs
 from jshape.data.recording import changed_box
-from jshape.store.annotations import boxes_by_hand
+from jshape.io.annotations import boxes_by_hand
 from jshape.viz import sheets
 
 UNIT = 1e-4
@@ -243,7 +243,8 @@ def test_from_a_recording_to_a_plan(tmp_path, capsys, monkeypatch):
     (tmp_path / "places.json").write_text(json.dumps({"positions": pairs.centre.tolist()}))
     capsys.readouterr()
     command("plan pairs/frames/00002_prior.png pairs/frames/00002_posterior.png --bank bank "
-            "--camera pairs/camera.json --positions places.json --clip shift --json")  # fmt: skip
+            "--camera pairs/camera.json --positions places.json --out-of-bounds shift "
+            "--json")  # fmt: skip
     steps = json.loads(capsys.readouterr().out)["steps"]
     assert [s["action"] for s in steps] == ["poke"]
     assert np.abs(np.subtract(steps[0]["position"], pairs.centre[2])).max() <= 2

@@ -1,4 +1,4 @@
-"""What every arm must obey, whoever built it: a new row of `KINDS` inherits these."""
+"""What every arm must obey, whoever built it: a new row of `ARMS` inherits these."""
 
 import importlib.util
 import os
@@ -10,22 +10,23 @@ import numpy as np
 import pytest
 
 from jshape.camera import PAPER_BOX
-from jshape.closing import SIGNALS
 from jshape.robot.arms.base import Arm, ArmError, ArmLost, Doing, EffortLimit, Moved, stop_arm
 from jshape.robot.arms.guarded import GuardedArm
-from jshape.robot.arms.names import KINDS, open_arm
+from jshape.robot.arms.names import ARMS, open_arm
 from jshape.robot.procedure import NAMES, perform, pose_of
-from jshape.store.procedures import load_hand
+from jshape.robot.procedure_file import load_hand
+from jshape.robot.signals import SIGNALS
 
 NEEDS = {"mujoco": ("mujoco", "mink")}
 
 
-@pytest.fixture(params=KINDS)
+@pytest.fixture(params=ARMS)
 def opened(request):
     for package in NEEDS.get(request.param, ()):
         if importlib.util.find_spec(package) is None:
             pytest.skip(f"{package} is not installed")
-    opened = open_arm(f"{request.param}:3", PAPER_BOX, say=lambda line: None)
+    address = ":3" if ARMS[request.param].address else ""
+    opened = open_arm(request.param + address, PAPER_BOX, say=lambda line: None)
     yield opened
     opened.arm.stop()
     opened.arm.close()

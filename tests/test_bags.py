@@ -10,7 +10,7 @@ import pytest
 
 from jshape import Camera
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
-from jshape.store.bags import open_bag
+from jshape.io.bags import open_bag
 
 pytest.importorskip("rosbags")
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from jshape import Bank, Camera, distance, load_bank, to_mm
 from jshape.actions import first_pixels
-from jshape.predict.difference import Difference
+from jshape.models.difference import Difference
 
 CAMERA = Camera(40, 30, 50.0, 55.0, 18.0, 16.0, 0.4, 0.5)
 SIZES = {"grasp": (12, 9), "poke": (3, 4)}

@@ -12,8 +12,8 @@ from benchmarks.authors import SPREAD, Agreement, rounding_cannot_decide, steps_
 from benchmarks.plan_as_authors import authors_way, plan_as_authors
 from benchmarks.problems import Problem, made_problem, rounded, weighed
 from jshape import Camera
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
 from tests.reference import greedy as twin
 
 CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0, 0.42, 0.47)

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 import jshape
-from benchmarks import metric_memory, metric_peers, ranking
+from benchmarks import clouds, metric_memory, metric_peers, ranking
+from benchmarks.experiments.ranking import distances
 from benchmarks.metric_growth import growth
-from jshape import clouds
 from jshape.actions import grid
-from jshape.experiments.ranking import distances
-from jshape.planning import DEFAULT_BANK
+from jshape.planning.options import DEFAULT_BANK
 
 ot = pytest.importorskip("ot")
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import simulator, unet, unet_peers
 from benchmarks.report import Report
-from jshape.nn import unet as ours
+from jshape.models import unet as ours
 from jshape.sim import CELL, SIZE
 from tests.reference import unet as plain
 

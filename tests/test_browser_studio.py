@@ -13,10 +13,10 @@ import pytest
 
 import jshape
 from jshape.data.simulate import simulate_pairs, together
+from jshape.io import datasets
+from jshape.io.cameras import write_camera
+from jshape.io.images import write_depth_png
 from jshape.robot.cameras.simulated import levelled_world
-from jshape.store import datasets
-from jshape.store.cameras import write_camera
-from jshape.store.images import write_depth_png
 from tests.browser import chromium, complaints, outside, until  # noqa: F401
 from tests.conftest import ROOT
 from tests.studio_stage import EVIL

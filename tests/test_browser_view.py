@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, plan
-from jshape.store import journal, runs
-from jshape.store.banks import save_bank
-from jshape.view.read import read_story, story_of_plan
+from jshape.app.view.read import read_story, story_of_plan
+from jshape.io import journal, runs
+from jshape.io.banks import save_bank
 from tests.browser import chromium, complaints, outside, until  # noqa: F401 (a fixture)
+from tests.conftest import mm, paper
 from tests.stage import PLACES
 from tests.studio_stage import EVIL
 
@@ -22,11 +23,11 @@ HARMLESS = "blob:"
 
 @pytest.fixture
 def viewer(bank, molded):
-    from jshape.view.browser import Viewer
+    from jshape.app.view.browser import Viewer
 
     now, goal, _ = molded
     with Viewer(
-        story_of_plan(plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5))
+        story_of_plan(plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5))))
     ) as shown:
         yield shown
 
@@ -77,14 +78,14 @@ def test_it_plays_to_the_end(chromium, viewer):  # noqa: F811
 
 
 def test_a_hostile_run_is_shown_as_text(chromium, tmp_path, bank, molded):  # noqa: F811
-    from jshape.view.browser import Viewer
+    from jshape.app.view.browser import Viewer
 
     now, goal, _ = molded
     first, second = EVIL[0], "$\\frac$" + EVIL[1]
     hostile = dataclasses.replace(bank, actions=(first, second))
     save_bank(hostile, tmp_path / "bank")
     run = runs.Run.create(tmp_path / "run", {"what": EVIL[2], "bank": str(tmp_path / "bank")})
-    made = plan(now, goal, bank=hostile, positions=PLACES, min_gain=2e-5)
+    made = plan(now, goal, bank=hostile, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
     made.to_json(run.folder / "plan.json")
     doing = {"action": first, "position": [91, 92], "why": EVIL[4], "operations": [EVIL[3]]}
     journal.note(run.folder / journal.NAME, {"event": "planned", "time": EVIL[3], **doing})
@@ -113,7 +114,7 @@ def test_other_pages_are_not_answered(viewer, monkeypatch):
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
-    from jshape.view import door
+    from jshape.app.view import door
 
     where = viewer.url.replace("http", "ws")
 
@@ -135,8 +136,8 @@ def test_other_pages_are_not_answered(viewer, monkeypatch):
 
 
 def test_a_viser_that_serves_otherwise_is_refused():
+    from jshape.app.view.door import door
     from jshape.errors import JShapeError
-    from jshape.view.door import door
 
     with pytest.raises(JShapeError, match="cannot be told whom to answer"), door("127.0.0.1"):
         pass

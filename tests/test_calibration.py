@@ -8,20 +8,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jshape import D435_BAZAR
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.errors import BadFile, JShapeError, UnknownName
+from jshape.io.cameras import write_camera
+from jshape.robot import pose_file as poses
 from jshape.robot.calibration import METHODS, calibrate, least_turn_deg
 from jshape.robot.rigid import (
     BadPose,
     angles_deg,
     check_rigid,
-    inverse,
     mean_pose,
     pose_at,
     quaternion_of,
 )
-from jshape.store import poses
-from jshape.store.cameras import write_camera
 from tests.reference import hand_eye
 
 SET_UPS = pytest.mark.parametrize("eye_in_hand", [False, True], ids=["to-hand", "in-hand"])
@@ -46,10 +45,10 @@ def pairs_of(rng, eye_in_hand, count=12, turn_deg=20.0, mm=0.0, deg=0.0):
         seen = pose(rng, turn_deg, 0.05, (0.0, 0.0, 0.45))
         if eye_in_hand:  # T_base_target = base_gripper camera seen
             fixed = pose_at(np.array([0.6, 0.1, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
-            hands.append(fixed @ inverse(seen) @ inverse(camera))
-        else:  # T_gripper_target = inverse(base_gripper) camera seen
+            hands.append(fixed @ np.linalg.inv(seen) @ np.linalg.inv(camera))
+        else:  # T_gripper_target = np.linalg.inv(base_gripper) camera seen
             fixed = pose_at(np.array([0.0, 0.02, 0.12]), np.array([0.0, 0.6, 0.0, 0.8]))
-            hands.append(camera @ seen @ inverse(fixed))
+            hands.append(camera @ seen @ np.linalg.inv(fixed))
         targets.append(seen @ pose(rng, deg, mm / 1e3))
     return np.array(hands), np.array(targets), camera
 
@@ -136,7 +135,7 @@ def test_one_turned_pose_that_carries_all_is_left_out_as_nan(rng):
         turn = np.eye(4)
         turn[:3, :3] = Rotation.from_euler("xy", [x, y], degrees=True).as_matrix()
         targets[k] = targets[k] @ turn
-        hands[k] = truth @ targets[k] @ inverse(calibrated_target())
+        hands[k] = truth @ targets[k] @ np.linalg.inv(calibrated_target())
     found = calibrate(hands, targets, method="park")
     assert np.isnan(found.left_out.mm[0]) and np.isfinite(found.left_out.mm[1:]).all()
     fields = poses.pose_of_calibration(found).residuals["left_out"]["mm"]
@@ -305,7 +304,9 @@ def test_a_method_that_finds_nothing_is_refused(rng, monkeypatch):
 
 def test_rigid_laws(rng):
     some = np.array([pose(rng, 40, 0.5) for _ in range(5)])
-    np.testing.assert_allclose(inverse(some) @ some, np.tile(np.eye(4), (5, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.inv(some) @ some, np.tile(np.eye(4), (5, 1, 1)), atol=1e-12
+    )
     np.testing.assert_allclose(mean_pose(np.repeat(some[:1], 4, 0)), some[0], atol=1e-12)
     for one in some:
         again = pose_at(one[:3, 3], quaternion_of(one))

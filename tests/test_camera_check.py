@@ -8,7 +8,7 @@ import pytest
 from jshape import D435_BAZAR, PAPER_BOX, Camera
 from jshape.data.camera_check import measure, verdict
 from jshape.errors import BadImage
-from jshape.store.images import read_counts
+from jshape.io.images import read_counts
 
 SMALL = Camera(160, 120, 145.0, 140.0, 70.0, 66.0, 0.42, 0.47)
 UNIT = 1e-4

@@ -13,16 +13,15 @@ from jshape import PAPER_BOX, Camera, sim
 from jshape.camera import D435_BAZAR
 from jshape.data.missing import fill_missing
 from jshape.errors import BadCamera, BadDataset, BadFile, BadImage, JShapeError, MissingDepth
-from jshape.robot.cameras.bag import bag_camera
+from jshape.io.cameras import write_camera
+from jshape.io.recordings import recording_writer
 from jshape.robot.cameras.base import CameraLost, DepthCamera, EndOfFrames, look
-from jshape.robot.cameras.folder import folder_camera, picture_camera
-from jshape.robot.cameras.names import KINDS, open_camera
+from jshape.robot.cameras.files import bag_camera, folder_camera, picture_camera
+from jshape.robot.cameras.names import names, open_camera
 from jshape.robot.cameras.played import Played
 from jshape.robot.cameras.realsense import RealSense
 from jshape.robot.cameras.simulated import levelled_world, simulated_camera
 from jshape.robot.cameras.window import Window
-from jshape.store.cameras import write_camera
-from jshape.store.recordings import recording_writer
 
 SMALL = Camera(64, 48, 60.0, 61.0, 31.0, 24.0, 0.42, 0.47)
 COUNT = 6
@@ -298,7 +297,7 @@ def test_what_is_no_camera_is_said(tmp_path):
             open_camera(text, **options)
         assert "\n" not in str(found.value)
 
-    refused("webcam: is not a camera; allowed: realsense, .*picture|FOLDER", "webcam")
+    refused("webcam: is not a camera; allowed: realsense\\[:SERIAL.*FOLDER, FILE.png", "webcam")
     refused("no such file", str(tmp_path / "none.db3"))
     refused("neither camera.json", str(tmp_path))
     (tmp_path / "camera.json").write_text("{}")
@@ -311,7 +310,10 @@ def test_what_is_no_camera_is_said(tmp_path):
     refused("z_min", "sim", BadCamera, z_range=(0.5, 0.4))
     (tmp_path / "a.png").write_bytes(b"")
     refused("empty", str(tmp_path / "a.png"), BadFile)
-    assert len({kind.example for kind in KINDS}) == len(KINDS) - 1  # FOLDER is two of them
+    refused("sim:x/y: a seed is", "sim:x/y")
+    refused("file: needs an address: file:PATH", "file")
+    refused("is none of a ROS bag, ", f"file:{tmp_path}/none")
+    assert len({name for name, _ in names()}) == len(names()) - 1  # FOLDER is two of them
 
 
 def test_a_camera_file_replaces_what_is_guessed(tmp_path):

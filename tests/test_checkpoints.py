@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jshape.errors import BadFile
-from jshape.store.checkpoints import Checkpoints, check_folder, discard
+from jshape.io.checkpoints import Checkpoints, check_folder, discard
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_round_trip(keep, arrays, monkeypatch):
 
 def test_one_whole_checkpoint_is_there_whenever_the_process_dies(keep, arrays, monkeypatch):
     keep.save(arrays, {"number": 1})
-    monkeypatch.setattr("jshape.store.checkpoints.shutil.rmtree", lambda *a, **k: None)
+    monkeypatch.setattr("jshape.io.checkpoints.shutil.rmtree", lambda *a, **k: None)
     keep.save(arrays, {"number": 2})  # killed before the older one was removed
     assert len(os.listdir(keep.folder)) == 2 and keep.load()[1] == {"number": 2}
     monkeypatch.undo()
@@ -54,7 +54,7 @@ def test_one_whole_checkpoint_is_there_whenever_the_process_dies(keep, arrays, m
     def fail(*_):
         raise BadFile("no space")
 
-    monkeypatch.setattr("jshape.store.checkpoints.write_json", fail)
+    monkeypatch.setattr("jshape.io.checkpoints.write_json", fail)
     with pytest.raises(BadFile, match="no space"):
         keep.save(arrays, {"number": 3})
     assert keep.load()[1] == {"number": 2}
@@ -134,7 +134,7 @@ def test_what_no_checksum_covers_is_damage(keep, arrays, how):
 def test_a_damaged_checkpoint_beside_an_older_whole_one(keep, arrays, monkeypatch):
     keep.save(arrays, {"number": 1})
     with monkeypatch.context() as patch:
-        patch.setattr("jshape.store.checkpoints.shutil.rmtree", lambda *a, **k: None)
+        patch.setattr("jshape.io.checkpoints.shutil.rmtree", lambda *a, **k: None)
         keep.save(arrays, {"number": 2})
     first, second = sorted(keep.folder.iterdir())
     (second / "checkpoint.json").write_text("{")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jshape import clouds
+from benchmarks import clouds
 from jshape.errors import BadImage, UnknownName
 from tests.reference import clouds as slow
 

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Camera
-from jshape.cli import main
-from jshape.commands import cameras
+from jshape.cli import cameras
+from jshape.cli.main import main
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT
 from jshape.errors import BadCamera, BadFile
+from jshape.io.banks import load_bank
+from jshape.io.cameras import described, write_camera
+from jshape.io.recordings import open_recording, recording_writer
 from jshape.robot.cameras.base import CameraLost
 from jshape.robot.cameras.played import Played
-from jshape.store.banks import load_bank
-from jshape.store.cameras import write_camera
-from jshape.store.recordings import open_recording, recording_writer
 
 SMALL = Camera(64, 48, 60.0, 61.0, 31.0, 24.0, 0.42, 0.47)
 
@@ -197,7 +197,7 @@ def test_a_stuck_camera_ends_the_recording(watched, tmp_path, capsys, rng):
 
 
 def test_a_full_disk_keeps_what_was_recorded(watched, tmp_path, capsys, rng, monkeypatch):
-    from jshape.store import recordings
+    from jshape.io import recordings
 
     real, calls = recordings.write_counts_png, []
 
@@ -234,11 +234,11 @@ def test_a_recording_without_any_reading_is_kept_and_no_success(watched, tmp_pat
 
 def test_a_file_with_the_name_of_a_preset_is_a_question(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cameras.described("paper_box")[0] == PAPER_BOX
+    assert described("paper_box")[0] == PAPER_BOX
     write_camera(tmp_path / "paper_box", SMALL, 1e-4)
     with pytest.raises(BadCamera, match="is a preset and a file here; write ./paper_box for"):
-        cameras.described("paper_box")
-    assert cameras.described("./paper_box") == (SMALL, 1e-4, True)
+        described("paper_box")
+    assert described("./paper_box") == (SMALL, 1e-4, True)
 
 
 def test_a_bag_in_millimetres_needs_its_unit_said(tmp_path, capsys, rng):
@@ -322,7 +322,7 @@ def test_list(capsys, monkeypatch):
 
     monkeypatch.setattr(realsense, "devices", list)
     code, out, _ = run(capsys, "camera", "list")
-    assert code == 0 and "no RealSense camera is connected" in out and "realsense:SERIAL" in out
+    assert code == 0 and "no RealSense camera is connected" in out and "realsense[:SERIAL" in out
     found = [realsense.Device("Intel RealSense D435", "42")]
     monkeypatch.setattr(realsense, "devices", lambda: found)
     assert "realsense:42" in run(capsys, "camera", "list")[1]

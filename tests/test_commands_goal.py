@@ -9,12 +9,11 @@ import pytest
 from PIL import Image
 
 from jshape import PAPER_BOX, Camera, load_bank, rollout, sim
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.view import image_of_depth
-from jshape.store.cameras import read_camera, write_camera
-from jshape.store.drawings import read_drawing
-from jshape.store.images import read_depth, write_depth_png
-from tests.test_cli import refused as refused_line
+from jshape.io.cameras import read_camera, write_camera
+from jshape.io.drawings import read_drawing
+from jshape.io.images import read_depth, write_depth_png
 
 OTHER = Camera(320, 240, 280.0, 280.0, 161.0, 118.0, 0.3, 1.0)
 UNIT = 1e-4
@@ -49,7 +48,13 @@ def change_mm(folder, suffix="png"):
 
 
 def refused(capsys, said, *words):
-    refused_line(["goal", *words], capsys, said)
+    try:
+        code = main(["goal", *words])
+    except SystemExit as exit_:
+        code = exit_.code
+    assert code == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1, error
 
 
 def test_a_newcomer_makes_a_goal_without_a_camera_and_plans_for_it(tmp_path, monkeypatch, capsys):
@@ -243,7 +248,7 @@ def test_what_a_phone_turned_comes_in_upright(tmp_path, kind, orientation):
         (["--actions", ";"], "no action is given"),
         (["--actions", "bad.json"], "action 1: expected"),
         (["--actions", "knock 900,2"], "outside"),
-        (["--text", "J", "--reach", "mask.npy"], "the camera makes (395, 480)"),
+        (["--text", "J", "--reachable", "mask.npy"], "the camera makes (395, 480)"),
         (["--mask", "mask.npy", "--size-mm", "50"], "nothing is drawn"),
     ],
 )

@@ -14,19 +14,20 @@ import pytest
 
 from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
-from jshape.cli import build_parser, main
-from jshape.commands.mold import goal_of, gone_on, keep_on
+from jshape.cli.main import main
+from jshape.cli.mold import goal_of, gone_on, keep_on
+from jshape.cli.parser import build_parser
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile
-from jshape.robot.arms.names import bed_of, open_arm
+from jshape.io.cameras import write_camera
+from jshape.io.images import write_depth_png
+from jshape.robot.arms.names import open_arm
 from jshape.robot.robot import Robot
-from jshape.robot.simulated import SimulatedWorld
-from jshape.store.cameras import write_camera
-from jshape.store.images import write_depth_png
+from jshape.robot.simulated import SimulatedWorld, bed_of
 from tests.conftest import ROOT
 
 QUICK = ["--bank", "flour-robot", "--frames", "3"]
-TRIED = ["--stride", "24", "--strengths", "1", "--max-steps", "1"]
+TRIED = ["--stride", "24", "--strengths", "1", "--yaws", "1", "--max-steps", "1"]
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +60,7 @@ def test_the_bed_is_molded_and_the_run_says_how(goal, tmp_path, capsys):
     assert main(again) == 2
     found = capsys.readouterr()
     assert "all 1 actions of the run are done; a larger --max-steps goes on" in found.err
-    assert "going on with: --stride 24 --strengths 1.0 --max-steps 1\n" in found.out
+    assert "going on with: --stride 24 --strengths 1.0 --yaws 1 --max-steps 1\n" in found.out
     assert main([*again, "--arm", "sim:4"]) == 2
     assert "was begun with the arm sim:3, not sim:4" in capsys.readouterr().err
     assert main([*again, "--max-steps", "2"]) == 0  # the bed of this process is untouched
@@ -76,15 +77,17 @@ def test_a_run_goes_on_as_it_began(tmp_path):
         return options, said
 
     began = {
-        "max_steps": 2, "min_gain_mm": 0.2, "tolerance_mm": 0.0, "strengths": [0.5, 1], "time": None
+        "max_steps": 2, "min_gain_mm": 0.2, "tolerance_mm": 0.0, "strengths": [0.5, 1],
+        "seconds": None,
     }  # fmt: skip
     options, said = kept(began, "--max-steps", "16")
     assert (options.max_steps, options.min_gain_mm, options.strengths) == (16, 0.2, [0.5, 1.0])
-    assert said == ["going on with: --strengths 0.5,1.0 --min-gain-mm 0.2"] and options.time is None
+    assert said == ["going on with: --strengths 0.5,1.0 --min-gain-mm 0.2"]
+    assert options.seconds is None
     assert kept(began)[0].max_steps == 2
     options, said = kept({"planner": "greedy"})
-    assert (options.max_steps, options.min_gain_mm, said) == (16, 0.01, [])
-    with pytest.raises(BadFile, match="the run's max-steps: 'two' is not a whole number from 1"):
+    assert (options.max_steps, options.min_gain_mm, said) == (None, None, [])
+    with pytest.raises(BadFile, match="the run's max-steps: 'two' is not a whole number from 0"):
         kept({"max_steps": "two"})
 
 
@@ -93,7 +96,8 @@ def test_a_plan_is_carried_out(goal, tmp_path, capsys):
     np.save(start, np.asarray(SimulatedWorld(jax.random.key(5), bed_of(3)[0]).look(), np.float32))
     write_camera(tmp_path / "camera.json", PAPER_BOX, 0.0001)
     assert main(["plan", str(start), str(goal), "--bank", "flour-robot", "--stride", "24",
-                 "--max-steps", "1", "--out", str(tmp_path / "plan")]) == 0  # fmt: skip
+                 "--strengths", "1", "--yaws", "1", "--max-steps", "1",
+                 "--out", str(tmp_path / "plan")]) == 0  # fmt: skip
     plan = str(tmp_path / "plan" / "plan.json")
     out = ["--out", str(tmp_path / "run"), "--yes", *QUICK]
     assert main(["execute", plan, "--arm", "sim:3", *out]) == 0
@@ -137,7 +141,7 @@ def test_every_arm_by_name_acts(capsys):
 
 HUNG = """
 import sys, threading
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.robot.arms.simulated import SimulatedArm
 
 def hang(*given, **named):

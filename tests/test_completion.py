@@ -5,8 +5,8 @@ import subprocess
 
 import pytest
 
-from jshape.cli import main
-from jshape.commands import COMMANDS
+from jshape.cli import COMMANDS
+from jshape.cli.main import main
 
 TRY = """
 source {script}
@@ -20,7 +20,7 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
 @pytest.fixture(scope="module")
 def scripts(tmp_path_factory):
     """The scripts of all shells, as files."""
-    from jshape.commands.completion import SHELLS, script_of
+    from jshape.cli.completion import SHELLS, script_of
 
     folder = tmp_path_factory.mktemp("scripts")
     for shell in SHELLS:

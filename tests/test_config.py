@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX
-from jshape.cli import build_parser, main
-from jshape.commands import settings
-from jshape.commands.config import EXAMPLE
+from jshape.cli import settings
+from jshape.cli.config import EXAMPLE
+from jshape.cli.main import main
+from jshape.cli.parser import build_parser
 from jshape.errors import BadSetting
-from jshape.store.cameras import write_camera
+from jshape.io.cameras import write_camera
 
 
 @pytest.fixture(autouse=True)
@@ -39,7 +40,7 @@ def asked(monkeypatch):
                     leaf.set_defaults(run=lambda options: seen.append(options) or {})
             return parser
 
-        monkeypatch.setattr("jshape.cli.build_parser", without_work)
+        monkeypatch.setattr("jshape.cli.main.build_parser", without_work)
         assert main(list(words)) == 0
         return seen[-1]
 
@@ -103,14 +104,11 @@ def test_what_excludes_each_other(asked):
 
 
 def test_data_and_measurements_read_only_their_own_table(asked):
-    write('material = "sand"\nbank = "x"\n[dataset-simulate]\nmaterial = "dough"\npairs = 3\n'
-          '[experiment-robot]\narm = "sim"\n')  # fmt: skip
+    write('material = "sand"\nbank = "x"\n[dataset-simulate]\nmaterial = "dough"\npairs = 3\n')
     assert asked("dataset", "simulate", "out").material == "dough"
     assert asked("dataset", "simulate", "out").pairs == 3
     assert asked("dataset", "simulate-recording", "out").material == "flour"
     assert asked("evaluate", "pairs").bank is None
-    assert asked("experiment", "robot", "--out", "x").arm == "sim"
-    assert asked("experiment", "robot", "--out", "x").bank is None
 
 
 def test_files_are_relative_to_the_file(asked, here, monkeypatch):
@@ -150,7 +148,7 @@ BAD = {
     "no whole number": ("max-steps = 2.5", "max-steps: '2.5' is not a whole number"),
     "a list for one": ("max-steps = [1, 2]", "max-steps: '1,2' is not a whole number"),
     "a list of names": ('bank = ["a", "b"]', "bank: ['a', 'b'] is not text"),
-    "no list": ("[plan]\nmost = 'knock=2'", "[plan] most: 'knock=2' is not a list"),
+    "no list": ("[plan]\nmax-uses = 'knock=2'", "[plan] max-uses: 'knock=2' is not a list"),
     "no choice": ('planner = "gredy"', "unknown value 'gredy'; allowed: greedy, beam, improve, "
                   "refine, mcts; did you mean greedy?"),
     "a table for a value": ("[plan.bank]\nx = 1", "[plan] bank: a table is not text"),
@@ -222,7 +220,10 @@ def test_config_says_what_applies_and_where_it_is_from(capsys):
     assert found["pairs"]["of"] == ["dataset simulate"]
     assert main(["config", "plan"]) == 0
     rows = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines()}
-    assert rows["stride"] == ["8", "jshape.toml", "[plan]"] and rows["yaws"] == ["1", "default"]
+    assert rows["stride"] == ["8", "jshape.toml", "[plan]"] and rows["max-steps"] == [
+        "16",
+        "default",
+    ]
     assert main(["config", "dataset", "simulate"]) == 0
     assert re.search(r"pairs +3 +jshape.toml \[dataset-simulate\]", capsys.readouterr().out)
     assert main(["config", "plam"]) == 2

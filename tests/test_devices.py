@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 
 from jshape import compiling
-from jshape.devices import remember_compiled
+from jshape.planning.devices import remember_compiled
 
 PROGRAM = """
 import sys, jax, jax.numpy as jnp
-from jshape.devices import remember_compiled
+from jshape.planning.devices import remember_compiled
 assert str(remember_compiled(sys.argv[1])).startswith(sys.argv[1])
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 hits = []

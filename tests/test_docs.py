@@ -25,10 +25,9 @@ WHOLE = (
     "jshape.robot.cameras.base",
     "jshape.robot.calibration",
     "jshape.robot.waypoints",
-    "jshape.store.poses",
-    "jshape.store.waypoints",
-    "jshape.clouds",
-    "jshape.devices",
+    "jshape.robot.pose_file",
+    "jshape.robot.waypoint_file",
+    "jshape.planning.devices",
     "jshape.errors",
 )
 """All that these modules define is."""
@@ -40,7 +39,7 @@ SINGLE = (
     "jshape.robot.simulated.SimulatedWorld",
     "jshape.robot.cameras.played.Played",
     "jshape.data.intrinsics.pinhole",
-    "jshape.predict.sweep.How",
+    "jshape.planning.evaluate.How",
 )
 
 

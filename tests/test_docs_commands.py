@@ -16,8 +16,11 @@ from pathlib import Path
 
 import pytest
 
-from jshape.cli import build_parser, main
-from jshape.commands.settings import leaf_of
+from benchmarks import grid
+from benchmarks.experiments import __main__ as experiments
+from jshape.cli import main as cli
+from jshape.cli.parser import build_parser
+from jshape.cli.settings import leaf_of
 from tests import docs_inputs
 from tests.conftest import ROOT, SHARED
 from tests.docs_inputs import INPUTS, input_of
@@ -39,15 +42,14 @@ NEEDS = {
 }
 """The package without which a command with that word cannot run."""
 PARSED = {
-    "jshape train pairs --kind CR --out bank --coordinator": "two processes: test_distributed.py",
-    "jshape grid train pairs --kinds CR DCR --out runs/grid --engine ray": "needs a cluster of Ray",
+    "python -m benchmarks.grid train pairs --kinds CR DCR --out": "needs a cluster of Ray",
 }
 """Commands that are only parsed, by how they begin, and why."""
 QUICK_NETWORKS = "--width 4 --epochs 1 --partitions 1"
 SLOW = {
-    "jshape plan now.png wanted.png --stride": "",
+    "jshape plan now.png wanted.png --positions paper": "",
     "jshape plan now.png wanted.png --planner refine": "",
-    "jshape plan my-goal/now.png my-goal/goal.png --stride 12": "",
+    "jshape plan my-goal/now.png my-goal/goal.png": "",
     "jshape mold wanted.png --arm sim:3": "--max-steps 2",
     "jshape mold wanted.png --arm mujoco:3": "--max-steps 1",
     "jshape mold wanted.png --arm dry": "",
@@ -67,9 +69,13 @@ SLOW = {
     "jshape train pairs --start": "",
     "jshape train both": "",
     "jshape train dough-pairs": "",
-    "jshape grid train": QUICK_NETWORKS,
-    "jshape grid simulate": "--pairs 2",
-    "jshape experiment": "--quick",
+    "jshape train clay-pairs": "",
+    "jshape train scraped": "",
+    "jshape dataset simulate clay-pairs": "--pairs 4",
+    "jshape dataset simulate scraped": "",
+    "python -m benchmarks.grid train": QUICK_NETWORKS,
+    "python -m benchmarks.grid simulate": "--pairs 2",
+    "python -m benchmarks.experiments": "--quick",
 }
 """By how they begin, commands of more than 15 s on two cores, and those that other pages have in
 other words; with what makes them smaller."""
@@ -86,7 +92,18 @@ OTHERS = (
 """How commands of other programs begin; the test of them says what holds."""
 
 COMMANDS = {path: list(commands(path.read_text(encoding="utf-8"))) for path in PAGES}
-OURS = [(path, one) for path, page in COMMANDS.items() for one in page if one.startswith("jshape ")]
+PROGRAMS = {
+    "jshape ": (cli.main, build_parser),
+    "python -m benchmarks.experiments ": (experiments.main, experiments.build_parser),
+    "python -m benchmarks.grid ": (grid.main, grid.build_parser),
+}
+"""Our command lines, by how they begin."""
+OURS = [
+    (path, one)
+    for path, page in COMMANDS.items()
+    for one in page
+    if one.startswith(tuple(PROGRAMS))
+]
 
 
 def _begins(command, table):
@@ -95,8 +112,9 @@ def _begins(command, table):
 
 
 def _words(command, more=""):
-    """A command as `jshape.cli.main` takes it; what the shell does with its output is left out."""
-    words = shlex.split(command.partition(" > ")[0])[1:] + shlex.split(more)
+    """A command as its `main` takes it, without what the shell does with its output."""
+    begin = _begins(command, PROGRAMS)
+    words = shlex.split(command.removeprefix(begin).partition(" > ")[0]) + shlex.split(more)
     return [PLACEHOLDERS.get(word, word) for word in words]
 
 
@@ -137,6 +155,7 @@ def reader(tmp_path, monkeypatch, kept):
         shutil.copytree(made, ".", symlinks=True, dirs_exist_ok=True)  # with what belongs to it
 
     def carry_out(command, more="", supplied=True):
+        main, parser_of = PROGRAMS[_begins(command, PROGRAMS)]
         words = _words(command, more)
         named = [word.removeprefix("realsense:") for word in words]
         packages = [NEEDS[word] for word in named if word in NEEDS]
@@ -147,12 +166,12 @@ def reader(tmp_path, monkeypatch, kept):
         also = _begins(command, ALSO)
         words += shlex.split(ALSO[also]) if also else []
         under_way[:] = words
-        options = {} if "--help" in words else vars(build_parser().parse_args(words))
+        options = {} if "--help" in words else vars(parser_of().parse_args(words))
         out = options.get("out")
         for name in [input_of(word) for word in words if word != str(out)]:
             if name is not None and supplied:
                 supply(name)
-        again = out is not None and out.exists() and words[:2] != ["grid", "train"]  # which goes on
+        again = out is not None and out.exists()
         if again and options.get("overwrite") is False:
             words.append("--overwrite")
         try:
@@ -173,21 +192,21 @@ def _stand_ins(monkeypatch):
     A camera is a simulated one with somebody who presses Ctrl-C when 20 frames are recorded; the
     viewer's server is real and ends at once; of the studio all is real but its server.
     """
-    from jshape.robot.cameras import names
+    from jshape.robot.cameras import realsense
 
-    words, real = [], names.RealSense
+    words, real = [], realsense.RealSense
 
     def plugged(serial=None, *, file=None, **options):
         if file is not None:
             return real(serial, file=file, **options)
         return docs_inputs.camera(20 if words[0] == "record" else None)
 
-    monkeypatch.setattr(names, "RealSense", plugged)
+    monkeypatch.setattr(realsense, "RealSense", plugged)
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
     if find_spec("viser"):
-        monkeypatch.setattr("jshape.view.browser.Viewer.wait", _interrupted)
+        monkeypatch.setattr("jshape.app.view.browser.Viewer.wait", _interrupted)
     if find_spec("nicegui"):
-        monkeypatch.setattr("jshape.studio.server.serve", lambda *more, **options: None)
+        monkeypatch.setattr("jshape.app.server.serve", lambda *more, **options: None)
     return words
 
 
@@ -246,9 +265,9 @@ def test_the_readme_runs_as_printed(reader, monkeypatch):
 
 @pytest.mark.parametrize(("page", "command"), OURS)
 def test_every_command_parses(page, command):
-    words = _words(command)
+    words, (_, parser_of) = _words(command), PROGRAMS[_begins(command, PROGRAMS)]
     if "--help" not in words:
-        assert hasattr(build_parser().parse_args(words), "run"), f"{page.name}: {command}"
+        assert hasattr(parser_of().parse_args(words), "run"), f"{page.name}: {command}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
@@ -270,7 +289,7 @@ def test_commands_of_other_programs():
     extras = set(extras["optional-dependencies"])
     for path, page in COMMANDS.items():
         for command in page:
-            if command.startswith("jshape "):
+            if command.startswith(tuple(PROGRAMS)):
                 continue
             begin = next((one for one in OTHERS if command.startswith(one)), None)
             assert begin, f"{path.name}: {command}: in none of the lists of this test"
@@ -279,12 +298,12 @@ def test_commands_of_other_programs():
                 assert set(words[1:]) <= set(targets), command
             elif begin == "pip install ":
                 assert set(re.findall(r"\[(\w+)\]", command)) <= extras, command
+            elif " -- python -m benchmarks.grid " in command:
+                grid.build_parser().parse_args(_words(command.rpartition(" -- ")[2]))
             elif "-m" in words:
                 module = find_spec(words[2])
                 text = Path(module.origin).read_text()
                 assert all(f'"{w}"' in text for w in words if w.startswith("--")), command
-            elif " -- jshape " in command:
-                build_parser().parse_args(_words(command.rpartition(" -- ")[2]))
             elif begin not in ("ray ", "cd "):
                 assert (ROOT / words[-1]).exists(), command
 

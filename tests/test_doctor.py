@@ -9,9 +9,9 @@ import tomllib
 
 import pytest
 
-from jshape.cli import main
-from jshape.commands import doctor, extras
-from jshape.store import banks
+from jshape.cli import doctor, extras
+from jshape.cli.main import main
+from jshape.io import banks
 from tests.conftest import ROOT
 
 
@@ -91,8 +91,8 @@ def test_it_speaks_where_jax_does_not_import(tmp_path):
     (tmp_path / "jax" / "__init__.py").write_text("raise ImportError('a broken JAX')\n")
     code = (
         f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(ROOT)!r}]\n"
-        "from jshape.commands import extras\nextras.EXTRAS = ()\n"
-        "from jshape.cli import main\nsys.exit(main(['doctor', '--json']))"
+        "from jshape.cli import extras\nextras.EXTRAS = ()\n"
+        "from jshape.cli.main import main\nsys.exit(main(['doctor', '--json']))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert done.returncode == 1, done.stderr

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Bank, Pairs, metric, save_bank, save_pairs
-from jshape.cli import main
-from jshape.commands.evaluate import _explained
+from jshape.cli.evaluate import _explained
+from jshape.cli.main import main
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError, UnknownName
+from jshape.io.kinds import KINDS
 from jshape.learn import evaluate as evaluation
 from jshape.learn import partitions
 from jshape.learn.evaluate import by_size, cross_validate, evaluate, few_shot, roi_errors_mm
@@ -22,10 +23,9 @@ from jshape.learn.fit import FITTERS, fit
 from jshape.learn.floor import noise_floor
 from jshape.learn.measure import Comparison, Score, Trial, compare, summarise
 from jshape.learn.partitions import Candidate, Study, split_pairs
-from jshape.predict.difference import Difference, fit_difference
-from jshape.predict.refined import Refined
-from jshape.store.kinds import KINDS
-from jshape.viz.scores import markdown, scores_csv, scores_figure, scores_table, sizes_table
+from jshape.learn.scores import markdown, scores_csv, scores_figure, scores_table, sizes_table
+from jshape.models.difference import Difference, fit_difference
+from jshape.models.refined import Refined
 from jshape.viz.style import png
 
 UNIT = 1e-5

@@ -6,16 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape.cli import main
+from benchmarks.experiments import ablation, ingredients
+from benchmarks.experiments.__main__ import main
+from benchmarks.experiments.ingredients import AsSeen, Trials, Variant, added, left_out
 from jshape.data.pairs import Pairs
 from jshape.errors import UnknownName
-from jshape.experiments import ablation, ingredients
-from jshape.experiments.ingredients import AsSeen, Trials, Variant, added, left_out
-from jshape.learn import pressed as learning
+from jshape.io import datasets
+from jshape.learn import imprint as learning
+from jshape.learn.imprint import INGREDIENTS, fit_pressed
 from jshape.learn.measure import Trial
-from jshape.learn.pressed import INGREDIENTS, fit_pressed
-from jshape.predict.difference import fit_difference
-from jshape.store import datasets
+from jshape.models.difference import fit_difference
 from tests.test_pressed import CAMERA, examples_of, tool
 
 
@@ -153,10 +153,10 @@ def test_variants_that_do_the_same_are_fitted_once(pairs, monkeypatch):
 def test_the_changes_add_up_from_f_d_to_f_p(tmp_path, pairs, short, capsys):
     datasets.save_pairs(pairs, tmp_path / "data")
     out = tmp_path / "out"
-    code = main(["experiment", "ablation", "--data", str(tmp_path / "data"), "--out", str(out),
+    code = main(["ablation", "--data", str(tmp_path / "data"), "--out", str(out),
                  "--actions", "poke", "--partitions", "2"])  # fmt: skip
     assert code == 0, capsys.readouterr().err
-    from jshape.store.files import read_json
+    from jshape.io.files import read_json
 
     rows = read_json(out / "results.json")["rows"]
     chain = [row for row in rows if row["part"] == ablation.ADDED]

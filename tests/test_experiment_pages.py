@@ -10,12 +10,12 @@ import pytest
 from matplotlib.figure import Figure
 
 import jshape
-from jshape.cli import main
+from benchmarks.experiments import EXPERIMENTS, LeftOut, pages, report, samples
+from benchmarks.experiments.__main__ import main
+from benchmarks.experiments.pages import Picture, Result, Table
+from benchmarks.experiments.planning_tables import gains_figure
 from jshape.errors import BadFile, JShapeError, UnknownName
-from jshape.experiments import EXPERIMENTS, LeftOut, pages, report, samples
-from jshape.experiments.pages import Picture, Result, Table
-from jshape.store import files
-from jshape.viz.planning import gains_figure
+from jshape.io import files
 
 EVIL = "<script>alert(\"1\")</script> & 'so on'"
 
@@ -179,13 +179,14 @@ def test_a_picture_that_cannot_be_drawn_is_left_out(tmp_path, capsys):
     assert (tmp_path / "out" / "two.png").is_file() and "no font" in capsys.readouterr().err
 
 
-def test_a_page_says_how_it_was_made(tmp_path, monkeypatch):
+def test_a_page_says_how_it_was_made(tmp_path):
     given = {"quick": True, "seed": 3, "actions": ["knock", "poke"], "overwrite": True}
     words = report.command_of("ablation", tmp_path / "my out", given | {"data": None})
     with pages.made_by(words):
         told = pages.write(result(), tmp_path / "out")["made"]
     assert told["command"] == (
-        "jshape experiment ablation --out 'my out' --quick --seed 3 --actions knock poke"
+        "python -m benchmarks.experiments ablation --out 'my out' --quick --seed 3 "
+        "--actions knock poke"
     )
     assert told["quick"] and told["jshape"] == jshape.__version__
     text = Reader((tmp_path / "out" / "page.html").read_text()).text
@@ -193,16 +194,15 @@ def test_a_page_says_how_it_was_made(tmp_path, monkeypatch):
     assert f"with jshape {told['jshape']} on {told['date']}" in text
     assert "--only robot" in " ".join(report.command_of("robot", tmp_path, {}))
 
-    monkeypatch.setattr("sys.argv", ["/bin/jshape", "experiment", "twin", "--out", "a<b"])
-    pages.write(result(), tmp_path / "own")
+    with pages.made_by(["program", "--out", "a<b"]):
+        pages.write(result(), tmp_path / "own")
     text = Reader((tmp_path / "own" / "page.html").read_text()).text
-    assert "Not --quick" in text and "jshape experiment twin --out 'a<b'" in text
-    monkeypatch.setattr("sys.argv", ["/bin/other", "--quick"])
+    assert "Not --quick" in text and "program --out 'a<b'" in text
     assert pages.made()["command"] == "" and pages.made()["quick"] is None
 
 
 def test_too_few_pairs_are_refused_by_name(tmp_path, capsys):
-    code = main(["experiment", "ablation", "--out", str(tmp_path / "o"), "--pairs", "3"])
+    code = main(["ablation", "--out", str(tmp_path / "o"), "--pairs", "3"])
     assert code == 2 and "--pairs 3: must be at least 4" in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
 
@@ -233,13 +233,13 @@ def test_unknown_experiments_are_refused_before_anything_is_written(tmp_path):
 @pytest.mark.parametrize("name", [*EXPERIMENTS, "all"])
 def test_every_experiment_has_a_parser(name, capsys):
     with pytest.raises(SystemExit) as ended:
-        main(["experiment", name, "--help"])
+        main([name, "--help"])
     assert ended.value.code == 0
     text = capsys.readouterr().out
     assert all(option in text for option in ("--out", "--quick", "--seed", "--overwrite"))
 
 
 def test_simulated_sizes_and_a_data_set_exclude_each_other(tmp_path, capsys):
-    code = main(["experiment", "prediction", "--out", str(tmp_path / "o"), "--data", "d",
+    code = main(["prediction", "--out", str(tmp_path / "o"), "--data", "d",
                  "--pairs", "3"])  # fmt: skip
     assert code == 2 and "--pairs" in capsys.readouterr().err

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.experiments import LeftOut, pages, robot, robot_page
 from jshape import PAPER_BOX, actions
 from jshape.errors import UnknownName
-from jshape.experiments import LeftOut, pages, robot, robot_page
-from jshape.store import files
+from jshape.io import files
 
 
 def test_problems_are_the_papers():

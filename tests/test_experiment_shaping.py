@@ -6,14 +6,14 @@ import jax
 import numpy as np
 import pytest
 
+from benchmarks.experiments import EXPERIMENTS, carried, generalization, shaping
+from benchmarks.experiments.carried import Entry
+from benchmarks.experiments.problems import Applied
+from benchmarks.experiments.shaping_figures import stories_figure, tree_figure
 from jshape import PAPER_BOX, actions, metric, sim
 from jshape.errors import UnknownName
-from jshape.experiments import EXPERIMENTS, carried, generalization, shaping
-from jshape.experiments.carried import Entry
-from jshape.experiments.problems import Applied
-from jshape.experiments.shaping_figures import stories_figure, tree_figure
+from jshape.io import banks
 from jshape.robot.simulated import SimulatedWorld
-from jshape.store import banks
 
 
 @pytest.fixture(scope="module")

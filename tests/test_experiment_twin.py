@@ -2,8 +2,8 @@
 
 import pytest
 
+from benchmarks.experiments import LeftOut, pages, twin, twin_page
 from jshape.errors import JShapeError
-from jshape.experiments import LeftOut, pages, twin, twin_page
 from jshape.robot.twin import engine
 
 EFFORT = {"above": 1.0, "contact": 3.0, "act": 41.5, "up": 20.0}

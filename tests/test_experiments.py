@@ -8,14 +8,15 @@ import jax
 import numpy as np
 import pytest
 
-from jshape import PAPER_BOX, clouds, metric, sim
-from jshape.cli import main
-from jshape.commands.tables import progress
+from benchmarks import clouds
+from benchmarks.experiments import metric as race
+from benchmarks.experiments import metric_figures, ranking, samples, studies, viewpoint
+from benchmarks.experiments.__main__ import main
+from benchmarks.experiments.samples import CAMERAS, smaller
+from jshape import PAPER_BOX, metric, sim
+from jshape.cli.tables import progress
 from jshape.errors import BadDataset
-from jshape.experiments import metric as race
-from jshape.experiments import metric_figures, ranking, samples, studies, viewpoint
-from jshape.experiments.samples import CAMERAS, smaller
-from jshape.store import datasets
+from jshape.io import datasets
 
 SMALL = CAMERAS["240x198"]
 
@@ -174,7 +175,7 @@ def test_a_progress_bar_uses_no_pairs_up():
 def test_prediction_crosses_agents_and_csv_equals_json(tmp_path, pairs, capsys):
     datasets.save_pairs(pairs, tmp_path / "data")
     out = tmp_path / "out"
-    code = main(["experiment", "prediction", "--data", str(tmp_path / "data"), "--out", str(out),
+    code = main(["prediction", "--data", str(tmp_path / "data"), "--out", str(out),
                  "--kinds", "D", "--partitions", "2", "--json"])  # fmt: skip
     told = json.loads(capsys.readouterr().out)
     assert code == 0 and told == json.loads((out / "results.json").read_text())
@@ -193,7 +194,7 @@ def test_prediction_crosses_agents_and_csv_equals_json(tmp_path, pairs, capsys):
 
 
 def test_datasize_leaves_out_what_is_not_there(tmp_path, pairs):
-    from jshape.experiments import datasize
+    from benchmarks.experiments import datasize
 
     datasets.save_pairs(pairs.of(agent="robot"), tmp_path / "data")
     told = datasize.run(
@@ -210,7 +211,7 @@ def test_datasize_leaves_out_what_is_not_there(tmp_path, pairs):
 
 
 def test_refinement_compares_one_training_with_itself(tmp_path, pairs, monkeypatch):
-    from jshape.experiments import refinement
+    from benchmarks.experiments import refinement
 
     monkeypatch.setattr(refinement, "COUPLES", refinement.COUPLES[1:])
     datasets.save_pairs(pairs.of(agent="robot"), tmp_path / "data")
@@ -249,7 +250,7 @@ def test_the_distance_shown_is_the_librarys(pair):
 
 
 def test_refinement_of_a_data_set_takes_its_smallest_action(tmp_path, pairs, monkeypatch):
-    from jshape.experiments import refinement
+    from benchmarks.experiments import refinement
 
     robot = pairs.of(agent="robot")
     names = np.array(["knock"] * len(robot))

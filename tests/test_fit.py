@@ -9,8 +9,8 @@ from jshape import PAPER_BOX, Bank, Pairs, fit, load_bank, metric, save_bank
 from jshape.errors import BadDataset, JShapeError, UnknownName
 from jshape.learn.evaluate import cross_validate, evaluate, roi_errors_mm
 from jshape.learn.held_out import held_out
-from jshape.predict.difference import Difference, fit_difference
-from jshape.predict.pressed import Pressed
+from jshape.models.difference import Difference, fit_difference
+from jshape.models.imprint import Pressed
 
 UNIT = 1e-5
 

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 from jshape import Camera, Status, distance
 from jshape.actions import grid
-from jshape.planners import greedy
-from jshape.planners.base import Limits, Task
-from jshape.planners.sequence import measured
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.rollout import after_action
-from jshape.predict.sweep import Board, candidates_at, refresh, sweep
-from jshape.predict.terrain import terrain_of
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.planning.apply import after_action
+from jshape.planning.evaluate import Board, candidates_at, fresh_board, refresh, sweep
+from jshape.planning.search import greedy
+from jshape.planning.search.base import Limits, Task
+from jshape.planning.search.sequence import measured
+from jshape.planning.state import terrain_of
 from tests.reference import greedy as twin
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
@@ -152,7 +152,7 @@ def test_prediction_is_clipped_when_it_is_put_back():
     np.testing.assert_array_equal(after, np.minimum(1 + delta, 1))
     assert float(share) == pytest.approx((delta > 0).mean())
     terrain = terrain_of(bank, ones, ones)
-    np.testing.assert_array_equal(terrain.after(terrain.moves[0], ones, first, 1.0), after)
+    np.testing.assert_array_equal(terrain.act(0, ones, first, 1.0)[2:8, 3:10], after)
     clipped = np.asarray(bank.predict("a0", np.ones((2, 6, 7), np.float32)))
     assert clipped.shape == (2, 6, 7) and clipped.max() <= 1
 
@@ -176,13 +176,16 @@ def test_refresh_leaves_fresh_values_alone():
     terrain, candidates = ready(bank, image, goal, positions)
     every = sweep(terrain, candidates)
     stale = [np.arange(5) % 3 == number % 3 for number in range(3)]
-    board = Board(tuple(jnp.full((5, 1), 7.0) for _ in ROIS), tuple(map(jnp.asarray, stale)))
+    board = fresh_board(candidates)
+    waits = jnp.zeros_like(board.stale).at[:15].set(np.concatenate(stale))
+    board = Board(jnp.full_like(board.changes, 7.0), waits)
     mixed, spent = refresh(terrain, terrain.now, candidates, board)
     assert int(spent) == sum(mine.sum() for mine in stale)
     for number in range(3):
         expected = np.where(stale[number][:, None], every[number], 7.0)
-        np.testing.assert_array_equal(mixed.changes[number], expected)
-        assert not mixed.stale[number].any()
+        mine = candidates.of_move(number, mixed.changes)[:, :1]
+        np.testing.assert_array_equal(mine, expected)
+    assert not mixed.stale.any()
 
 
 def test_limits_stop_the_search():
@@ -269,8 +272,10 @@ def test_one_trace_per_shape():
     camera = replace(CAMERA, fx=31.0, z_max=0.48)
     run(replace(spied(bank), camera=camera), image, goal, positions)
     assert not TRACED  # another image, goal, place, limit, effect or camera: nothing compiled
-    run(spied(bank), image, goal, [p[:2] for p in positions])
-    assert TRACED  # another number of places: compiled once more
+    run(spied(bank), image, goal, [p[:2] for p in positions], strengths=(0.5, 0.7, 2.0))
+    assert not TRACED  # nor for another number of places or strengths
+    run(spied(bank), image, goal, [np.tile(p, (40, 1)) for p in positions])
+    assert TRACED  # until they need larger storage: compiled once more
 
 
 @pytest.mark.parametrize(("columns", "rows", "count"), [(5, 3, 15), (7, 3, 21), (1, 1, 1)])

@@ -3,69 +3,37 @@
 import ast
 from pathlib import Path
 
-import pytest
-
 from tests.conftest import ROOT
 
 PACKAGE = ROOT / "jshape"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-# What each part may import of jshape (besides itself and _typing, closing, errors: open to all).
-ALLOWED = {
-    "camera": set(),
-    "metric": {"camera"},
-    "clouds": set(),
-    "actions": {"camera", "metric"},
-    "nn": set(),
-    "predict": {"camera", "metric", "actions", "nn"},
-    "planners": {"camera", "metric", "actions", "predict"},
-    "sim": {"camera", "metric", "actions"},
-    "data": {"camera", "metric", "actions", "predict", "sim"},
-    "learn": {"camera", "metric", "actions", "nn", "predict", "data"},
-    "store": {
-        *("camera", "metric", "actions", "nn", "predict", "planners", "data", "learn"),
-        *("planned", "planning", "robot"),
-    },
-    "places": {"camera", "actions", "predict"},
-    "planned": {"camera", "metric", "actions", "planners", "data", "store"},
-    "tasks": {"actions", "predict", "planners", "planned"},
-    "rollouts": {"camera", "metric", "actions", "predict", "planners", "planned", "tasks"},
-    "planning": {
-        *("camera", "metric", "actions", "predict", "planners", "data", "store"),
-        *("places", "planned", "tasks", "rollouts"),
-    },
-    "goals": {"camera", "metric", "predict", "sim", "data", "store"},
-    "devices": {"predict"},
-    "engines": {"devices"},
-    "robot": {
-        *("camera", "metric", "actions", "predict", "planners", "planned", "planning", "sim"),
-        *("data", "store"),
-    },
-    "viz": {
-        *("camera", "metric", "actions", "predict", "planners", "planned", "planning", "learn"),
-        "goals",
-    },
-    "view": {
-        *("camera", "metric", "predict", "planners", "planned", "planning", "data", "store"),
-        *("robot", "viz"),
-    },
-}
-TOP = {"__init__", "__main__", "cli", "commands", "experiments", "studio"}
-"""May import anything, and nothing imports them but each other."""
-FREE = {"_typing", "closing", "compiling", "errors", "listening"}
-"""Anything may import them."""
+FLOORS = (
+    {"_typing", "errors", "compiling"},
+    {"camera"},
+    {"metric", "actions", "sim"},
+    {"models", "data", "viz"},
+    {"io", "learn"},
+    {"planning", "goals"},
+    {"robot", "__init__"},
+    {"app", "demo"},
+    {"cli"},
+    {"__main__"},
+)
+"""Parts of the package, lowest first; a part imports only itself and what lies below."""
 
-PURE = {"camera", "metric", "nn", "predict", "planners", "sim"}
+PURE = ("camera", "metric", "actions", "models", "sim", "planning/search", "planning/evaluate",
+        "planning/state", "planning/apply", "planning/candidates")  # fmt: skip
 FORBIDDEN = {"os", "io", "pathlib", "time", "datetime", "cv2", "shutil", "tempfile", "random"}
+CALLS = {"open", "print", "eval", "exec", "input"}
 
 
-def part_of(path: Path) -> str:
-    inside = path.relative_to(PACKAGE).parts
-    return inside[0].removesuffix(".py")
+def inside(path: Path) -> str:
+    return path.relative_to(PACKAGE).as_posix().removesuffix(".py")
 
 
 def imported(path: Path) -> set[str]:
-    """Full names of the modules that a file imports, inside functions too."""
+    """Full names of what a file imports, inside functions too."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -76,36 +44,66 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_imports_point_inwards(path):
-    part = part_of(path)
-    if part in TOP | FREE:
-        return
-    parts = {name.split(".")[1] for name in imported(path) if name.startswith("jshape.")}
-    assert parts <= ALLOWED[part] | {part} | FREE
+def files_of(name: str) -> Path | None:
+    """The file of the package that an imported name lies in; None: it is not ours."""
+    parts = name.split(".")
+    if parts[0] != "jshape":
+        return None
+    for count in range(len(parts), 0, -1):
+        base = PACKAGE.joinpath(*parts[1:count])
+        for path in (base.with_suffix(".py") if count > 1 else base, base / "__init__.py"):
+            if path.is_file():
+                return path
+    raise AssertionError(name)
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_the_numerical_core_has_no_side_doors(path):
-    if part_of(path) not in PURE:
-        return
-    assert not {name.split(".")[0] for name in imported(path)} & FORBIDDEN
-    calls = {
-        node.func.id
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-    }
-    assert not calls & {"open", "print", "eval", "exec", "input"}
+def part_of(path: Path) -> str:
+    return inside(path).split("/")[0]
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_no_pickle_anywhere(path):
-    assert not {name.split(".")[0] for name in imported(path)} & {"pickle", "marshal", "shelve"}
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
-            assert isinstance(node.value, ast.Constant) and node.value.value is False
+def test_every_part_has_a_floor_and_imports_point_down():
+    level = {part: k for k, parts in enumerate(FLOORS) for part in parts}
+    assert {part_of(path) for path in FILES} == set(level)
+    up = []
+    for path in FILES:
+        part = part_of(path)
+        for name in imported(path):
+            found = files_of(name)
+            other = part if found is None else part_of(found)
+            if other != part and level[other] >= level[part]:
+                up.append(f"{inside(path)} -> {name}")
+    assert not up
+
+
+def test_no_files_import_each_other_in_a_circle():
+    arrows = {path: {f for n in imported(path) if (f := files_of(n))} - {path} for path in FILES}
+    free: set[Path] = set()
+    while more := {path for path in FILES if path not in free and arrows[path] <= free}:
+        free |= more
+    assert not sorted(map(inside, set(FILES) - free))
+
+
+def test_the_numerical_core_has_no_side_doors():
+    doors = []
+    for path in FILES:
+        if not inside(path).startswith(PURE):
+            continue
+        doors += [f"{inside(path)}: {n}" for n in imported(path) if n.split(".")[0] in FORBIDDEN]
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                doors += [f"{inside(path)}: {node.func.id}"] * (node.func.id in CALLS)
+    assert not doors
+
+
+def test_no_pickle_anywhere():
+    for path in FILES:
+        modules = {name.split(".")[0] for name in imported(path)}
+        assert not modules & {"pickle", "marshal", "shelve"}, path
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+                assert isinstance(node.value, ast.Constant) and node.value.value is False, path
 
 
 def test_files_are_one_noun_long():
-    long = {str(p): n for p in FILES if (n := len(p.read_text().splitlines())) > 400}
+    long = {inside(path): n for path in FILES if (n := len(path.read_text().splitlines())) > 400}
     assert not long

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jshape.listening import refused
+from jshape.app.ports import refused
 
 HERE = "127.0.0.1"
 

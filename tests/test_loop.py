@@ -10,6 +10,7 @@ from jshape import PAPER_BOX, JShapeError, metric, sim
 from jshape.errors import BadCamera, MissingDepth, UnknownName
 from jshape.robot.loop import Stop, World, mold
 from jshape.robot.simulated import SimulatedWorld
+from tests.conftest import mm, paper
 
 
 class Obedient:
@@ -40,9 +41,12 @@ def test_the_loop_reaches_a_goal_that_the_bank_can_make(bank, molded):
     assert isinstance(world, World)
     reported = []
     result = mold(
-        world, goal, bank, positions=PLACES, tolerance=1e-5,
+        world,
+        goal,
+        bank,
         on_step=lambda step, depth: reported.append((step, depth.shape)),
-    )  # fmt: skip
+        **paper(positions=PLACES, tolerance_mm=mm(1e-5)),
+    )
     assert result.stop is Stop.CONVERGED and len(world.acted) == len(applied)
     assert [step for step, _ in reported] == result.steps
     np.testing.assert_allclose(
@@ -56,9 +60,15 @@ def test_the_loop_reaches_a_goal_that_the_bank_can_make(bank, molded):
 def test_looking_again_corrects_a_weak_hand(bank, molded):
     """With 0.4 of the effect the loop acts twice at each place: 0.2 is left instead of 0.6."""
     now, goal, _ = molded
-    closed = mold(Obedient(bank, now, 0.4), goal, bank, positions=PLACES, min_gain=1e-5)
+    closed = mold(
+        Obedient(bank, now, 0.4), goal, bank, **paper(positions=PLACES, min_gain_mm=mm(1e-5))
+    )
     blind = mold(
-        Obedient(bank, now, 0.4), goal, bank, positions=PLACES, min_gain=1e-5, replan=False
+        Obedient(bank, now, 0.4),
+        goal,
+        bank,
+        replan=False,
+        **paper(positions=PLACES, min_gain_mm=mm(1e-5)),
     )
     assert len(blind.steps) == len(blind.first_plan) == 3
     assert len(closed.steps) == 6
@@ -67,25 +77,28 @@ def test_looking_again_corrects_a_weak_hand(bank, molded):
 
 def test_the_loop_stops_when_an_action_makes_it_worse(bank, molded):
     now, goal, _ = molded
-    result = mold(Obedient(bank, now, -1.0), goal, bank, positions=PLACES)
+    result = mold(Obedient(bank, now, -1.0), goal, bank, **paper(positions=PLACES))
     assert result.stop is Stop.WORSE and len(result.steps) == 1
     assert result.steps[0].obtained_mm > result.steps[0].before_mm
 
 
 def test_the_loop_stops_at_its_limits(bank, molded):
     now, goal, _ = molded
-    assert mold(Obedient(bank, now), goal, bank, positions=PLACES, max_steps=1).stop is (
+    assert mold(Obedient(bank, now), goal, bank, **paper(positions=PLACES, max_steps=1)).stop is (
         Stop.MAX_STEPS
     )
-    none = mold(Obedient(bank, now), goal, bank, positions=PLACES, min_gain=1.0)
+    none = mold(Obedient(bank, now), goal, bank, **paper(positions=PLACES, min_gain_mm=mm(1.0)))
     assert none.stop is Stop.NO_IMPROVEMENT and not none.steps
-    assert len(mold(Obedient(bank, now), goal, bank, max_steps=0).steps) == 0
+    assert len(mold(Obedient(bank, now), goal, bank, **paper(max_steps=0)).steps) == 0
 
 
 def test_the_last_allowed_action_may_converge(bank, molded):
     now, goal, applied = molded
     result = mold(
-        Obedient(bank, now), goal, bank, positions=PLACES, tolerance=1e-5, max_steps=len(applied)
+        Obedient(bank, now),
+        goal,
+        bank,
+        **paper(positions=PLACES, tolerance_mm=mm(1e-5), max_steps=len(applied)),
     )
     assert result.stop is Stop.CONVERGED and len(result.steps) == len(applied)
 
@@ -94,7 +107,7 @@ def test_a_world_with_another_camera_is_refused(bank, molded):
     world = Obedient(bank, molded[0])
     world.camera = replace(bank.camera, fx=600.0)
     with pytest.raises(BadCamera, match="its fx is 433, the world's 600"):
-        mold(world, molded[1], bank)
+        mold(world, molded[1], bank, **paper())
     with pytest.raises(UnknownName, match="'mud'; allowed: flour"):
         SimulatedWorld(jax.random.key(0), sim.flat_bed(), material="mud")
 
@@ -104,10 +117,10 @@ def test_a_blind_camera_is_refused_before_anything_moves(bank, molded):
     world = Obedient(bank, now)
     world.look = lambda: np.where(np.arange(480) < 240, 0.0, 0.45) * np.ones((395, 1))
     with pytest.raises(MissingDepth, match="look: 50.0 %"):
-        mold(world, goal, bank)
+        mold(world, goal, bank, **paper())
     assert not world.acted
     with pytest.raises(JShapeError, match="goal has shape"):
-        mold(Obedient(bank, now), goal[:-1], bank)
+        mold(Obedient(bank, now), goal[:-1], bank, **paper())
 
 
 def test_the_simulated_world_changes_where_it_is_pressed():

@@ -8,11 +8,12 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.experiments.shapes import depth_of_relief
 from jshape import PAPER_BOX, fit, load_bank, load_pairs, plan_depth
-from jshape.cli import main
-from jshape.data.relief import depth_of_relief
+from jshape.cli.main import main
+from jshape.io.images import read_depth
 from jshape.learn.evaluate import cross_validate
-from jshape.store.images import read_depth
+from tests.conftest import paper
 
 SEQUENCES = {
     "dev1_flour_flat": "flat_flour_robot",
@@ -38,7 +39,9 @@ def test_the_applied_actions_are_found(shared_data, name, noise, bundled):
     first, last = (
         read_depth(folder / f"{k}.png", depth_unit=1e-4) for k in (0, len(sequence["applied"]))
     )
-    found = plan_depth(first, last, bank=bank, positions=sequence["positions"], clip="drop")
+    found = plan_depth(
+        first, last, bank=bank, **paper(positions=sequence["positions"], out_of_bounds="drop")
+    )
     applied = {(a["action"], *a["position"]) for a in sequence["applied"]}
     planned = list(zip(found.actions, *found.positions.T.tolist(), strict=True))
     assert applied <= set(planned)
@@ -64,7 +67,7 @@ def test_real_sand_gets_a_plan_that_helps(shared_data):
         for k in (1, 2)
     )
     depths = [depth_of_relief(r, PAPER_BOX, scale=0.2e-3, middle=0.447) for r in (before, after)]
-    found = plan_depth(*depths, positions="21x15")
+    found = plan_depth(*depths, **paper(positions="21x15"))
     assert found.actions[0] == "knock" and found.distances[-1] < 0.85 * found.distances[0]
     # Somebody dug to the right of the middle; the first knock falls there.
     dug = np.argwhere(depths[1] - depths[0] > 0.01)

@@ -57,7 +57,7 @@ def test_every_sign_of_no_reading_is_filled(nothing):
     np.testing.assert_allclose(filled, 0.5, rtol=1e-6)
 
 
-@settings(max_examples=50)
+@settings(deadline=None, max_examples=50)
 @given(
     hnp.arrays(
         np.float32,

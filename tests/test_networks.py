@@ -16,13 +16,13 @@ from jshape.learn.evaluate import roi_errors_mm
 from jshape.learn.fit import fit
 from jshape.learn.networks import changed_most, refine
 from jshape.learn.settings import Training
-from jshape.nn import unet
-from jshape.predict.after import After
-from jshape.predict.difference import Difference
-from jshape.predict.network import Network
-from jshape.predict.refined import Refined
-from jshape.predict.sweep import candidates_at, sweep
-from jshape.predict.terrain import terrain_of
+from jshape.models import unet
+from jshape.models.difference import Difference
+from jshape.models.network import Network
+from jshape.models.refined import Refined
+from jshape.models.sequential import After
+from jshape.planning.evaluate import candidates_at, sweep
+from jshape.planning.state import terrain_of
 
 W, H = 20, 18
 PLACE = jnp.zeros(2, jnp.int32)

@@ -1,8 +1,13 @@
 """Pictures of plans: what is written on them can be read."""
 
+import base64
+import re
+from dataclasses import replace
+
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -102,3 +107,50 @@ def test_a_picture_that_cannot_be_drawn_costs_a_warning(capsys):
     out, err = capsys.readouterr()
     said = "could not be drawn: RuntimeError: latex could not be found\n"
     assert (out, err) == ("", f"warning: a.png {said}warning: the pictures {said}")
+
+
+def test_a_plan_in_a_notebook(plan):
+    assert repr(plan) == f"Plan(16 actions, {plan.distances_mm[0]:.3f} -> "\
+        f"{plan.distances_mm[-1]:.3f} mm, MAX_STEPS)"  # fmt: skip
+    page = plan._repr_html_()
+    (picture,) = re.findall(r'<img alt="plan" src="data:image/png;base64,([A-Za-z0-9+/=]+)">', page)
+    assert base64.b64decode(picture).startswith(b"\x89PNG")
+    assert page.count("<tr>") == 17 and "press" in page
+    long = replace(plan, **{
+        name: np.tile(getattr(plan, name), (2, 1)[: getattr(plan, name).ndim])
+        for name in ("positions", "rois", "strengths", "yaws")
+    }, actions=2 * plan.actions, distances=np.ones(33, np.float32), goal=None)  # fmt: skip
+    page = long._repr_html_()
+    assert page.count("<tr>") == 21 and "and 12 more" in page and "<img" not in page
+
+
+def test_names_put_no_markup_into_a_notebook(plan):
+    hostile = "<script>alert(1)</script>"
+    page = replace(plan, actions=(hostile, *plan.actions[1:]))._repr_html_()
+    assert "<script" not in page and "&lt;script&gt;" in page
+
+
+def test_show_returns_the_figure_where_nothing_can_show_it(plan, monkeypatch):
+    with matplotlib.rc_context():
+        pyplot.switch_backend("agg")
+        assert isinstance(plan.show(), Figure) and not pyplot.get_fignums()
+        monkeypatch.setattr(pyplot, "get_backend", lambda: "tkagg")
+
+        def no_display(**_):
+            raise ImportError("Cannot load backend 'TkAgg'")
+
+        monkeypatch.setattr(pyplot, "figure", no_display)
+        assert isinstance(plan.show(), Figure)
+
+
+def test_show_draws_in_the_notebook(plan, monkeypatch):
+    shown = []
+    inline = "matplotlib_inline.backend_inline"
+    monkeypatch.setattr(f"{inline}.display", lambda figure, **_: shown.append(figure))
+    with matplotlib.rc_context():
+        pyplot.switch_backend(f"module://{inline}")
+        try:
+            assert plan.show() is None
+        finally:
+            pyplot.switch_backend("agg")
+    assert len(shown) == 1 and len(shown[0].axes) > 5

@@ -16,10 +16,10 @@ from scipy.ndimage import gaussian_filter
 from jshape import Camera, Status, distance, plan
 from jshape.actions import fits, grid
 from jshape.errors import BadBank
-from jshape.places import dense_positions, placed_positions, reachable, within
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from tests.conftest import ROOT
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.planning.candidates import dense_positions, placed_positions, reachable, within
+from tests.conftest import ROOT, paper
 
 CAMERA = Camera(48, 40, 60.0, 50.0, 24.0, 20.0, 0.42, 0.47)
 
@@ -77,7 +77,7 @@ def test_each_action_has_places_of_its_own():
 
 
 def test_grids_of_a_bank(bank):
-    papers = placed_positions(bank, None)
+    papers = placed_positions(bank, "paper")
     assert papers.keys() == {"knock", "poke"}
     for where in papers.values():
         np.testing.assert_array_equal(where, grid(CAMERA, margin=(15, 9)))
@@ -119,8 +119,8 @@ def test_clearance_is_kept_in_millimetres(clearance):
 
 def test_a_dense_plan_is_finer_than_its_stride(bank, images):
     now, goal = images
-    coarse = plan(now, goal, bank=bank, positions=dense_positions(bank, 8))
-    found = plan(now, goal, bank=bank, stride=8, strengths=(0.5, 1.0, 1.5))
+    coarse = plan(now, goal, bank=bank, **paper(positions=dense_positions(bank, 8)))
+    found = plan(now, goal, bank=bank, **paper(stride=8, strengths=(0.5, 1.0, 1.5)))
     assert 0 < len(found) <= 16 and found.status is Status.NO_IMPROVEMENT
     assert found.distances[-1] < 0.8 * coarse.distances[-1]
     own = {name: where.tolist() for name, where in dense_positions(bank, 8).items()}
@@ -140,9 +140,12 @@ def test_a_plan_stays_within_reach(bank, images, planner):
     reach = np.zeros(CAMERA.shape, bool)
     reach[:, 20:] = True
     found = plan(
-        *images, bank=bank, planner=planner, stride=3, reach=reach, clearance_mm=40.0,
-        strengths=(0.7, 1.0, 1.3),
-    )  # fmt: skip
+        *images,
+        bank=bank,
+        **paper(
+            planner=planner, stride=3, reachable=reach, clearance_mm=40.0, strengths=(0.7, 1.0, 1.3)
+        ),
+    )
     free = reachable(CAMERA, reach, 40.0)
     assert len(found) > 1
     exact = np.rint(found.exact_positions).astype(int)
@@ -155,14 +158,16 @@ def test_a_plan_stays_within_reach(bank, images, planner):
 
 
 def test_most_and_strengths_hold(bank, images):
-    free = plan(*images, bank=bank, positions="17x13", strengths=(0.5, 1.0, 1.5))
+    free = plan(*images, bank=bank, **paper(positions="17x13", strengths=(0.5, 1.0, 1.5)))
     most = {name: free.actions.count(name) - 1 for name in set(free.actions)}
     assert max(most.values()) > 0 and set(free.strengths.tolist()) <= {0.5, 1.0, 1.5}
-    found = plan(*images, bank=bank, positions="17x13", strengths=(0.5, 1.0, 1.5), most=most)
+    found = plan(
+        *images, bank=bank, **paper(positions="17x13", strengths=(0.5, 1.0, 1.5), max_uses=most)
+    )
     assert len(found) and all(found.actions.count(name) <= n for name, n in most.items())
-    none = plan(*images, bank=bank, positions="17x13", most={"knock": 0})
+    none = plan(*images, bank=bank, **paper(positions="17x13", max_uses={"knock": 0}))
     assert set(none.actions) == {"poke"}
-    same = plan(*images, bank=bank, positions="17x13", strengths=(1.5, 0.5, 1.0, 0.5))
+    same = plan(*images, bank=bank, **paper(positions="17x13", strengths=(1.5, 0.5, 1.0, 0.5)))
     assert same.actions == free.actions  # sorted, and each once
 
 
@@ -174,13 +179,13 @@ def test_a_turned_hand_finds_what_lies_across():
     delta = np.asarray(bank.predictors[0].delta)
     goal[10:25, 18:23] += np.rot90(delta)
     where = {"knock": np.array([[20, 17], [30, 20], [7, 2]])}  # the last one cannot be turned
-    straight = plan(now, goal, bank=bank, positions=where)
-    found = plan(now, goal, bank=bank, positions=where, yaws=2)
+    straight = plan(now, goal, bank=bank, **paper(positions=where))
+    found = plan(now, goal, bank=bank, **paper(positions=where, yaws=2))
     assert straight.distances[-1] > 0.3 * straight.distances[0]
     assert found.positions[0].tolist() == [20, 17] and found.rois[0].tolist() == [15, 15]
     assert found.yaws[0] == pytest.approx(np.pi / 2)
     assert found.distances[1] < 1e-6
-    one = plan(now, goal, bank=bank, positions=where, yaws={"knock": 1})
+    one = plan(now, goal, bank=bank, **paper(positions=where, yaws={"knock": 1}))
     np.testing.assert_array_equal(one.distances, straight.distances)
 
 
@@ -188,31 +193,31 @@ def test_a_hand_too_long_to_turn_in_the_image_is_not_turned():
     narrow = Camera(48, 12, 60.0, 60.0, 24.0, 6.0, 0.42, 0.47)
     bank = bank_of((15, 5), camera=narrow)
     now = np.full(narrow.shape, 0.6, np.float32)
-    found = plan(now, now - 0.1, bank=bank, stride=2, yaws=4)
+    found = plan(now, now - 0.1, bank=bank, **paper(stride=2, yaws=4))
     assert len(found) and not found.yaws.any()
 
 
 def test_a_budget_is_kept_and_said(bank, images):
-    found = plan(*images, bank=bank, stride=2, evaluations=300, strengths=(0.7, 1.0))
+    found = plan(*images, bank=bank, **paper(stride=2, evaluations=300, strengths=(0.7, 1.0)))
     assert found.status is Status.BUDGET and found.evaluations <= 330
     assert found.distances[-1] < found.distances[0]
 
 
 def test_an_earlier_plan_is_begun_with(bank, images):
-    options = {"bank": bank, "stride": 3, "strengths": (0.6, 1.0, 1.4)}
-    first = plan(*images, planner="refine", **options)
-    again = plan(*images, planner="refine", start=first, **options)
+    options = paper(stride=3, strengths=(0.6, 1.0, 1.4), planner="refine") | {"bank": bank}
+    first = plan(*images, **options)
+    again = plan(*images, start=first, **options)
     assert again.distances[-1] <= first.distances[-1] * (1 + 1e-5)
-    rest = plan(first.images[2], images[1], planner="refine", start=first.rest(2), **options)
+    rest = plan(first.images[2], images[1], start=first.rest(2), **options)
     assert rest.distances[-1] <= first.distances[-1] * (1 + 1e-4)
-    other = plan(*images, planner="improve", start=first, positions="3x3", bank=bank)
+    other = plan(*images, start=first, bank=bank, **paper(planner="improve", positions="3x3"))
     assert set(other.strengths.tolist()) <= {1.0}  # none but what this plan may use
 
 
 def test_nothing_in_reach_is_an_empty_plan(bank, images):
     reach = np.zeros(CAMERA.shape, bool)
     reach[0, 0] = True  # where no ROI fits
-    found = plan(*images, bank=bank, stride=2, reach=reach)
+    found = plan(*images, bank=bank, **paper(stride=2, reachable=reach))
     assert len(found) == 0 and found.status is Status.NO_IMPROVEMENT
 
 
@@ -227,28 +232,30 @@ REFUSED = {
     "yaws=0": ("JShapeError", "yaws is 0; it must be a whole number from 1 to 64"),
     "yaws=1.5": ("JShapeError", "yaws is 1.5"),
     "yaws={'tap': 2}": ("UnknownName", "'tap'; allowed: poke"),
-    "stride=4, positions='3x3'": ("JShapeError", "positions and stride are both given"),
+    "strides=4": ("BadOption", "unknown option 'strides'; did you mean stride?"),
+    "clip='shift'": ("BadOption", "unknown option 'clip'"),
     "stride=0": ("JShapeError", "stride is 0"),
     "stride=2.0": ("JShapeError", "stride is 2.0"),
     "stride=True": ("JShapeError", "stride is True"),
-    "reach=ones[:-1]": ("BadImage", "reach has shape (39, 48)"),
-    "reach=ones[None]": ("BadImage", "reach has shape (1, 40, 48)"),
-    "reach=ones.astype(str)": ("BadImage", "type <U"),
-    "reach=[[1], [1, 1]]": ("BadImage", "rows of different length"),
-    "reach=ones * nan": ("BadImage", "reach has pixels that are NaN or infinite"),
-    "reach=0 * ones": ("BadImage", "reach leaves no pixel where"),
-    "clearance_mm=500": ("BadImage", "reach leaves no pixel 500 mm from its ends"),
+    "reachable=ones[:-1]": ("BadImage", "reachable has shape (39, 48)"),
+    "reachable=ones[None]": ("BadImage", "reachable has shape (1, 40, 48)"),
+    "reachable=ones.astype(str)": ("BadImage", "type <U"),
+    "reachable=[[1], [1, 1]]": ("BadImage", "rows of different length"),
+    "reachable=ones * nan": ("BadImage", "reachable has pixels that are NaN or infinite"),
+    "reachable=0 * ones": ("BadImage", "reachable leaves no pixel where"),
+    "clearance_mm=500": ("BadImage", "reachable leaves no pixel 500 mm from its ends"),
     "clearance_mm=-1": ("JShapeError", "clearance_mm is -1; it must be a number from 0"),
     "clearance_mm='wide'": ("JShapeError", "clearance_mm is 'wide'"),
-    "most={'tap': 1}": ("UnknownName", "'tap'; allowed: poke"),
-    "most={'poke': -1}": ("JShapeError", "most of poke is -1"),
-    "most={'poke': 1.5}": ("JShapeError", "most of poke is 1.5"),
+    "max_uses={'tap': 1}": ("UnknownName", "'tap'; allowed: poke"),
+    "max_uses={'poke': -1}": ("JShapeError", "max_uses of poke is -1"),
+    "max_uses={'poke': 1.5}": ("JShapeError", "max_uses of poke is 1.5"),
     "seconds=-1": ("JShapeError", "seconds is -1; it must be a number above 0"),
     "seconds=nan": ("JShapeError", "seconds is nan"),
     "seconds='1'": ("JShapeError", "seconds is '1'"),
     "evaluations=0": ("JShapeError", "evaluations is 0"),
     "evaluations='many'": ("JShapeError", "evaluations is 'many'"),
-    "caution=-1": ("JShapeError", "caution is -1; it must be a number from 0"),
+    "error_margin=-1": ("JShapeError", "error_margin is -1; it must be a number from 0"),
+    "stop=3": ("JShapeError", "stop is a int; it must be StopCriteria"),
     "seed='x'": ("JShapeError", "seed is 'x'"),
     "start='plan.json'": ("JShapeError", "start is a str; it must be a Plan"),
     "planner='best'": ("UnknownName", "'best'; allowed: greedy, beam"),
@@ -264,7 +271,7 @@ def refusals():
         import json, sys
         import jax.numpy as jnp, numpy as np
         import jshape
-        from jshape.predict.difference import Difference
+        from jshape.models.difference import Difference
 
         camera = jshape.Camera(48, 40, 60.0, 60.0, 24.0, 20.0, 0.42, 0.47)
         bank = jshape.Bank(camera, (Difference(jnp.ones((7, 7)) / 8),), ("poke",))
@@ -272,7 +279,7 @@ def refusals():
         told = {}
         for options in json.load(sys.stdin):
             try:
-                eval(f"jshape.plan(image, image + 0.1, bank=bank, {options})")
+                eval(f"jshape.plan(image, image + 0.1, bank=bank, **jshape.options({options}))")
                 told[options] = "nothing", ""
             except Exception as error:
                 told[options] = type(error).__name__, str(error)
@@ -302,4 +309,4 @@ def test_a_bank_that_cannot_turn_says_so(bank, images):
 
     fixed = Bank(CAMERA, (Fixed(),), ("poke",), "X")
     with pytest.raises(BadBank, match="kind 'X' cannot turn the hand; yaws must be 1"):
-        plan(*images, bank=fixed, yaws=2)
+        plan(*images, bank=fixed, **paper(yaws=2))

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from jshape import Camera, Status
-from jshape.places import dense_positions, within
-from jshape.planners import PLANNERS, beam, greedy, improve, refine
-from jshape.planners.base import EVER, Budget, Limits, Task, nothing
-from jshape.planners.polish import polished
-from jshape.planners.sequence import bounds, measured, without
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.sweep import candidates_at, fresh_board, sweep
-from jshape.predict.terrain import terrain_of
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.planning.candidates import dense_positions, within
+from jshape.planning.evaluate import candidates_at, fresh_board, refresh, sweep
+from jshape.planning.search import PLANNERS, beam, greedy, improve, refine
+from jshape.planning.search.base import EVER, Budget, Limits, Task, compiled, nothing
+from jshape.planning.search.local import improved_locally
+from jshape.planning.search.sequence import least_and_most, measured, without
+from jshape.planning.state import terrain_of
 from tests.reference import beam as twin
 
 CAMERA = Camera(48, 40, 60.0, 60.0, 24.0, 20.0, 0.42, 0.47)
@@ -69,6 +69,13 @@ def sequence(terrain, rows):
     )
 
 
+def kernel_of(terrain, number):
+    """A move's kernel and effect."""
+    move = terrain.moves[number]
+    kernel = terrain.kernels[move.kernel]
+    return kernel, kernel.member(move.member)
+
+
 def problem(seed=0, count=5):
     """(task, the goal's own sequence): at places and strengths between those that are tried."""
     rng = np.random.default_rng(seed)
@@ -79,7 +86,7 @@ def problem(seed=0, count=5):
     reach[:, :WALL] = False
     where = within(dense_positions(BANK, 5), reach)
     candidates = candidates_at(terrain, BANK, where, STRENGTHS, reach)
-    low, high = (np.asarray(bound) for bound in bounds(terrain, candidates))
+    low, high = (np.asarray(bound) for bound in least_and_most(terrain, candidates))
     own = sequence(
         terrain,
         [
@@ -99,7 +106,9 @@ def check(task, found):
     assert (move[:steps] >= 0).all() and (move[steps:] == -1).all()
     move, node, strength = move[:steps], node[:steps], strength[:steps]
     if steps:
-        low, high = (np.asarray(bound)[move] for bound in bounds(task.terrain, task.candidates))
+        low, high = (
+            np.asarray(bound)[move] for bound in least_and_most(task.terrain, task.candidates)
+        )
         assert (node >= low).all() and (node <= high).all()
         known = np.asarray(task.candidates.strengths)
         assert (strength >= known.min()).all() and (strength <= known.max()).all()
@@ -185,9 +194,9 @@ def test_compiling_is_not_counted_nor_taken_for_speed():
         now[0] += 60.0  # while it is traced only
         return x + 1
 
-    compiled = jax.jit(slow)
+    jitted = compiled(slow)
     for _ in range(3):
-        budget.call(compiled, jnp.float32(1))
+        budget.call(jitted, jnp.float32(1))
         now[0] += 0.1
         budget.spend(1000)
     assert budget.elapsed == pytest.approx(0.3)
@@ -238,14 +247,12 @@ def test_what_is_out_of_reach_is_left_alone(planner):
     own = sequence(terrain, [(0, (20.0, 30.0), 1.2)])
     free = np.asarray(candidates.reach).copy()
     free[18:23, 28:33] = False
-    firsts = []
-    for move, first in zip(terrain.moves, map(np.asarray, candidates.first), strict=True):
-        row, column = (first + move.middle).T
-        firsts.append(jnp.asarray(np.where(free[row, column][:, None], first, first[0])))
+    row, column = (candidates.first + terrain.shapes[candidates.move] // 2).T
+    usable = candidates.open & free[row, column]
     task = replace(
         task,
         terrain=replace(terrain, goal=measured(terrain, own)[1]),
-        candidates=replace(candidates, first=tuple(firsts), reach=jnp.asarray(free)),
+        candidates=replace(candidates, open=usable, reach=jnp.asarray(free)),
         start=own,
     )
     found = search(planner, task)
@@ -289,16 +296,16 @@ def test_a_known_sequence_is_begun_with(name):
 def test_what_is_known_of_another_map_is_used_where_they_are_equal():
     task, own = problem(4)
     terrain, candidates = task.terrain, task.candidates
-    board = replace(fresh_board(candidates), changes=sweep(terrain, candidates))
-    board = replace(board, stale=tuple(jnp.zeros_like(stale) for stale in board.stale))
+    board, _ = refresh(terrain, terrain.now, candidates, fresh_board(candidates))
     one, now, _ = measured(terrain, sequence(terrain, [(0, own.node[0], 1.0)]))
     state = improve.at_map(terrain, candidates, one, now, board, terrain.now)
     true = sweep(replace(terrain, now=now), candidates)
-    for known, stale, change in zip(state.board.changes, state.board.stale, true, strict=True):
+    for number, change in enumerate(true):
+        stale = candidates.of_move(number, state.board.stale)
         assert 0 < int(stale.sum()) < len(stale)
-        fresh = ~np.asarray(stale)
-        np.testing.assert_allclose(known[fresh], change[fresh], atol=1e-7)
-        assert np.abs(known - change)[~fresh].max() > 1e-5
+        known = candidates.of_move(number, state.board.changes)[:, : len(STRENGTHS)]
+        np.testing.assert_allclose(known[~stale], np.asarray(change)[~stale], atol=1e-7)
+        assert np.abs(known - change)[stale].max() > 1e-5
     assert state.used.tolist() == [1, 0, 0] and int(state.found.status) == -1
 
 
@@ -335,26 +342,30 @@ def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
     changes = [np.asarray(change) for change in sweep(terrain, candidates)]
     best = [np.unravel_index(change.argmin(), change.shape) for change in changes]
     gains = np.array([-change[at] for change, at in zip(changes, best, strict=True)])
-    firsts = np.stack([first[at[0]] for first, at in zip(candidates.first, best, strict=True)])
-    deep = np.float32(strengths)[[at[1] for at in best]]
+    firsts = np.stack([candidates.of_move(m)[at[0]] for m, at in enumerate(best)])
     assert gains.min() > 0
     order = np.argsort(-gains)
+    board, _ = refresh(terrain, terrain.now, candidates, fresh_board(candidates))
 
     @jax.jit
     def of(left):
-        known = (jnp.asarray(part) for part in (gains, firsts, deep))
-        return polished(terrain, terrain.now, candidates, *known, FREE, 2, 3, left)
+        used = jnp.zeros(3, jnp.int32)
+        return improved_locally(terrain, terrain.now, candidates, board, used, FREE, 2, left=left)
 
-    moves, places, depths, gained, spent = jax.device_get(of(EVER))
+    def known(left):
+        local, spent = of(left)
+        return jax.device_get((local.move, local.first, local.strength, local.gain, spent))
+
+    moves, places, depths, gained, spent = known(EVER)
     each = 9 * len(strengths) * 2
     assert int(spent) == 3 * each and moves.tolist() == order.tolist()
     assert (gained >= gains[order]).all() and (gained > gains[order]).any()
     for move, place, depth, gain in zip(moves, places, depths, gained, strict=True):
         place, depth = jnp.asarray(place), jnp.asarray(depth)[None]
-        change = terrain.change(terrain.moves[move], terrain.now, place, depth)
+        change = terrain.change(*kernel_of(terrain, move), terrain.now, place, depth, 1)
         assert float(-change[0]) == pytest.approx(float(gain), rel=1e-5)
     # What the evaluations left do not suffice for stays as it was, the best comes first.
-    some, none = of(2 * each), of(each - 1)
+    some, none = known(2 * each), known(each - 1)
     assert (int(some[4]), int(none[4])) == (2 * each, 0)
     np.testing.assert_array_equal(some[3], [*gained[:2], gains[order[2]]])
     np.testing.assert_array_equal(none[1], firsts[order])

@@ -10,6 +10,7 @@ import pytest
 import jshape
 from jshape import PAPER_BOX, JShapeError, Plan, Status, distance, metric, plan, plan_depth, to_mm
 from jshape.errors import BadFile, BadImage, BadPosition, MissingDepth, UnknownName
+from tests.conftest import mm, paper
 
 PLACES = np.array([[91, 92], [239, 92], [387, 92], [91, 302], [239, 197], [387, 302]])
 
@@ -20,7 +21,7 @@ def depth_of(image):
 
 def test_a_plan_retrieves_what_was_applied(bank, molded):
     now, goal, applied = molded
-    found = plan(now, goal, bank=bank, positions=PLACES)
+    found = plan(now, goal, bank=bank, **paper(positions=PLACES))
     steps = zip(found.actions, found.positions.tolist(), strict=True)
     assert sorted((name, *place) for name, place in steps) == sorted(applied)
     assert found.status is Status.CONVERGED or found.distances[-1] < 1e-6
@@ -36,7 +37,7 @@ def test_a_plan_retrieves_what_was_applied(bank, molded):
 
 def test_each_image_changes_only_in_the_roi_of_its_action(bank, molded):
     now, goal, _ = molded
-    found = plan(now, goal, bank=bank, positions=PLACES)
+    found = plan(now, goal, bank=bank, **paper(positions=PLACES))
     for k, name in enumerate(found.actions):
         (u, v), (w, h) = found.positions[k], bank.roi(name)
         changed = found.images[k + 1] != found.images[k]
@@ -47,24 +48,29 @@ def test_each_image_changes_only_in_the_roi_of_its_action(bank, molded):
 
 def test_equal_images_need_no_plan(bank):
     image = np.full(PAPER_BOX.shape, 0.3, np.float32)
-    found = plan(image, image, bank=bank)
+    found = plan(image, image, bank=bank, **paper())
     assert found.actions == () and found.positions.shape == (0, 2)
     assert found.status is Status.CONVERGED and found.images.shape == (1, *PAPER_BOX.shape)
 
 
 def test_limits_and_positions_per_action(bank, molded):
     now, goal, _ = molded
-    assert plan(now, goal, bank=bank, positions=PLACES, max_steps=1).status is Status.MAX_STEPS
-    only = plan(now, goal, bank=bank, positions={"poke": PLACES})
+    assert (
+        plan(now, goal, bank=bank, **paper(positions=PLACES, max_steps=1)).status
+        is Status.MAX_STEPS
+    )
+    only = plan(now, goal, bank=bank, **paper(positions={"poke": PLACES}))
     assert set(only.actions) == {"poke"}
-    first_gain = -np.diff(plan(now, goal, bank=bank, positions=PLACES).distances)[0]
-    assert not plan(now, goal, bank=bank, positions=PLACES, min_gain=float(first_gain) * 1.01)
-    near = plan(now, goal, bank=bank, positions=PLACES, tolerance=1.0)
+    first_gain = -np.diff(plan(now, goal, bank=bank, **paper(positions=PLACES)).distances)[0]
+    assert not plan(
+        now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(float(first_gain) * 1.01))
+    )
+    near = plan(now, goal, bank=bank, **paper(positions=PLACES, tolerance_mm=mm(1.0)))
     assert near.status is Status.CONVERGED and len(near) == 0
 
 
 def test_a_grid_by_name_spans_the_image_for_each_action(bank, molded):
-    from jshape.places import placed_positions
+    from jshape.planning.candidates import placed_positions
 
     placed = placed_positions(bank, "21x15")
     for name, (w, h) in bank.rois.items():
@@ -72,19 +78,19 @@ def test_a_grid_by_name_spans_the_image_for_each_action(bank, molded):
         assert placed[name].min(0).tolist() == [w // 2, h // 2]
         assert placed[name].max(0).tolist() == [480 - (w - w // 2), 395 - (h - h // 2)]
     with pytest.raises(BadPosition, match="'many': a grid is written COLUMNSxROWS"):
-        plan(*molded[:2], bank=bank, positions="many")
+        plan(*molded[:2], bank=bank, **paper(positions="many"))
 
 
 def test_plan_depth_equals_plan_for_metres_and_counts(bank, molded):
     now, goal, _ = molded
     z0, zstar = depth_of(now), depth_of(goal)
-    by_image = plan(now, goal, bank=bank, positions=PLACES)
-    metres = plan_depth(z0, zstar, bank=bank, positions=PLACES)
+    by_image = plan(now, goal, bank=bank, **paper(positions=PLACES))
+    metres = plan_depth(z0, zstar, bank=bank, **paper(positions=PLACES))
     assert metres.actions == by_image.actions
     np.testing.assert_allclose(metres.distances, by_image.distances, atol=1e-6)
     unit = 0.00001
     counts = [np.rint(z / unit).astype(np.uint16) for z in (z0, zstar)]
-    counted = plan_depth(*counts, bank=bank, depth_unit=unit, positions=PLACES)
+    counted = plan_depth(*counts, bank=bank, depth_unit=unit, **paper(positions=PLACES))
     assert counted.actions == metres.actions
 
 
@@ -93,33 +99,36 @@ def test_masks_codes_and_ragged_rows(bank, molded):
     z0, zstar = depth_of(now), depth_of(goal)
     hole = np.zeros(z0.shape, bool)
     hole[280:310, 60:100] = True
-    truth = plan_depth(np.where(hole, np.nan, z0), zstar, bank=bank, max_steps=1)
+    truth = plan_depth(np.where(hole, np.nan, z0), zstar, bank=bank, **paper(max_steps=1))
     near = np.where(hole, np.float32(0.3), z0)
     for marked in (np.ma.array(near, mask=hole), np.where(hole, np.float32(6.5535), z0)):
-        found = plan_depth(marked, zstar, bank=bank, max_steps=1)
+        found = plan_depth(marked, zstar, bank=bank, **paper(max_steps=1))
         np.testing.assert_array_equal(found.distances, truth.distances)
         assert found.filled == (hole.sum(), 0)
     with pytest.raises(BadImage, match="I0 has 1200 pixels that are NaN"):
-        plan(np.ma.array(now, mask=hole), goal, bank=bank)
+        plan(np.ma.array(now, mask=hole), goal, bank=bank, **paper())
     with pytest.raises(BadImage, match="z0: is no array of numbers"):
-        plan_depth([[1, 2], [3]], zstar, bank=bank)
+        plan_depth([[1, 2], [3]], zstar, bank=bank, **paper())
 
 
 def test_other_forms_of_a_depth_image(bank, molded):
     """Other byte orders and widths hold the same numbers; a wrong unit of counts is named."""
     z0, zstar = (depth_of(image) for image in molded[:2])
-    truth = plan_depth(z0, zstar, bank=bank, max_steps=1)
+    truth = plan_depth(z0, zstar, bank=bank, **paper(max_steps=1))
     for kind in (">f4", ">f8", np.longdouble):
-        found = plan_depth(z0.astype(kind), zstar, bank=bank, max_steps=1)
+        found = plan_depth(z0.astype(kind), zstar, bank=bank, **paper(max_steps=1))
         np.testing.assert_array_equal(found.distances, truth.distances)
     counts = np.rint(z0 * 1e4).astype(np.uint16)
-    same = plan_depth(counts, zstar, bank=bank, depth_unit=1e-4, max_steps=1)
-    swapped = plan_depth(counts.astype(">u2"), zstar, bank=bank, depth_unit=1e-4, max_steps=1)
-    np.testing.assert_array_equal(swapped.distances, same.distances)
+    same = plan_depth(counts, zstar, bank=bank, depth_unit=1e-4, **paper(max_steps=1))
+    swapped = plan_depth(
+        counts.astype(">u2"), zstar, bank=bank, depth_unit=1e-4, **paper(max_steps=1)
+    )
+    np.testing.assert_array_equal(swapped.images[0], same.images[0])
+    np.testing.assert_allclose(swapped.distances, same.distances, rtol=1e-6)
     with pytest.raises(BadImage, match="depth_unit 0.0001 instead of 0.001 would fit"):
-        plan_depth(counts, zstar, bank=bank)
+        plan_depth(counts, zstar, bank=bank, **paper())
     with pytest.raises(BadImage, match=r"holds int64; .*\.astype\(np.uint16\)"):
-        plan_depth(counts.astype(np.int64), zstar, bank=bank)
+        plan_depth(counts.astype(np.int64), zstar, bank=bank, **paper())
 
 
 def test_missing_depth_is_filled_and_reported_or_refused(bank, molded, rng):
@@ -127,13 +136,13 @@ def test_missing_depth_is_filled_and_reported_or_refused(bank, molded, rng):
     z0, zstar = depth_of(now).copy(), depth_of(goal)
     holes = rng.random(z0.shape) < 0.03
     z0[holes] = np.where(rng.random(holes.sum()) < 0.5, 0, np.nan)
-    whole = plan_depth(depth_of(now), zstar, bank=bank, positions=PLACES)
-    found = plan_depth(z0, zstar, bank=bank, positions=PLACES)
+    whole = plan_depth(depth_of(now), zstar, bank=bank, **paper(positions=PLACES))
+    found = plan_depth(z0, zstar, bank=bank, **paper(positions=PLACES))
     assert found.filled == (holes.sum(), 0)
     assert found.actions == whole.actions
     np.testing.assert_allclose(found.distances, whole.distances, atol=1e-5)
     with pytest.raises(MissingDepth, match=r"z0: 2\.9 % of the pixels"):
-        plan_depth(z0, zstar, bank=bank, max_missing=0.01)
+        plan_depth(z0, zstar, bank=bank, **paper(max_missing=0.01))
 
 
 @pytest.mark.parametrize(
@@ -153,10 +162,10 @@ def test_missing_depth_is_filled_and_reported_or_refused(bank, molded, rng):
 def test_bad_images_are_refused_in_one_line(bank, spoil, error, words):
     image = np.full(PAPER_BOX.shape, 0.5, np.float32)
     with pytest.raises(error, match=words) as caught:
-        plan(spoil(image), image, bank=bank)
+        plan(spoil(image), image, bank=bank, **paper())
     assert str(caught.value).startswith("I0") and "\n" not in str(caught.value)
     with pytest.raises(error, match=words):
-        plan(image, spoil(image), bank=bank)
+        plan(image, spoil(image), bank=bank, **paper())
 
 
 @pytest.mark.parametrize(
@@ -171,7 +180,7 @@ def test_bad_images_are_refused_in_one_line(bank, spoil, error, words):
 )
 def test_bad_depth_is_refused_in_one_line(bank, depth, words):
     with pytest.raises(BadImage, match=words) as caught:
-        plan_depth(depth, depth, bank=bank)
+        plan_depth(depth, depth, bank=bank, **paper())
     assert "\n" not in str(caught.value)
 
 
@@ -188,19 +197,19 @@ def test_bad_depth_is_refused_in_one_line(bank, depth, words):
         ({"max_steps": 10**6}, JShapeError, "max_steps is 1000000.*to 1000"),
         ({"positions": [[2**32 + 239, 197]]}, BadPosition, "whole pixels"),
         ({"positions": [[1, 2], [3]]}, BadPosition, "different length"),
-        ({"min_gain": -0.1}, JShapeError, "min_gain is -0.1"),
-        ({"tolerance": float("nan")}, JShapeError, "tolerance is nan"),
+        ({"min_gain_mm": -0.1}, JShapeError, "min_gain_mm is -0.1"),
+        ({"tolerance_mm": float("nan")}, JShapeError, "tolerance_mm is nan"),
     ],
 )
 def test_bad_options_are_refused(bank, options, error, words):
     image = np.full(PAPER_BOX.shape, 0.5, np.float32)
     with pytest.raises(error, match=words):
-        plan(image, image, **{"bank": bank, **options})
+        plan(image, image, **{"bank": bank} | jshape.options(**options))
 
 
 def test_json_round_trip_is_lossless(bank, molded, tmp_path):
     now, goal, _ = molded
-    found = plan(now, goal, bank=bank, positions=PLACES)
+    found = plan(now, goal, bank=bank, **paper(positions=PLACES))
     found.to_json(tmp_path / "plan.json")
     back = Plan.from_json(tmp_path / "plan.json")
     assert back.actions == found.actions and back.status is found.status
@@ -229,7 +238,7 @@ def test_json_round_trip_is_lossless(bank, molded, tmp_path):
 def test_a_spoiled_plan_file_is_refused(bank, molded, tmp_path, spoil):
     now, goal, _ = molded
     path = tmp_path / "plan.json"
-    plan(now, goal, bank=bank, positions=PLACES).to_json(path)
+    plan(now, goal, bank=bank, **paper(positions=PLACES)).to_json(path)
     path.write_text(json.dumps(spoil(json.loads(path.read_text()))))
     with pytest.raises(BadFile, match="plan.json"):
         Plan.from_json(path)
@@ -244,7 +253,7 @@ def test_the_contract_is_exported():
 def test_a_second_plan_is_not_compiled_again(bank, molded):
     """Compiling takes seconds; a plan of known shapes milliseconds.  100 times is no noise."""
     now, goal, _ = molded
-    plan(now, goal, bank=bank, positions=PLACES)
+    plan(now, goal, bank=bank, **paper(positions=PLACES))
     start = time.perf_counter()
-    plan(goal, now, bank=bank, positions=PLACES[::-1], min_gain=1e-5)
+    plan(goal, now, bank=bank, **paper(positions=PLACES[::-1], min_gain_mm=mm(1e-5)))
     assert time.perf_counter() - start < 0.5

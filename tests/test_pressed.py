@@ -11,16 +11,16 @@ from scipy.ndimage import gaussian_filter
 from jshape import PAPER_BOX, Bank, fit, load_bank, load_pairs, save_bank
 from jshape.data.pairs import Examples
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError
-from jshape.learn import pressed as learning
+from jshape.io.kinds import KINDS
+from jshape.learn import imprint as learning
+from jshape.learn.imprint import fit_pressed
 from jshape.learn.measure import roi_errors_mm
-from jshape.learn.pressed import fit_pressed
 from jshape.metric import roi_weight
-from jshape.predict import sweep
-from jshape.predict.difference import fit_difference
-from jshape.predict.ground import Ground
-from jshape.predict.pressed import Pressed
-from jshape.predict.terrain import terrain_of
-from jshape.store.kinds import KINDS
+from jshape.models.difference import fit_difference
+from jshape.models.imprint import Pressed
+from jshape.models.orthographic import Ground
+from jshape.planning import evaluate as sweep
+from jshape.planning.state import terrain_of
 from tests.reference import ground as twin
 
 CAMERA = PAPER_BOX

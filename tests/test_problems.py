@@ -4,14 +4,14 @@ import jax
 import numpy as np
 import pytest
 
+from benchmarks.experiments import shapes
+from benchmarks.experiments.problems import OVERLAPPING, applied_problems, shape_problems
+from benchmarks.experiments.recorded import mpm_problems
 from jshape import PAPER_BOX, metric, sim
-from jshape.data import shapes
 from jshape.data.simulate import ROIS
 from jshape.errors import BadDataset, BadImage
-from jshape.experiments.problems import OVERLAPPING, applied_problems, shape_problems
-from jshape.experiments.recorded import mpm_problems
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
 from jshape.robot.simulated import SimulatedWorld
 
 EDGE = 40
@@ -235,3 +235,20 @@ def test_recorded_sequences_are_problems_without_a_bed(shared_data, noisy):
             problem.distance_mm(sim.flat_bed())
         places = problem.places.tolist()
         assert all(list(action.position) in places for action in problem.applied)
+
+
+def test_a_relief_fills_the_view_at_its_scale(rng):
+    slope = np.linspace(-10, 10, 50)[None, :] * np.ones((40, 1))
+    depth = shapes.depth_of_relief(slope, PAPER_BOX, scale=1e-3)
+    assert depth.shape == PAPER_BOX.shape
+    np.testing.assert_allclose(depth.mean(), 0.445, atol=1e-5)
+    np.testing.assert_allclose(depth[:, [0, -1]], [[0.435, 0.455]] * 395, atol=1e-4)
+    assert np.diff(depth[100]).min() >= 0
+    slope[3, 4] = np.nan
+    assert 0 < np.isnan(shapes.depth_of_relief(slope, PAPER_BOX)).mean() < 0.01
+
+
+@pytest.mark.parametrize("relief", [np.zeros(5), np.zeros((1, 9)), np.zeros((4, 4), complex)])
+def test_other_arrays_are_refused(relief):
+    with pytest.raises(BadImage, match="relief"):
+        shapes.depth_of_relief(relief, PAPER_BOX)

@@ -8,9 +8,9 @@ from jshape.errors import BadFile
 from jshape.robot.arms.base import Arm, ArmError, EffortLimit, Moved, PoseRefused
 from jshape.robot.arms.dry_run import DryRun
 from jshape.robot.arms.simulated import SimulatedArm
-from jshape.robot.procedure import NAMES, Limits, Operation, Procedure, perform, pose_of, turned
+from jshape.robot.procedure import NAMES, ArmLimits, Operation, Procedure, perform, pose_of, turned
+from jshape.robot.procedure_file import load_hand, read_procedure
 from jshape.robot.simulated import SimulatedWorld
-from jshape.store.procedures import load_hand, read_procedure
 
 POINT = np.array([0.03, -0.02, 0.45])
 HERE = np.eye(4)
@@ -119,7 +119,7 @@ def test_what_leaves_the_workspace_is_refused_before_the_arm_moves(hand):
 
 def test_a_stroke_ends_above_the_floor():
     down = Operation("act", depth_mm=40.0)
-    deepest = Limits().high_mm[2]
+    deepest = ArmLimits().high_mm[2]
     assert pose_of(down, POINT, 2.0, 0.0, deepest)[2, 3] == deepest / 1000
     assert pose_of(down, POINT, 1.0, 0.0, deepest)[2, 3] == pytest.approx(0.49)
     assert pose_of(Operation("clear"), POINT) is None

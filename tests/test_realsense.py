@@ -10,11 +10,11 @@ import pytest
 
 from jshape import D435_BAZAR, Camera
 from jshape.errors import BadCamera, BadFile, JShapeError
+from jshape.io.cameras import write_camera
 from jshape.robot.cameras import realsense
 from jshape.robot.cameras.base import CameraLost, EndOfFrames, look
 from jshape.robot.cameras.names import open_camera
 from jshape.robot.cameras.realsense import RealSense
-from jshape.store.cameras import write_camera
 
 rs = pytest.importorskip("pyrealsense2")
 

@@ -10,8 +10,7 @@ import pytest
 from jshape import PAPER_BOX, Camera
 from jshape.data.recording import changed_box, simulate_recording
 from jshape.errors import BadDataset, BadFile, UnknownName
-from jshape.sim import SURFACE
-from jshape.store.recordings import (
+from jshape.io.recordings import (
     Label,
     by_number,
     in_order,
@@ -19,6 +18,7 @@ from jshape.store.recordings import (
     read_labels,
     recording_writer,
 )
+from jshape.sim import SURFACE
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 

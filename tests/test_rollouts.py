@@ -9,7 +9,8 @@ import pytest
 import jshape
 from jshape import JShapeError, Status, plan, rollout
 from jshape.errors import BadBank, BadImage, BadPosition, UnknownName
-from jshape.predict.bank import Bank
+from jshape.models.bank import Bank
+from tests.conftest import paper
 
 
 @jax.tree_util.register_dataclass
@@ -28,7 +29,7 @@ PLACES = np.array([[91, 92], [239, 92], [387, 92], [91, 302], [239, 197], [387, 
 
 def test_a_plan_given_back_is_predicted_as_it_was(bank, molded):
     now, goal, _ = molded
-    found = plan(now, goal, bank=bank, positions=PLACES)
+    found = plan(now, goal, bank=bank, **paper(positions=PLACES))
     again = rollout(now, goal, found.actions, found.positions, bank=bank)
     np.testing.assert_array_equal(again.images, found.images)
     np.testing.assert_array_equal(again.distances, found.distances)

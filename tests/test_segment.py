@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data import segment as cutting
 from jshape.data.recording import simulate_recording
 from jshape.data.segment import Averaged, Segment, average, compare, cut, thumbnail
-from jshape.store.datasets import load_pairs
-from jshape.store.recordings import recording_writer
+from jshape.io.datasets import load_pairs
+from jshape.io.recordings import recording_writer
 
 UNIT = 1e-4
 

@@ -17,19 +17,20 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, JShapeError
-from jshape.closing import SIGNALS
 from jshape.errors import BadCamera, BadFile, MissingDepth
+from jshape.io import journal, runs
+from jshape.planning.options import StopCriteria
 from jshape.robot.arms.base import ArmError, ArmLost, EffortLimit, Moved, PoseRefused
 from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import CameraLost
 from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.checks import BedMoved, Occluded, check_still, moved_mm, touched_by
 from jshape.robot.procedure import NAMES
+from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
 from jshape.robot.session import Session
-from jshape.store import journal, runs
-from jshape.store.procedures import load_hand
-from tests.conftest import ROOT
+from jshape.robot.signals import SIGNALS
+from tests.conftest import ROOT, mm, paper
 from tests.stage import Arm, Eye, mold, robot_of
 
 
@@ -72,7 +73,7 @@ def test_a_plan_is_carried_out_as_it_is(session, bank, molded):
     from tests.stage import PLACES
 
     now, goal, applied = molded
-    planned = plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5)
+    planned = plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
     with robot_of(bank, now) as robot:
         summary = session.mold(robot, bank, plan=planned)
     assert [name for name, *_ in robot.arm.acted] == list(planned.actions)
@@ -242,7 +243,7 @@ def _planned(bank, molded):
     from jshape import plan
     from tests.stage import PLACES
 
-    return plan(molded[0], molded[1], bank=bank, positions=PLACES, min_gain=2e-5)
+    return plan(molded[0], molded[1], bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
 
 
 def test_an_action_that_was_not_looked_at_is_not_done_twice(session, bank, molded):
@@ -256,17 +257,17 @@ def test_an_action_that_was_not_looked_at_is_not_done_twice(session, bank, molde
             _unplugged(robot)
 
     with robot_of(bank, molded[0], second) as robot, pytest.raises(CameraLost):
-        session.mold(robot, bank, plan=planned, max_steps=3)
+        session.mold(robot, bank, plan=planned, stop=StopCriteria(max_steps=3))
     again = Session.resume(session.run.folder, say=quiet)
     assert again.done == 2 and len(again.run) == 1
     with robot_of(bank, robot.eye.image) as fresh:
-        again.mold(fresh, bank, plan=planned, max_steps=3)
+        again.mold(fresh, bank, plan=planned, stop=StopCriteria(max_steps=3))
     places = planned.positions.tolist()
     wanted = [(name, *at) for name, at in zip(planned.actions, places, strict=True)]
     assert robot.arm.acted + fresh.arm.acted == wanted
     third = Session.resume(session.run.folder, say=quiet)
     with robot_of(bank, molded[0]) as robot, pytest.raises(BadFile, match="with another plan"):
-        third.mold(robot, bank, plan=planned.rest(1), max_steps=9)
+        third.mold(robot, bank, plan=planned.rest(1), stop=StopCriteria(max_steps=9))
 
 
 def test_all_of_a_plan_is_checked_before_the_first_action(session, bank, molded):
@@ -601,7 +602,7 @@ def test_a_run_that_is_none_is_not_resumed(tmp_path, session, bank, molded):
 
 def test_a_run_whose_steps_are_done_says_so(session, bank, molded):
     with robot_of(bank, molded[0]) as robot:
-        mold(session, robot, bank, max_steps=1, tolerance=0.0)
+        mold(session, robot, bank, max_steps=1, tolerance_mm=0.0)
     again = Session.resume(session.run.folder, say=quiet)
     with robot_of(bank, molded[0]) as robot, pytest.raises(JShapeError, match="all 1 actions"):
         mold(again, robot, bank, max_steps=1)

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 
 import jshape
+from benchmarks.experiments import banks as recipes
 from jshape import Bank, Camera, list_banks, load_bank, save_bank
 from jshape.errors import BadBank, BadFile, UnknownName
-from jshape.experiments import banks as recipes
+from jshape.io import banks
+from jshape.io.banks import bank_manifest
 from jshape.learn.measure import Score
-from jshape.nn import unet
-from jshape.predict.difference import Difference
-from jshape.predict.network import Network
-from jshape.predict.refined import Refined
-from jshape.store import banks
-from jshape.store.banks import bank_manifest
+from jshape.models import unet
+from jshape.models.difference import Difference
+from jshape.models.network import Network
+from jshape.models.refined import Refined
 
 CAMERA = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 SIZES = {"grasp": (12, 9), "poke/ é": (3, 4)}

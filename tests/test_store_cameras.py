@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from jshape import D435_NOMINAL, PAPER_BOX
 from jshape.camera import PRESETS, Camera
 from jshape.errors import BadCamera, BadFile
-from jshape.store.cameras import (
+from jshape.io.cameras import (
     camera_fields,
     camera_from,
     check_depth_unit,
     read_camera,
     write_camera,
 )
-from jshape.store.formats import encode_png
+from jshape.io.formats import encode_png
 
 GOOD = {
     "width": 480, "height": 395, "fx": 433.0, "fy": 433, "u0": 240, "v0": -3.5,

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Camera, load_pairs, save_pairs
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.pairs import Frames, Pairs
 from jshape.errors import BadCamera, BadDataset, BadFile, BadImage, JShapeError, quoted
-from jshape.store import datasets
-from jshape.store.annotations import boxes_by_hand, write_boxes
-from jshape.store.datasets import COLUMNS, dataset_writer
-from jshape.store.formats import encode_png
-from jshape.store.images import read_counts
+from jshape.io import datasets
+from jshape.io.annotations import boxes_by_hand, write_boxes
+from jshape.io.datasets import COLUMNS, dataset_writer
+from jshape.io.formats import encode_png
+from jshape.io.images import read_counts
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 FIELDS = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id", "strength")

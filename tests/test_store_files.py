@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jshape.errors import BadFile
-from jshape.store import files, folders, journal
+from jshape.io import files, folders, journal
 
 
 def one_line(info) -> str:

@@ -18,10 +18,10 @@ from PIL import Image
 from jshape import D435_BAZAR, PAPER_BOX, Camera
 from jshape.data.missing import only_readings
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
-from jshape.store import images
-from jshape.store.drawings import read_drawing
-from jshape.store.formats import read_array
-from jshape.store.images import check_depth, depth_of_array, read_counts, read_depth
+from jshape.io import images
+from jshape.io.drawings import read_drawing
+from jshape.io.formats import read_array
+from jshape.io.images import check_depth, depth_of_array, read_counts, read_depth
 
 SMALL = Camera(12, 9, 15.0, 15.0, 5.5, 4.0, 0.4, 0.5)
 
@@ -368,9 +368,9 @@ def test_noise_never_escapes_as_another_error(tmp_path_factory, noise, start):
 
 
 def test_text_and_profiles_in_a_png_are_ignored_silently(tmp_path, capfd):
-    broken_profile = b"\0\0\0\4iCCPabcd" + struct.pack(">I", zlib.crc32(b"iCCPabcd"))
-    wrong_sum = b"\0\0\0\4tEXtabcd\0\0\0\0"
-    content = GOOD["png"][:33] + broken_profile + wrong_sum + GOOD["png"][33:] + b"trailing"
+    profile = b"iCCPicc\0\0abcd"  # packed bytes that do not unpack
+    broken_profile = struct.pack(">I", 9) + profile + struct.pack(">I", zlib.crc32(profile))
+    content = GOOD["png"][:33] + broken_profile + GOOD["png"][33:] + b"trailing"
     np.testing.assert_allclose(read_depth(put(tmp_path, "a.png", content)), 4.5)
     assert capfd.readouterr() == ("", "")
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from jshape import Camera, Plan, Status
 from jshape.data.view import View
 from jshape.errors import BadFile, JShapeError
-from jshape.store import plans
-from jshape.store.plans import plan_fields, read_plan, write_plan
+from jshape.planning import plan_file as plans
+from jshape.planning.plan_file import plan_fields, write_plan
 
 CAMERA = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 WHOLE = Camera(60, 50, 50.0, 50.0, 29.5, 24.5, 0.4, 0.5)
@@ -80,14 +80,14 @@ def same(a, b):
 
 def refused(path, match):
     with pytest.raises(BadFile) as info:
-        read_plan(path)
+        Plan.from_json(path)
     message = str(info.value)
     assert message.startswith(f"{path}: ") and match in message
     assert "\n" not in message and len(message) < len(str(path)) + 300
 
 
 def test_round_trip(plan, path):
-    found = read_plan(path)
+    found = Plan.from_json(path)
     same(found, plan)
     np.testing.assert_array_equal(found.images, plan.images)
     fields = json.loads(path.read_text())
@@ -104,7 +104,7 @@ def test_round_trip(plan, path):
 def test_a_view_comes_back(plan, tmp_path, view):
     plan = replace(plan, view=view)
     write_plan(tmp_path / "plan.json", plan)
-    found = read_plan(tmp_path / "plan.json")
+    found = Plan.from_json(tmp_path / "plan.json")
     same(found, plan)
     np.testing.assert_array_equal(found.camera_positions, plan.camera_positions)
     steps = json.loads((tmp_path / "plan.json").read_text())["steps"]
@@ -115,7 +115,7 @@ def test_a_view_comes_back(plan, tmp_path, view):
 def test_without_images_or_steps(plan, tmp_path):
     path = tmp_path / "plan.json"
     write_plan(path, plan, images=False)
-    same(read_plan(path), replace(plan, initial=None, goal=None, patches=()))
+    same(Plan.from_json(path), replace(plan, initial=None, goal=None, patches=()))
     none = np.zeros((0, 2), np.int32)
     empty = replace(
         plan, actions=(), positions=none, rois=none, patches=(), clipped=np.zeros(0, np.float32),
@@ -123,7 +123,7 @@ def test_without_images_or_steps(plan, tmp_path):
         yaws=np.zeros(0, np.float32), offsets=np.zeros((0, 2), np.float32),
     )  # fmt: skip
     write_plan(path, empty)
-    same(read_plan(path), empty)
+    same(Plan.from_json(path), empty)
 
 
 def test_a_plan_of_before_goals_and_views_is_read(plan, path):
@@ -135,7 +135,7 @@ def test_a_plan_of_before_goals_and_views_is_read(plan, path):
     path.write_text(json.dumps(fields))
     usual = {"strengths": np.ones(2, np.float32), "yaws": np.zeros(2, np.float32)}
     usual |= {"offsets": np.zeros((2, 2), np.float32), "seconds": 0.0}
-    same(read_plan(path), replace(plan, clamped=(0, 0), **usual))
+    same(Plan.from_json(path), replace(plan, clamped=(0, 0), **usual))
 
 
 def test_the_least_and_greatest_numbers_come_back(plan, path):
@@ -144,7 +144,7 @@ def test_the_least_and_greatest_numbers_come_back(plan, path):
     yaws = np.array([np.pi, -np.pi], np.float32)
     extreme = replace(plan, strengths=strengths, yaws=yaws, offsets=np.ones((2, 2), np.float32))
     write_plan(path, extreme)
-    same(read_plan(path), extreme)
+    same(Plan.from_json(path), extreme)
 
 
 def test_the_square_of_a_turned_hand_is_inside_too(plan, path):
@@ -264,7 +264,7 @@ def test_what_is_not_finite_is_refused(path, name, value):
     end = min(k for k in (text.find(mark, at) for mark in ",}\n") if k > 0)
     path.write_text(text[:at] + value + text[end:])
     with pytest.raises(BadFile, match=rf"^{path}: "):
-        read_plan(path)
+        Plan.from_json(path)
 
 
 @pytest.mark.parametrize("change, match", SPOILED, ids=[match for _, match in SPOILED])
@@ -291,7 +291,7 @@ def test_bad_images_are_refused(plan, path, name):
     good = {"initial": plan.initial, "goal": plan.goal}
     good |= {f"patch_{k}": patch for k, patch in enumerate(plan.patches)}
     pack(path, **good)
-    same(read_plan(path), plan)
+    same(Plan.from_json(path), plan)
     nan = good[name].copy()
     nan[1, 1] = np.nan
     for bad, match in (
@@ -345,7 +345,7 @@ def test_a_flipped_byte_never_escapes_as_another_error(tmp_path_factory, data):
         content[at] ^= data.draw(st.integers(1, 255))
     pack(path, bytes(content))
     try:
-        found = read_plan(path)
+        found = Plan.from_json(path)
     except JShapeError as problem:
         assert isinstance(problem, BadFile) and "\n" not in str(problem)
     else:

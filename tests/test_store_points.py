@@ -13,11 +13,15 @@ from hypothesis import strategies as st
 
 from jshape import PAPER_BOX, Camera
 from jshape.errors import BadFile, BadImage, JShapeError
-from jshape.store import mesh
-from jshape.store.mesh import depth_of_faces
-from jshape.store.points import depth_of_points, read_goal, read_mesh, read_points
+from jshape.io import mesh
+from jshape.io.mesh import depth_of_faces
+from jshape.io.points import SUFFIXES, depth_of_points, read_goal, read_mesh
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
+
+
+def read_points(path):
+    return read_mesh(path, SUFFIXES)[0]
 
 
 @pytest.fixture

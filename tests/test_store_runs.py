@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jshape.errors import BadCamera, BadFile, BadImage
-from jshape.store import runs
-from jshape.store.runs import Run
+from jshape.io import runs
+from jshape.io.runs import Run
 
 
 @pytest.fixture

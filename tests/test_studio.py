@@ -12,24 +12,24 @@ import numpy as np
 import pytest
 
 import jshape
+from jshape.app import pictures
+from jshape.app.advice import first_stroke, next_step, why_empty
+from jshape.app.annotation import Annotation
+from jshape.app.desk import Desk
+from jshape.app.drawing import Stroke, Words
+from jshape.app.molder import Molder, State, seen, simulated_robot
+from jshape.app.search import Search
 from jshape.data.simulate import simulate_pairs, together
 from jshape.data.view import image_of_depth
 from jshape.errors import BadBank, BadDataset, BadFile, JShapeError
+from jshape.io import annotations, datasets
+from jshape.io.cameras import write_camera
+from jshape.io.images import write_depth_png
 from jshape.robot.arms.base import ArmError
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import levelled_world
+from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
-from jshape.store import annotations, datasets
-from jshape.store.cameras import write_camera
-from jshape.store.images import write_depth_png
-from jshape.store.procedures import load_hand
-from jshape.studio import pictures
-from jshape.studio.advice import first_stroke, next_step, why_empty
-from jshape.studio.annotation import Annotation
-from jshape.studio.desk import Desk
-from jshape.studio.drawing import Stroke, Words
-from jshape.studio.molder import MIN_GAIN_MM, Molder, State, seen, simulated_robot
-from jshape.studio.search import Search
 
 BRUSH = Stroke(((150.0, 200.0), (240.0, 150.0), (330.0, 200.0)), 30.0, 8.0)
 
@@ -195,7 +195,7 @@ def test_an_empty_plan_says_what_the_smallest_action_does_and_what_helps(desk):
 
 def test_a_search_that_is_given_up_leaves_the_desk_and_its_waiter_free(desk, monkeypatch):
     hold = threading.Event()
-    monkeypatch.setattr("jshape.studio.desk.plan", lambda *a, **k: hold.wait(60))
+    monkeypatch.setattr("jshape.app.desk.plan", lambda *a, **k: hold.wait(60))
     desk.draw(BRUSH)
     ended = []
 
@@ -252,7 +252,7 @@ def begin(desk, folder, **more):
     looks = []
     molder = Molder(
         robot, desk.bank, desk.goal, folder, meta={"bank": desk.bank_name, "arm": "sim"},
-        on_look=looks.append, how=desk.tried(MIN_GAIN_MM), **more,
+        on_look=looks.append, search=desk.keywords, **more,
     )  # fmt: skip
     return molder, looks
 
@@ -470,7 +470,7 @@ def test_a_flat_bed_is_not_all_noise():
 @pytest.mark.parametrize("closed", [False, True])
 @pytest.mark.parametrize("fails", [False, True])
 def test_work_of_a_page_that_was_closed_draws_nothing_and_says_nothing(monkeypatch, closed, fails):
-    from jshape.studio import page
+    from jshape.app import page
 
     said = []
     client = mock.MagicMock(is_deleted=False)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from jshape.listening import MOST_PAGES
+from jshape.app.ports import MOST_PAGES
 from tests.browser import until
 from tests.conftest import ROOT
 
@@ -162,7 +162,7 @@ def test_pages_that_are_gone_give_their_memory_back(served):
 def test_so_many_pages_and_no_more(monkeypatch):
     from nicegui import Client
 
-    from jshape.studio import server
+    from jshape.app import server
 
     reached, sent = [], []
 

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from jshape import Camera
-from jshape.planners import greedy
-from jshape.planners.base import Limits
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.sweep import How, candidates_at, fresh_board, refresh, sweep, touch
-from jshape.predict.terrain import terrain_of
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.planning.evaluate import How, candidates_at, fresh_board, refresh, sweep, touch
+from jshape.planning.search import greedy
+from jshape.planning.search.base import Limits
+from jshape.planning.state import terrain_of
 from tests.conftest import ROOT
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
@@ -50,6 +50,12 @@ def assert_equal(changes, others):
         np.testing.assert_allclose(mine, other, rtol=1e-5, atol=1e-8)
 
 
+def rows(candidates):
+    """Rows of a board that are candidates, move by move."""
+    start = np.asarray(candidates.start)
+    return [slice(a, b) for a, b in zip(start[:-1], start[1:], strict=True)]
+
+
 def test_candidates_are_counted_move_by_move_place_by_place(problem):
     _, candidates = problem
     assert len(candidates) == sum(COUNTS) * 3 and candidates.counts == COUNTS
@@ -71,11 +77,13 @@ def test_memory_changes_nothing(problem, chunk):
     assert_equal(together, one_by_one)
     assert all((np.asarray(changes) != 0).all() for changes in one_by_one)
     stale = [np.arange(count) % 2 == 0 for count in COUNTS]
-    board = replace(fresh_board(candidates), stale=tuple(map(jnp.asarray, stale)))
+    board = fresh_board(candidates)
+    board = replace(board, stale=board.stale.at[: sum(COUNTS)].set(np.concatenate(stale)))
     some, spent = jit_refresh(terrain, terrain.now, candidates, board, None, How(chunk))
     assert int(spent) == 3 * sum(mine.sum() for mine in stale)
     expected = [np.where(m[:, None], c, 0.0) for m, c in zip(stale, one_by_one, strict=True)]
-    assert_equal(some.changes, expected)
+    assert_equal([some.changes[mine, :3] for mine in rows(candidates)], expected)
+    assert not some.changes[sum(COUNTS) :].any() and not some.changes[:, 3:].any()
     plans = [greedy.run(terrain, candidates, Limits(), max_steps=6, how=How(n)) for n in (1, chunk)]
     for name in ("steps", "move", "node", "strength", "evaluations"):
         np.testing.assert_array_equal(*(getattr(plan, name) for plan in plans))
@@ -88,35 +96,34 @@ def test_what_there_is_no_room_for_waits(problem, room, how):
     terrain, candidates = problem
     whole = sweep(terrain, candidates)
     board, calls = fresh_board(candidates), 0
-    while any(bool(stale.any()) for stale in board.stale):
-        before = [np.asarray(stale) for stale in board.stale]
-        values = [np.asarray(changes) for changes in board.changes]
+    while bool(board.stale.any()):
+        before, values = np.asarray(board.stale), np.asarray(board.changes)
         board, spent = jit_refresh(terrain, terrain.now, candidates, board, jnp.int32(room), how)
         assert 0 < int(spent) <= max(room + 2, 3)  # a place has three strengths
-        after = [np.asarray(stale) for stale in board.stale]
-        assert int(spent) == 3 * sum((b & ~a).sum() for b, a in zip(before, after, strict=True))
-        for number, waits in enumerate(after):  # what still waits is as it was
-            np.testing.assert_array_equal(board.changes[number][waits], values[number][waits])
+        after = np.asarray(board.stale)
+        assert int(spent) == 3 * (before & ~after).sum()
+        # What still waits is as it was.
+        np.testing.assert_array_equal(np.asarray(board.changes)[after], values[after])
         calls += 1
     assert calls == -(-sum(COUNTS) // -(-room // 3))
-    assert_equal(board.changes, whole)
+    assert_equal([board.changes[mine, :3] for mine in rows(candidates)], whole)
 
 
 def test_what_a_window_touches_is_stale(problem):
     terrain, candidates = problem
-    fresh = replace(
-        fresh_board(candidates), stale=tuple(jnp.zeros(count, bool) for count in COUNTS)
-    )
+    fresh = fresh_board(candidates)
+    fresh = replace(fresh, stale=jnp.zeros_like(fresh.stale))
     rng, touched = np.random.default_rng(7), []
     for _ in range(30):
         first, shape = rng.integers(0, [12, 16], 2), rng.integers(1, 7, 2)
         board = touch(fresh, candidates, terrain, jnp.asarray(first), jnp.asarray(shape))
         changed = np.zeros(CAMERA.shape, bool)
         changed[first[0] : first[0] + shape[0], first[1] : first[1] + shape[1]] = True
-        for move, firsts, stale in zip(terrain.moves, candidates.first, board.stale, strict=True):
-            rows, columns = move.shape
-            overlaps = [changed[v : v + rows, u : u + columns].any() for v, u in firsts.tolist()]
-            np.testing.assert_array_equal(stale, np.array(overlaps, bool))
+        assert not board.stale[sum(COUNTS) :].any()
+        for number, (move, mine) in enumerate(zip(terrain.moves, rows(candidates), strict=True)):
+            (n, m), firsts = move.shape, candidates.of_move(number)
+            overlaps = [changed[v : v + n, u : u + m].any() for v, u in firsts.tolist()]
+            np.testing.assert_array_equal(board.stale[mine], np.array(overlaps, bool))
             touched += overlaps
     assert 0.2 < np.mean(touched) < 0.8
 
@@ -140,12 +147,12 @@ def test_devices_change_nothing():
         import json
         import jax, jax.numpy as jnp, numpy as np
         from jshape import Camera
-        from jshape.planners import greedy
-        from jshape.planners.base import Limits
-        from jshape.predict.bank import Bank
-        from jshape.predict.difference import Difference
-        from jshape.predict.sweep import How, candidates_at, fresh_board, refresh, sweep
-        from jshape.predict.terrain import terrain_of
+        from jshape.planning.search import greedy
+        from jshape.planning.search.base import Limits
+        from jshape.models.bank import Bank
+        from jshape.models.difference import Difference
+        from jshape.planning.evaluate import How, candidates_at, fresh_board, refresh, sweep
+        from jshape.planning.state import terrain_of
 
         assert jax.device_count() == 4
         rng = np.random.default_rng(5)
@@ -162,13 +169,15 @@ def test_devices_change_nothing():
         swept = [sweep(terrain, candidates, how) for how in ways]
         some = jax.jit(refresh, static_argnames="how")
         board, calls = fresh_board(candidates), 0
-        while any(stale.any() for stale in board.stale):
+        while board.stale.any():
             board, _ = some(terrain, terrain.now, candidates, board, jnp.int32(9), ways[1])
             calls += 1
+        start = np.asarray(candidates.start)
+        parts = [board.changes[a:b, :2] for a, b in zip(start, start[1:])]
         answer = {
             "devices": [len(c.devices()) for c in swept[1]],
             "apart": [max(float(abs(a - b).max()) for a, b in zip(swept[0], other))
-                      for other in (*swept[1:], board.changes)],
+                      for other in (*swept[1:], parts)],
             "largest": float(max(abs(a).max() for a in swept[0])),
             "calls": calls,
         }
@@ -197,11 +206,11 @@ def test_a_dense_sweep_fits_into_memory():
         from pathlib import Path
         import jax, jax.numpy as jnp, numpy as np
         from jshape import PAPER_BOX
-        from jshape.places import dense_positions
-        from jshape.predict.bank import Bank
-        from jshape.predict.difference import Difference
-        from jshape.predict.sweep import candidates_at, sweep
-        from jshape.predict.terrain import terrain_of
+        from jshape.planning.candidates import dense_positions
+        from jshape.models.bank import Bank
+        from jshape.models.difference import Difference
+        from jshape.planning.evaluate import candidates_at, sweep
+        from jshape.planning.state import terrain_of
 
         def most_kb():  # ru_maxrss would begin with what the program that started this one took
             status = Path("/proc/self/status").read_text()

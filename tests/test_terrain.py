@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from jshape import PAPER_BOX, Camera, distance, load_bank, metric, sim
-from jshape.places import placed_positions
-from jshape.planners import greedy, refine
-from jshape.planners.base import Limits, Task
-from jshape.planners.sequence import act_between, measured
-from jshape.predict.bank import Bank
-from jshape.predict.difference import Difference
-from jshape.predict.rollout import after_action, shift
-from jshape.predict.sweep import candidates_at, sweep
-from jshape.predict.terrain import terrain_of
-from jshape.predict.turn import turn
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.models.turn import turn
+from jshape.planning.apply import after_action, shift
+from jshape.planning.candidates import placed_positions
+from jshape.planning.evaluate import candidates_at, sweep
+from jshape.planning.search import greedy, refine
+from jshape.planning.search.base import Limits, Task
+from jshape.planning.search.sequence import act_between, measured
+from jshape.planning.state import terrain_of
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
 QUARTER = replace(PAPER_BOX, width=120, height=98, fx=433 / 4, fy=433 / 4, u0=240 / 4, v0=197 / 4)
@@ -145,7 +145,7 @@ def test_changes_on_the_ground_are_those_of_the_images(pressed, beds):
         for number, found in enumerate(sweep(terrain, candidates)):
             predict = jax.jit(pressed.predictors[number].__call__)
             w, h = pressed.predictors[number].roi
-            centres = np.asarray(candidates.pixels[number])
+            centres = candidates.of_move(number, candidates.pixels)
             windows = [np.s_[v - h // 2 :, u - w // 2 :] for u, v in centres]
             before, wanted = (
                 np.stack([np.asarray(image)[window][:h, :w] for window in windows])
@@ -183,14 +183,17 @@ def test_a_turned_move_is_the_turned_change():
     bank = differences((9, 5), (3, 3))
     now = image_of(4)
     moves = [(0, None), (0, jnp.float32(np.pi / 2)), (1, None)]
-    straight, turned, small = terrain_of(bank, now, now, moves).moves
+    terrain = terrain_of(bank, now, now, moves)
+    straight, turned, small = terrain.moves
     assert (straight.shape, turned.shape, small.shape) == ((5, 9), (9, 9), (3, 3))
     assert (turned.roi, turned.action, small.action) == ((9, 9), 0, 1)
     upright = np.zeros((9, 9), np.float32)
     upright[2:7] = bank.predictors[0].delta
     window, first = now[:9, :9], jnp.zeros(2, jnp.int32)
-    change = turned(window, first, 1.0) - window
-    np.testing.assert_allclose(change, np.rot90(upright, -1), atol=1e-6)
+    change = terrain.act(1, now, first, 1.0)[:9, :9] - window
+    np.testing.assert_allclose(
+        change, jnp.clip(window + np.rot90(upright, -1), 0, 1) - window, atol=1e-6
+    )
     patch, _ = after_action(bank, now, first, 1.0, np.pi / 2, action=0, turned=True)
     np.testing.assert_allclose(patch, jnp.clip(window + change, 0, 1), atol=1e-6)
 
@@ -209,6 +212,12 @@ def test_a_hand_turned_on_the_ground_is_the_ground_turned_below_it(pressed):
     np.testing.assert_allclose(turned, np.rot90(below, -1), atol=2e-6)
 
 
+def between(terrain, now, node, strength):
+    """The map after the first move at a place between nodes."""
+    kernel = terrain.kernels[0]
+    return act_between(terrain, kernel, kernel.member(0), now, node, strength)
+
+
 SIZES = ((7, 6), (4, 8), (24, 5), (24, 18))  # (w, h); the last ones are as large as the image
 
 
@@ -225,8 +234,8 @@ def test_between_nodes_begins_and_ends_on_nodes(size, seed):
         first = np.array([18 - h, 24 - w])
     node = jnp.asarray(first + move.middle, jnp.float32)
     strength = jnp.float32(rng.uniform(0.5, 1.5))
-    there = act_between(terrain, move, terrain.now, node, strength)
-    on = terrain.act(move, terrain.now, jnp.asarray(first, jnp.int32), strength)
+    there = between(terrain, terrain.now, node, strength)
+    on = terrain.act(0, terrain.now, jnp.asarray(first, jnp.int32), strength)
     np.testing.assert_allclose(there, on, atol=1e-6)
 
 
@@ -235,10 +244,9 @@ def test_half_way_is_the_mean_of_the_neighbours():
     v, u = np.mgrid[:18, :24]
     now = jnp.asarray(0.3 + 0.01 * u + 0.005 * v, jnp.float32)
     terrain = terrain_of(differences((7, 6)), now, now)
-    move = terrain.moves[0]
 
     def at(v, u):
-        return np.asarray(act_between(terrain, move, now, jnp.array([v, u]), jnp.float32(0.5)))
+        return np.asarray(between(terrain, now, jnp.array([v, u]), jnp.float32(0.5)))
 
     np.testing.assert_allclose(at(8.5, 10.0), (at(8.0, 10.0) + at(9.0, 10.0)) / 2, atol=1e-6)
     np.testing.assert_allclose(at(8.0, 10.5), (at(8.0, 10.0) + at(8.0, 11.0)) / 2, atol=1e-6)
@@ -252,12 +260,11 @@ def test_half_way_is_the_mean_of_the_neighbours():
 def test_d_has_a_slope_along_places_and_strengths():
     now = image_of(8)
     terrain = terrain_of(differences((7, 6)), now, now)
-    move = terrain.moves[0]
-    goal = act_between(terrain, move, now, jnp.array([8.3, 10.6]), jnp.float32(0.9))
+    goal = between(terrain, now, jnp.array([8.3, 10.6]), jnp.float32(0.9))
     terrain = replace(terrain, goal=goal)
 
     def d(values):
-        after = act_between(terrain, move, now, values[:2], values[2])
+        after = between(terrain, now, values[:2], values[2])
         return terrain.distance_of(after)
 
     start = jnp.array([8.4, 10.5, 0.95])
@@ -315,5 +322,5 @@ def test_an_exact_place_moves_the_change_and_not_the_bed():
     # The same as on the terrain, between its nodes.
     terrain = terrain_of(bank, image, image)
     node = jnp.array([5.0, 6.0]) + jnp.asarray(terrain.moves[0].middle) + offset
-    there = act_between(terrain, terrain.moves[0], image, node, jnp.float32(1.0))
+    there = between(terrain, image, node, jnp.float32(1.0))
     np.testing.assert_allclose(there[5:11, 6:13], patch, atol=1e-6)

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Pairs, fit, load_bank, load_pairs, save_bank, save_pairs
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.pairs import Examples
 from jshape.errors import BadDataset, BadFile, JShapeError
+from jshape.io.banks import bank_manifest
 from jshape.learn import fit as fitting
 from jshape.learn import training
 from jshape.learn.evaluate import cross_validate
 from jshape.learn.held_out import held_out
 from jshape.learn.settings import Training, settings_from
 from jshape.learn.training import Hooks, roi_loss, split, train
-from jshape.predict.difference import Difference
-from jshape.store.banks import bank_manifest
+from jshape.models.difference import Difference
 
 QUICK = Training(epochs=12, batch=4, learning_rate=0.01, patience=0, save_every=3)
 

@@ -1,6 +1,5 @@
 """The physics twin: its numbers, its eyes, its reach, and what it does to the bed."""
 
-import os
 import subprocess
 import sys
 import threading
@@ -16,7 +15,7 @@ from jshape.errors import JShapeError
 from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, PoseRefused
 from jshape.robot.cameras.base import CameraLost, DepthCamera, look
 from jshape.robot.procedure import Hand, perform, turned
-from jshape.store.procedures import load_hand
+from jshape.robot.procedure_file import load_hand
 from tests.conftest import ROOT
 
 IDLE = Doing("poke", "above", 1.0, 0.0)
@@ -42,7 +41,7 @@ def hand():
 @pytest.fixture(scope="module")
 def flat(engine):
     """(arm, camera, base_camera) over a flat bed in the paper's box, with perfect eyes."""
-    from jshape.robot.twin import make_twin
+    from jshape.robot.arms.mujoco import make_twin
 
     ready = make_twin(0, sim.flat_bed(size=(0.5, 0.4)), camera=PAPER_BOX, noise=0.0)
     with ready.camera:
@@ -125,7 +124,7 @@ def test_the_twin_is_an_arm_and_a_camera(flat):
 
 
 def test_the_package_does_not_import_mujoco_by_itself():
-    code = "import sys, jshape.robot.twin.start; assert 'mujoco' not in sys.modules"
+    code = "import sys, jshape.robot.arms.mujoco; assert 'mujoco' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 
@@ -153,7 +152,8 @@ def test_nothing_to_draw_with_is_one_line(flat, monkeypatch):
 
 @pytest.mark.parametrize("camera", [PAPER_BOX, D435_BAZAR], ids=["box", "whole"])
 def test_depth_equals_the_simulators_for_every_posture_at_home(camera):
-    from jshape.robot.twin import fingers, make_twin
+    from jshape.robot.arms.mujoco import make_twin
+    from jshape.robot.twin import fingers
 
     bed = sim.irregular_bed(jax.random.key(3), std=0.008)
     ready = make_twin(0, bed, camera=camera, noise=0.0)
@@ -286,7 +286,8 @@ def test_a_turned_grasp_closes_and_is_within_its_thresholds(fresh, hand):
 
 
 def test_a_buried_obstacle_ends_the_act_and_the_action_goes_on(hand):
-    from jshape.robot.twin import Obstacle, make_twin
+    from jshape.robot.arms.mujoco import make_twin
+    from jshape.robot.twin.model import Obstacle
 
     bed = sim.flat_bed(size=(0.5, 0.4))
     stone = Obstacle((0.05, 0.0), top=sim.DEPTH - 0.008)
@@ -337,7 +338,7 @@ def test_stop_is_always_possible_and_home_lifts_first(fresh, hand):
 
 
 def test_a_bystander_sees_the_robot(fresh):
-    from jshape.robot.twin.picture import Bystander, strip
+    from benchmarks.experiments.bystander import Bystander, strip
 
     with Bystander(fresh.arm.twin, size=(160, 120)) as bystander:
         picture = bystander.picture()
@@ -346,7 +347,7 @@ def test_a_bystander_sees_the_robot(fresh):
 
 
 def test_the_check_reports_what_happened(tmp_path, hand):
-    from jshape.experiments.twin import check_twin
+    from benchmarks.experiments.twin import check_twin
 
     lines = []
     found = check_twin(tmp_path / "check", names=("poke",), columns=2, rows=1, say=lines.append)
@@ -360,44 +361,12 @@ def test_the_check_reports_what_happened(tmp_path, hand):
 
 @pytest.mark.slow
 def test_all_places_of_the_paper():
-    from jshape.experiments.twin import check_twin
+    from benchmarks.experiments.twin import check_twin
 
     for row in check_twin()["actions"]:
         assert row["completed"] == row["trials"] == 15, row
         assert row["collisions"] == 0 and row["joint_margin_degrees"] > 0, row
         assert row["place_error_mm"]["mean"] <= 2.0, row
-
-
-TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-
-
-def test_meshes_are_drawn_where_a_copy_of_the_menagerie_is(tmp_path, monkeypatch):
-    from jshape.robot.twin.model import build
-
-    folder = tmp_path / "kuka_iiwa_14"
-    (folder / "assets").mkdir(parents=True)
-    (folder / "assets" / "part.obj").write_text(TETRAHEDRON)
-    (folder / "iiwa14.xml").write_text(
-        """<mujoco><compiler meshdir="assets"/><asset><mesh file="part.obj"/></asset>
-        <worldbody><body name="base"><geom type="mesh" mesh="part"/>
-        <body name="link1" pos="0 0 0.1575"><joint axis="0 0 1"/><geom type="mesh" mesh="part"/>
-        <body name="link2" pos="0 0 0.2025" quat="0 0 1 1"><joint axis="0 0 1"/>
-        <geom type="mesh" mesh="part"/></body></body></body></worldbody></mujoco>"""
-    )
-    monkeypatch.setenv("MENAGERIE_ROOT", str(tmp_path))
-    model = build(sim.flat_bed()).model
-    drawn = [
-        k for k in range(model.ngeom) if model.geom_dataid[k] >= 0 and model.geom(k).name == ""
-    ]
-    assert model.nmesh == 1 and len(drawn) == 3
-    assert not model.geom_contype[drawn].any()
-
-
-@pytest.mark.skipif(not os.environ.get("MENAGERIE_ROOT"), reason="no copy of the Menagerie")
-def test_the_real_menagerie_is_drawn(engine):
-    from jshape.robot.twin.model import build
-
-    assert build(sim.flat_bed()).model.nmesh >= 7
 
 
 def test_another_thread_stops_a_motion_from_its_first_moment(fresh):

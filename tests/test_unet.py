@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape.nn import unet
-from jshape.nn.convolution import conv3x3
+from jshape.models import unet
+from jshape.models.convolution import conv3x3
 from tests.reference import unet as plain
 
 

@@ -8,6 +8,7 @@ from jshape import D435_BAZAR, PAPER_BOX, Camera, metric, plan_depth, sim
 from jshape.camera import reproject
 from jshape.data.view import image_of_depth, view_of
 from jshape.errors import BadCamera, BadImage, MissingDepth
+from tests.conftest import paper
 
 OTHER = Camera(640, 480, 500.0, 505.0, 325.0, 238.0, 0.3, 1.0, bits=16)
 
@@ -47,12 +48,12 @@ def depths_of(molded):
 
 def test_a_plan_from_a_larger_frame_is_the_same_plan(bank, molded):
     z0, zstar = depths_of(molded)
-    ours = plan_depth(z0, zstar, bank=bank)
+    ours = plan_depth(z0, zstar, bank=bank, **paper())
     whole = [np.full(D435_BAZAR.shape, 0.9, np.float32) for _ in range(2)]  # a far floor around
     for frame, z in zip(whole, (z0, zstar), strict=True):
         frame[46 : 46 + 395, 181 : 181 + 480] = z
     for reproject_too in (False, True):
-        cut = plan_depth(*whole, bank=bank, camera=D435_BAZAR, reproject=reproject_too)
+        cut = plan_depth(*whole, bank=bank, camera=D435_BAZAR, **paper(reproject=reproject_too))
         assert cut.actions == ours.actions
         np.testing.assert_array_equal(cut.images, ours.images)
         np.testing.assert_array_equal(cut.camera_positions, ours.positions + np.array([181, 46]))
@@ -63,18 +64,18 @@ def test_a_plan_from_another_camera_or_height_finds_the_same_places(bank, molded
     """Both beds as `other` sees them from 0.1 m higher: the same actions, in its own pixels."""
     places = np.array([[91, 92], [239, 197], [387, 302]])
     z0, zstar = depths_of(molded)
-    ours = plan_depth(z0, zstar, bank=bank, positions=places)
+    ours = plan_depth(z0, zstar, bank=bank, **paper(positions=places))
     seen = []
     for z in (z0, zstar):
         frame, _ = reproject(z, PAPER_BOX, other, 0.1)
         seen.append(np.where(np.isfinite(frame), frame, 0.56))  # beyond the box: a table
-    found = plan_depth(*seen, bank=bank, camera=other, reproject=True, positions=places)
+    found = plan_depth(*seen, bank=bank, camera=other, **paper(reproject=True, positions=places))
     assert sorted(found.actions) == sorted(ours.actions)
     np.testing.assert_allclose(found.distances_mm[-1], 0, atol=0.1)
     poke = found.camera_positions[found.actions.index("poke")]
     assert np.abs(poke - [float(other.u0) - 1, float(other.v0)]).max() <= 1
     with pytest.raises((BadCamera, BadImage), match="--reproject"):
-        plan_depth(*seen, bank=bank, camera=other, positions=places)
+        plan_depth(*seen, bank=bank, camera=other, **paper(positions=places))
 
 
 def test_gaps_stay_gaps_when_looked_at_again(bed):
@@ -116,20 +117,20 @@ def test_another_camera_is_refused_unless_asked_for(bed):
 def test_depths_beyond_the_range_are_counted_or_refused(bank, molded):
     z0, zstar = depths_of(molded)
     z0[:20] = 0.6
-    assert plan_depth(z0, zstar, bank=bank).clamped == (20 * 480, 0)
+    assert plan_depth(z0, zstar, bank=bank, **paper()).clamped == (20 * 480, 0)
     z0[:60] = 0.6
     with pytest.raises(BadImage, match=r"z0: depths are .* 84.8% of the readings are in it"):
-        plan_depth(z0, zstar, bank=bank)
+        plan_depth(z0, zstar, bank=bank, **paper())
 
 
 def test_two_frames_of_two_cameras(bank, molded):
     """Each is seen with its own; frames of one camera are moved by one distance, however deep."""
     z0, zstar = depths_of(molded)
-    ours = plan_depth(z0, zstar, bank=bank, max_steps=2)
+    ours = plan_depth(z0, zstar, bank=bank, **paper(max_steps=2))
     whole = np.full(D435_BAZAR.shape, 0.9, np.float32)
     whole[46 : 46 + 395, 181 : 181 + 480] = zstar
-    both = plan_depth(z0, whole, bank=bank, camera=(PAPER_BOX, D435_BAZAR), max_steps=2)
+    both = plan_depth(z0, whole, bank=bank, camera=(PAPER_BOX, D435_BAZAR), **paper(max_steps=2))
     np.testing.assert_array_equal(both.images, ours.images)
     np.testing.assert_array_equal(both.camera_positions, ours.positions)
     with pytest.raises(BadCamera, match=r"zstar: .* fx 500 \(bank: 433\)"):
-        plan_depth(z0, zstar, bank=bank, camera=(PAPER_BOX, OTHER))
+        plan_depth(z0, zstar, bank=bank, camera=(PAPER_BOX, OTHER), **paper())

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, metric, plan
+from jshape.app.view.read import read_story
+from jshape.app.view.recording import DEPTH_UNIT, write_recording
+from jshape.app.view.story import Act, Moment, Story
+from jshape.app.view.surfaces import difference_colours, height_colours, surface
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
+from jshape.io import runs
+from jshape.io.banks import save_bank
+from jshape.io.images import write_depth_png
 from jshape.robot.session import Session
-from jshape.store import runs
-from jshape.store.banks import save_bank
-from jshape.store.images import write_depth_png
-from jshape.view.read import read_story
-from jshape.view.recording import DEPTH_UNIT, write_recording
-from jshape.view.story import Act, Moment, Story
-from jshape.view.surfaces import difference_colours, height_colours, surface
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mm, paper
 from tests.stage import PLACES, UNIT, mold, robot_of
 
 MM = 0.16
@@ -42,7 +42,7 @@ def stored_bank(bank, tmp_path_factory):
 @pytest.fixture
 def planned(bank, molded):
     now, goal, _ = molded
-    return plan(now, goal, bank=bank, positions=PLACES, min_gain=2e-5)
+    return plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
 
 
 @pytest.fixture
@@ -301,7 +301,7 @@ def test_a_recording_replaces_nothing_unasked(planned, rerun_home):
 
 @pytest.mark.parametrize("module, extra", [("viser", "view"), ("rerun", "rerun")])
 def test_a_missing_extra_is_one_line(planned, tmp_path, monkeypatch, module, extra):
-    from jshape.view.browser import Viewer
+    from jshape.app.view.browser import Viewer
 
     planned.to_json(tmp_path / "plan.json")
     story = read_story(tmp_path)
@@ -318,7 +318,7 @@ def test_a_port_that_is_taken_is_refused(planned, tmp_path):
     import socket
 
     pytest.importorskip("viser", reason="viser is not installed")
-    from jshape.view.browser import Viewer
+    from jshape.app.view.browser import Viewer
 
     planned.to_json(tmp_path / "plan.json")
     story = read_story(tmp_path)
@@ -356,7 +356,7 @@ def test_ctrl_c_ends_the_command_cleanly(planned, tmp_path, request):
 
 
 def test_the_command_writes_a_recording(planned, rerun_home, capsys):
-    from jshape.cli import main
+    from jshape.cli.main import main
 
     planned.to_json(rerun_home / "plan.json")
     out = rerun_home / "plan.rrd"

@@ -10,19 +10,19 @@ from scipy.spatial.transform import Rotation
 
 from jshape import D435_BAZAR, PAPER_BOX, Plan, Status, metric
 from jshape.actions import PAPER_Z
-from jshape.cli import main
+from jshape.cli.main import main
 from jshape.data.view import View
 from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName
-from jshape.planned import successive
+from jshape.planning.plan import successive
+from jshape.planning.plan_file import write_plan
+from jshape.robot import waypoint_file as waypoints
 from jshape.robot.arms.base import PoseRefused
+from jshape.robot.pose_file import CameraPose, write_pose
 from jshape.robot.procedure import Hand, Operation, Procedure
-from jshape.robot.rigid import BadPose, inverse, pose_at
+from jshape.robot.procedure_file import load_hand
+from jshape.robot.rigid import BadPose, pose_at
 from jshape.robot.surface import surface_point
 from jshape.robot.waypoints import waypoints_of
-from jshape.store import waypoints
-from jshape.store.plans import write_plan
-from jshape.store.poses import CameraPose, write_pose
-from jshape.store.procedures import load_hand
 
 NAMES = ("above", "prepare", "contact", "act", "up", "clear")
 ROI = (60, 40)
@@ -103,7 +103,7 @@ def test_from_the_base_they_go_back_through_the_camera(plan):
     for path, seen, expected in zip(
         ways.actions, beside.actions, plan.exact_positions, strict=True
     ):
-        back = (inverse(BASE) @ np.append(path.surface, 1.0))[:3]
+        back = (np.linalg.inv(BASE) @ np.append(path.surface, 1.0))[:3]
         np.testing.assert_allclose(pixel(back, PAPER_Z), expected, atol=1e-6)
         for a, b in zip(path.waypoints, seen.waypoints, strict=True):
             if a.pose is not None:

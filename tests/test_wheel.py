@@ -8,16 +8,16 @@ from tests.conftest import ROOT
 
 PLAN = """
 import numpy as np, jshape
-from jshape.places import placed_positions
+from jshape.planning.candidates import placed_positions
 bank = jshape.load_bank("flour-robot")
 assert "flour-robot" in jshape.list_banks()
 now = np.full(bank.camera.shape, 0.5, np.float32)
 goal = now.copy()
 w, h = bank.roi("knock")
-u, v = placed_positions(bank, None)["knock"][7]
+u, v = placed_positions(bank, "paper")["knock"][7]
 window = np.s_[v - h // 2 : v - h // 2 + h, u - w // 2 : u - w // 2 + w]
 goal[window] = bank.predict("knock", goal[window])
-plan = jshape.plan(now, goal)
+plan = jshape.plan(now, goal, **jshape.PAPER | {"bank": bank})
 assert plan.actions == ("knock",) and plan.positions.tolist() == [[u, v]], plan
 print("planned with", jshape.__file__)
 """

@@ -6,6 +6,7 @@ import numpy as np
 
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera
+from jshape.data.intrinsics import REACH
 from jshape.data.missing import missing, readings
 from jshape.errors import BadCamera, BadImage, one_line, quoted
 
@@ -119,6 +120,45 @@ def check_unit(
             f"{median:.4g}; the camera sees {low:g} to {high:g} m{hint}"
         )
     return depth
+
+
+def check_numbers(raw: np.ndarray, unit: float, camera: Camera, where: str) -> bool:
+    """Refuse the numbers of a frame that make sense in another unit than they are taken for.
+
+    The unit is not always the one that a format promises: some write millimetres where metres are
+    due, all of which lie beyond what counts hold.
+
+    Args:
+      raw: (H, W), counts or metres.
+      unit: metres that 1 stands for.
+      camera: whose range a thousandth of the readings must reach, if the median of them would lie
+        in it in another unit.
+      where: what the frame is called in errors.
+
+    Returns:
+      False if there is no reading to tell by.
+
+    Raises:
+      BadImage: so it is, or the median is out of `REACH`.
+    """
+    depth = np.ma.getdata(raw)[readings(raw).there].astype(np.float64) * unit
+    if not depth.size:
+        return False
+    low, high = float(camera.z_min), float(camera.z_max)
+    median = float(np.median(depth))
+    if np.mean((depth >= low) & (depth <= high)) >= 1e-3:
+        return True
+    factor = _factor(median, low, high)
+    if factor is None and REACH[0] <= median <= REACH[1]:
+        return True  # a camera at another height
+    factor = factor or _factor(median, *REACH)
+    what = "metres" if unit == 1 else f"counts of {unit:g} m"
+    fits = f"{unit * (factor or 1):g}"
+    hint = f"; {fits} would fit: --depth-unit {fits} says so" if factor else ""
+    raise BadImage(
+        f"{where}: values around {median / unit:g} are not {what}, seen from {low:g} to {high:g} m"
+        f"{hint}; --depth-range NEAR,FAR if the bed is elsewhere"
+    )
 
 
 def unit_that_fits(counts: np.ndarray, camera: Camera) -> str:

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jshape.camera import D435_BAZAR, Camera, check_camera
-from jshape.data.missing import readings
-from jshape.errors import BadCamera, BadImage
+from jshape.errors import BadCamera
 
 Z_RANGE = (float(D435_BAZAR.z_min), float(D435_BAZAR.z_max))
 """Depth range that no device knows, since it is the bed's: the paper's, metres."""
@@ -85,46 +84,6 @@ def within(camera: Camera, z_range: tuple[float, float] | None) -> Camera:
         return camera
     low, high = (float(z) for z in z_range)
     return check_camera(replace(camera, z_min=low, z_max=high), "depth range")
-
-
-def check_numbers(raw: np.ndarray, unit: float, camera: Camera, where: str) -> bool:
-    """Refuse the numbers of a frame that make sense in another unit than they are taken for.
-
-    The unit is not always the one that a format promises: some write millimetres where metres are
-    due, all of which lie beyond what counts hold.
-
-    Args:
-      raw: (H, W), counts or metres.
-      unit: metres that 1 stands for.
-      camera: whose range a thousandth of the readings must reach, if the median of them would lie
-        in it in another unit.
-      where: what the frame is called in errors.
-
-    Returns:
-      False if there is no reading to tell by.
-
-    Raises:
-      BadImage: so it is, or the median is out of `REACH`.
-    """
-    depth = np.ma.getdata(raw)[readings(raw).there].astype(np.float64) * unit
-    if not depth.size:
-        return False
-    low, high = float(camera.z_min), float(camera.z_max)
-    middle = float(np.median(depth))
-    if np.mean((depth >= low) & (depth <= high)) >= 1e-3:
-        return True
-    factors = [10.0**power for power in (-3, 3, -1, 1, -2, 2, -4, 4)]
-    factor = next((f for f in factors if low <= middle * f <= high), None)
-    if factor is None and REACH[0] <= middle <= REACH[1]:
-        return True  # a camera at another height
-    factor = factor or next((f for f in factors if REACH[0] <= middle * f <= REACH[1]), None)
-    what = "metres" if unit == 1 else f"counts of {unit:g} m"
-    fits = f"{unit * (factor or 1):g}"
-    hint = f"; {fits} would fit: --depth-unit {fits} says so" if factor else ""
-    raise BadImage(
-        f"{where}: values around {middle / unit:g} are not {what}, seen from {low:g} to {high:g} m"
-        f"{hint}; --depth-range NEAR,FAR if the bed is elsewhere"
-    )
 
 
 def counts_of(metres: np.ndarray, unit: float = FLOAT_UNIT) -> np.ndarray:

@@ -48,7 +48,7 @@ def simulate_recording(
     actions: Sequence[str],
     *,
     agent: str = "human",
-    material: str = "flour",
+    material: str | sim.Material = "flour",
     bed: str = "flat",
     camera: Camera = PAPER_BOX,
     still: int = 10,
@@ -65,7 +65,7 @@ def simulate_recording(
       key: consumed.
       actions: names of simulated actions, in order.
       agent: whose hand.
-      material: name of a simulated material.
+      material: a simulated material, or its name.
       bed: kind of bed at the start.
       camera: that looks straight down.
       still: frames of the open bed between two visits of the hand.
@@ -87,11 +87,11 @@ def simulate_recording(
     for what, names, allowed in (
         ("action", actions, sim.ACTIONS),
         ("agent", [agent], sim.AGENTS),
-        ("material", [material], sim.MATERIALS),
     ):
         for name in names:
             if name not in allowed:
                 raise UnknownName(what, name, allowed)
+    material = sim.read_material(material)
     for_bed, key = jax.random.split(key)
     start = random_bed(for_bed, bed)
     visits = ["idle"] if idle else []

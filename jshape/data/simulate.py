@@ -35,6 +35,10 @@ DEPTH_UNIT = 0.0001
 """Metres per count of simulated frames: 0.1 mm, finer than the noise."""
 
 
+MARGIN = 0.025
+"""What a hand piles up around it is nearer than this, metres."""
+
+
 class SimulatedPair(NamedTuple):
     """One row of a data set with its frames."""
 
@@ -100,8 +104,8 @@ def simulate_pairs(
     count: int,
     *,
     actions: Sequence[str] = tuple(ROIS),
-    agents: Sequence[str] = ("robot",),
-    material: str = "flour",
+    agents: Sequence[str | sim.Agent] = ("robot",),
+    material: str | sim.Material = "flour",
     beds: Sequence[str] = ("flat",),
     camera: Camera = PAPER_BOX,
     rois: Mapping[str, tuple[int, int]] = ROIS,
@@ -115,8 +119,8 @@ def simulate_pairs(
       key: consumed.
       count: pairs per action and agent.
       actions: names of simulated actions.
-      agents: "robot" repeats itself, "human" is smaller, goes less deep and varies.
-      material: name of a simulated material.
+      agents: "robot" repeats itself, "human" is smaller, goes less deep and varies; or your own.
+      material: a simulated material, or its name.
       beds: kinds of bed, taken in turn.
       camera: that looks straight down.
       rois: ROI size (w, h) of each action, pixels.
@@ -133,20 +137,22 @@ def simulate_pairs(
     if not (np.isfinite(low_high).all() and 0 < low_high[0] <= low_high[1]):
         raise JShapeError(f"strengths are {tuple(strengths)}; expected two rising numbers above 0")
     for what, names, allowed in (
-        ("action", actions, sim.ACTIONS),
-        ("agent", agents, sim.AGENTS),
-        ("material", [material], sim.MATERIALS),
+        ("agent", [agent for agent in agents if isinstance(agent, str)], sim.AGENTS),
+        *(("action", actions, sim.actions_of(agent)) for agent in agents),
         ("kind of bed", beds, BEDS),
     ):
         for name in names:
             if name not in allowed:
                 raise UnknownName(what, name, allowed)
+    material = sim.read_material(material)
     for agent in agents:
+        who = agent if isinstance(agent, str) else agent.name
         for action in actions:
+            roi = rois[action] if action in rois else roi_of(sim.stroke(action, agent), camera)
             for index in range(count):
                 key, for_bed, for_place, for_act, for_prior, for_posterior = _split(key)
                 bed = random_bed(for_bed, beds[index % len(beds)])
-                w, h = rois[action]
+                w, h = roi
                 low = jnp.array([w // 2, h // 2], jnp.int32)
                 high = low + jnp.array([camera.width - w, camera.height - h], jnp.int32)
                 place = jax.random.randint(for_place, (2,), low, high + 1, jnp.int32)
@@ -163,8 +169,16 @@ def simulate_pairs(
                 )
                 u, v = (int(x) for x in place)
                 yield SimulatedPair(
-                    action, agent, material, (u, v), (w, h), prior, posterior, strength
+                    action, who, material.name, (u, v), (w, h), prior, posterior, strength
                 )
+
+
+def roi_of(stroke: sim.Stroke, camera: Camera) -> tuple[int, int]:
+    """ROI size (w, h) in pixels that holds what a stroke does: its way, and `MARGIN` around it."""
+    ends = np.abs(np.asarray(stroke.path)[..., :2]) + np.asarray(stroke.radius)[:, None, None]
+    half = ends.max((0, 1, 2)) + MARGIN
+    w, h = np.rint(2 * half * (float(camera.fx), float(camera.fy)) / sim.SURFACE).astype(int)
+    return min(int(w), camera.width), min(int(h), camera.height)
 
 
 def _split(key: Key[Array, ""]) -> Key[Array, "6"]:

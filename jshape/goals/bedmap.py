@@ -15,7 +15,7 @@ from jshape.camera import Camera, check_camera
 from jshape.data.depth import to_metres, wrong_shape
 from jshape.data.missing import LIMIT, fill_missing
 from jshape.errors import BadImage
-from jshape.predict.ground import Ground
+from jshape.models.orthographic import Ground
 
 SPAN = 0.06
 """What is farther than this from the bed's level, metres, is no bed: table, wall or hand.  It is

@@ -5,15 +5,16 @@ columns run to the right.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
+from scipy import ndimage
 
 from jshape._typing import Float, Int
 from jshape.camera import Camera, unmasked
-from jshape.data.relief import top_of_points
 from jshape.errors import BadImage, UnknownName, quoted
-from jshape.store.mesh import depth_of_faces
+from jshape.io.mesh import depth_of_faces
 
 PIXELS = 1024
 """Longest side of a relief that is drawn here, pixels: finer than a bed's map by half."""
@@ -189,6 +190,34 @@ def relief_of_solid(
     if not np.isfinite(heights).any():
         raise BadImage(f"{name}: nothing of it is seen from above")
     return Relief(name, heights.astype(np.float32), (shape[1] * cell, shape[0] * cell))
+
+
+def top_of_points(
+    xy: Float[np.ndarray, "P 2"], height: Float[np.ndarray, "P"], cell: float, *, margin: int = 0
+) -> Float[np.ndarray, "rows columns"]:
+    """The highest points of a cloud in every cell of a grid; small gaps take their nearest cell.
+
+    Args:
+      xy: of the points.
+      height: of the points.
+      cell: side of a cell, in the points' unit.
+      margin: empty cells around.
+
+    Returns:
+      (rows, columns) of (y, x); NaN in cells more than two cells away from any point.
+
+    Raises:
+      BadImage: the points are so far apart that the grid has more than ten million cells.
+    """
+    place = np.floor((xy - xy.min(0)) / cell).astype(int) + margin
+    columns, rows = (int(n) for n in place.max(0) + margin + 1)
+    if rows * columns > 1e7:
+        raise BadImage(f"{len(xy)} points are too far apart: {columns} x {rows} cells")
+    top = np.full((rows, columns), -np.inf)
+    np.maximum.at(top, (place[:, 1], place[:, 0]), height)
+    found: Any = ndimage.distance_transform_edt(np.isinf(top), return_indices=True)
+    apart, nearest = found
+    return np.where(apart <= 2, top[tuple(nearest)], np.nan)
 
 
 def _from_above(

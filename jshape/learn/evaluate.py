@@ -14,7 +14,7 @@ from jshape.errors import BadBank
 from jshape.learn.floor import noise_floor
 from jshape.learn.measure import Score, Trial, compare, roi_errors_mm, score, summarise, with_floor
 from jshape.learn.partitions import Candidate, Study, check_start
-from jshape.predict.bank import Bank
+from jshape.models.bank import Bank
 
 __all__ = [
     "FEW",

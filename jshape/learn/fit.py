@@ -3,16 +3,18 @@
 from collections.abc import Callable
 from typing import Any
 
+from jax.sharding import Mesh
+
 from jshape.camera import Camera, check_same_camera
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadBank, BadDataset, UnknownName, quoted
 from jshape.learn import networks
-from jshape.learn.pressed import fit_pressed
+from jshape.learn.imprint import fit_pressed
 from jshape.learn.settings import Training, settings_from
 from jshape.learn.training import Hooks, Keep, Progress
-from jshape.predict.bank import Bank, Predictor
-from jshape.predict.difference import Difference, fit_difference
-from jshape.predict.pressed import Pressed
+from jshape.models.bank import Bank, Predictor
+from jshape.models.difference import Difference, fit_difference
+from jshape.models.imprint import Pressed
 
 Fitter = Callable[[Examples, Camera, Training, Predictor | None, Hooks], Predictor]
 """What fits one action's predictor.  Its arguments:
@@ -80,6 +82,7 @@ def fit(
     start: Bank | None = None,
     report: Callable[[Progress], None] | None = None,
     keep: Callable[[str], Keep | None] | None = None,
+    mesh: Mesh | None = None,
     **options: Any,
 ) -> Bank:
     """A bank of one kind, fitted to pairs, however good it is: `held_out.fit` asks that.
@@ -106,7 +109,7 @@ def fit(
     predictors = []
     for name in pairs.actions:
         first = start.predictor(name) if start is not None else None
-        hooks = Hooks(name, report, keep(name) if keep is not None else None)
+        hooks = Hooks(name, report, keep(name) if keep is not None else None, mesh)
         try:
             size = first.roi if first is not None else None
             examples = pairs.rois(name, size, padded=first is not None)

@@ -17,7 +17,7 @@ from jshape import metric
 from jshape._typing import Array
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import Examples, Pairs
-from jshape.predict.ground import Ground
+from jshape.models.orthographic import Ground
 
 SAME_BED_MM = 0.75
 """Two frames of one bed differ by less on average: 0.5 mm for a noisy D435, 0 without noise."""

@@ -11,18 +11,19 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 
 from jshape import metric
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadDataset
 from jshape.learn import fit as fitting
+from jshape.learn.imprint import mean_pressed
 from jshape.learn.measure import errors_of
 from jshape.learn.partitions import Candidate, Study
-from jshape.learn.pressed import mean_pressed
 from jshape.learn.settings import settings_from
 from jshape.learn.training import split
-from jshape.predict.bank import Bank, Predictor
-from jshape.predict.difference import fit_difference
+from jshape.models.bank import Bank, Predictor
+from jshape.models.difference import fit_difference
 
 LEAST_PAIRS = 4
 """With fewer pairs of an action its error is not known: one is tested, and three are fitted to."""
@@ -85,6 +86,7 @@ def fit(
     start: Bank | None = None,
     report: Callable[[Any], None] | None = None,
     keep: Callable[[str], Any] | None = None,
+    mesh: Mesh | None = None,
     **options: Any,
 ) -> Bank:
     """A bank of one kind, fitted to pairs: one predictor per action in them.
@@ -104,6 +106,7 @@ def fit(
         few pairs are then enough.  Their ROI sizes are used.
       report: told of every epoch of every action's training.
       keep: name of an action -> where its training is saved and resumed from, or None.
+      mesh: devices that share every batch, as `planning.devices.mesh_of` makes it; None is one.
       options: fields of `Training`: epochs, batch, learning_rate, validation, patience, seed, ...
 
     Returns:
@@ -117,7 +120,7 @@ def fit(
       BadCamera: `start` is for another camera.
       JShapeError: an unknown option, or one out of its range.
     """
-    bank = fitting.fit(pairs, kind, start=start, report=report, keep=keep, **options)
+    bank = fitting.fit(pairs, kind, start=start, report=report, keep=keep, mesh=mesh, **options)
     rows = held_out(bank, pairs, start=start, **options)
     for row in rows:
         if warning := row.warning(kind):
@@ -128,7 +131,12 @@ def fit(
         if int((pairs.action == row.action).sum()) >= LEAST_PAIRS
     }
     errors = jnp.array([known.get(name, np.nan) for name in bank.actions], jnp.float32)
-    return replace(without_worse(bank, pairs, rows), errors_mm=errors if known else None)
+    who = ", ".join(dict.fromkeys([*pairs.agent.tolist(), *pairs.material.tolist()]))
+    return replace(
+        without_worse(bank, pairs, rows),
+        errors_mm=errors if known else None,
+        fitted_to=f"{len(pairs)} pairs ({who})",
+    )
 
 
 def held_out(

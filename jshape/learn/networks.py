@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from typing import Any, cast
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,11 +12,11 @@ from jshape.camera import Camera
 from jshape.data.pairs import Examples
 from jshape.learn.settings import Training
 from jshape.learn.training import Hooks, roi_loss, train
-from jshape.predict.after import After
-from jshape.predict.bank import Predictor
-from jshape.predict.difference import Difference, fit_difference
-from jshape.predict.network import Network
-from jshape.predict.refined import Refined
+from jshape.models.bank import Predictor
+from jshape.models.difference import Difference, fit_difference
+from jshape.models.network import Network
+from jshape.models.refined import Refined
+from jshape.models.sequential import After
 
 
 def fit_network(
@@ -61,7 +60,7 @@ def _trained(
 ) -> Network:
     """A trained network, from `start` (whose width it keeps) or from the seed."""
     if start is None:
-        from jshape.nn import unet
+        from jshape.models import unet
 
         h, w = examples.prior.shape[1:]
         start = Network(unet.init(jax.random.key(settings.seed), settings.width), (w, h))
@@ -93,6 +92,8 @@ def changed_most(delta: Float[np.ndarray, "h w"], morphology: str) -> np.ndarray
     The paper names no structuring element: erosion takes a square of side 3.  "dilate" is what the
     authors' code does instead, with a square of side 1 + floor(w h / 3000).
     """
+    import cv2  # not above: banks of other kinds are fitted without it
+
     size = np.abs(delta)
     top = float(size.max())
     if top == 0.0:

@@ -12,8 +12,8 @@ from jshape.errors import BadBank, BadDataset, JShapeError, UnknownName
 from jshape.learn.fit import FITTERS, fit
 from jshape.learn.measure import Trial, roi_errors_mm
 from jshape.learn.training import Progress
-from jshape.predict.bank import Bank
-from jshape.predict.refined import Refined
+from jshape.models.bank import Bank
+from jshape.models.refined import Refined
 
 
 class Split(NamedTuple):

@@ -16,12 +16,13 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 
 from jshape._typing import Array, Float
 from jshape.data.pairs import Examples
 from jshape.errors import BadDataset, BadFile, JShapeError
+from jshape.learn.data_parallel import DataParallel
 from jshape.learn.settings import FREE, Training
-from jshape.learn.shared import Devices, current
 
 Loss = Callable[[Any, Examples], Array]
 """(params, B examples) -> (B,) losses.  A function of a module, not a lambda made for the
@@ -81,7 +82,7 @@ class Keep(Protocol):
 
 @dataclass(frozen=True)
 class Hooks:
-    """What the caller of a fitter watches and keeps.  None of it changes the result."""
+    """What the caller of a fitter watches, keeps and runs it on.  None of it changes the result."""
 
     action: str = ""
     """Name of the action, for `report`."""
@@ -89,6 +90,8 @@ class Hooks:
     """Told of every epoch."""
     keep: Keep | None = None
     """Where checkpoints go, and where an interrupted training is resumed from."""
+    mesh: Mesh | None = None
+    """Devices that share every batch, of one axis (see `data_parallel`); None is one device."""
 
 
 class Trained(NamedTuple):
@@ -131,24 +134,23 @@ def train(
 ) -> Trained:
     """Lower the mean loss over examples, from `params`; the same every time for the same seed.
 
-    A resumed training makes the same batches, so it ends where an uninterrupted one does.  Inside
-    `shared.shared_over` several devices share each batch.
+    A resumed training makes the same batches, so it ends where an uninterrupted one does.
 
     Args:
       loss: per example; may see NaN pixels (no reading), as `roi_loss` does.
       params: where to start; a pytree of float32 arrays.  It is copied, not consumed.
       examples: of one action.
       settings: see `Training`.
-      hooks: progress and checkpoints.
+      hooks: progress, checkpoints, and the devices that share each batch.
 
     Raises:
       BadDataset: no examples, too few to keep some out for validation, or one that has no pixel
         with a reading both before and after.
       BadFile: the checkpoint is of other settings or pairs, or cannot be used.
-      JShapeError: the loss is no longer a number; or processes that share the batches do not
-        train the same.
+      JShapeError: the loss is no longer a number.
     """
-    hooks, devices = hooks or Hooks(), current()
+    hooks = hooks or Hooks()
+    devices = DataParallel(hooks.mesh)
     training, validation = split(examples, settings)
     step, measure = _compiled(loss, settings.learning_rate, devices)
     params = _copy(params)
@@ -157,8 +159,7 @@ def train(
     if hooks.keep is not None and (found := hooks.keep.load()) is not None:
         state = _restore(state, *found, mark, hooks.keep.where)
     saved = len(state.curve)
-    devices.agree(f"{mark} {saved:9}")
-    state.params, state.optimizer = devices.everywhere((state.params, state.optimizer))
+    state.params, state.optimizer = devices.replicate((state.params, state.optimizer))
     order = jax.random.key(settings.seed)
     done = _finished(state, settings)
     if done:
@@ -191,7 +192,7 @@ def train(
             hooks.keep.save(*_snapshot(state, mark))
             saved = epoch
         _tell(hooks, state, settings, done)
-    return Trained(devices.back(state.best), tuple(state.curve))
+    return Trained(devices.gather(state.best), tuple(state.curve))
 
 
 def split(examples: Examples, settings: Training) -> tuple[Examples, Examples]:
@@ -223,21 +224,21 @@ def split(examples: Examples, settings: Training) -> tuple[Examples, Examples]:
 
 
 def _batches(
-    examples: Examples, order: np.ndarray, most: int, devices: Devices | None = None
+    examples: Examples, order: np.ndarray, most: int, devices: DataParallel | None = None
 ) -> Iterator[tuple[Examples, Array]]:
     """Batches of one size with a mask of what counts: as even as can be, then filled up.
 
     10 pairs at a batch of 8 are two batches of 5, which wastes less than 8 and 2; on 4 devices they
     are filled up to 8, 2 for each.
     """
-    devices = devices or Devices()
+    devices = devices or DataParallel()
     size = -(-len(order) // -(-len(order) // most)) if len(order) else 1
     full = -(-size // devices.count) * devices.count
     for start in range(0, len(order), size):
         chosen = order[start : start + size]
         counted = np.arange(full) < len(chosen)
         chosen = np.concatenate([chosen, np.full(full - len(chosen), chosen[0])])
-        yield devices.divided((examples.select(chosen), counted))
+        yield devices.split((examples.select(chosen), counted))
 
 
 @cache
@@ -250,17 +251,17 @@ def _adam(learning_rate: float) -> Any:
 
 @cache
 def _compiled(
-    loss: Loss, learning_rate: float, devices: Devices | None = None
+    loss: Loss, learning_rate: float, devices: DataParallel | None = None
 ) -> tuple[Callable, Callable]:
     """(step, sum of losses), compiled once per loss and batch shape, not once per training."""
     import optax
 
-    devices = devices or Devices()
+    devices = devices or DataParallel()
 
     def total(params: Any, batch: Examples, counted: Array) -> Array:
         return jnp.where(counted, loss(params, batch), 0.0).sum()
 
-    slopes = devices.added_up(jax.value_and_grad(total))
+    slopes = devices.summed(jax.value_and_grad(total))
 
     @jax.jit(donate_argnums=(0, 1))
     def step(params: Any, state: Any, batch: Examples, counted: Array) -> tuple[Any, Any, Array]:
@@ -269,11 +270,11 @@ def _compiled(
         updates, state = _adam(learning_rate).update(slope, state, params)
         return optax.apply_updates(params, updates), state, summed
 
-    return step, jax.jit(devices.added_up(total))
+    return step, jax.jit(devices.summed(total))
 
 
 def _mean_loss(
-    measure: Callable, params: Any, examples: Examples, most: int, devices: Devices
+    measure: Callable, params: Any, examples: Examples, most: int, devices: DataParallel
 ) -> float:
     count = len(examples.prior)
     order = np.arange(count)

@@ -21,7 +21,6 @@ from jshape.robot.rigid import (
     angles_deg,
     check_far,
     check_rigid,
-    inverse,
     mean_pose,
     nearest_rigid,
 )
@@ -131,7 +130,7 @@ def calibrate(
         _check_ahead(targets)
     check_far(hands, NEAR_HAND, "base_gripper: the gripper", "the base")
     check_far(targets, NEAR_TARGET, "camera_target: the target", "the camera")
-    moving = hands if eye_in_hand else inverse(hands)
+    moving = hands if eye_in_hand else np.linalg.inv(hands)
     poses = {name: _solve(name, moving, targets) for name in ((method,) if method else METHODS)}
     tried = {
         name: float(_residuals(pose, moving, targets, camera).points_mm.mean())
@@ -240,7 +239,7 @@ def _residuals(
     """Of pairs; `target` is where the target is, None: the mean over these pairs."""
     if target is None:
         target = mean_pose(moving @ pose @ targets)
-    expected = inverse(moving @ pose) @ target
+    expected = np.linalg.inv(moving @ pose) @ target
     a, b = (np.swapaxes((poses @ _POINTS)[:, :3], -1, -2) for poses in (targets, expected))
     return Residuals(
         1e3 * np.linalg.norm(targets[:, :3, 3] - expected[:, :3, 3], axis=-1),
@@ -290,7 +289,7 @@ def _hint(eye_in_hand: bool, error: float, hands: np.ndarray, targets: np.ndarra
         ("camera_target", hands, _w_first(targets)),
         ("both", _w_first(hands), _w_first(targets)),
     ):
-        moved = one if eye_in_hand else inverse(one)
+        moved = one if eye_in_hand else np.linalg.inv(one)
         pose = _solve("park", moved, other)
         if pose is not None:
             fits = float(_residuals(pose, moved, other, None).points_mm.mean())
@@ -299,7 +298,7 @@ def _hint(eye_in_hand: bool, error: float, hands: np.ndarray, targets: np.ndarra
                     f"; with the quaternions of {what} as w, x, y, z they fit to {fits:.1f} mm: "
                     "x, y, z, w is expected"
                 )
-    moving = inverse(hands) if eye_in_hand else hands  # as the other set-up has it
+    moving = np.linalg.inv(hands) if eye_in_hand else hands  # as the other set-up has it
     pose = _solve("park", moving, targets)
     if pose is not None:
         fits = float(_residuals(pose, moving, targets, None).points_mm.mean())

@@ -5,7 +5,7 @@ otherwise than predicted is corrected by the actions that follow.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -15,8 +15,10 @@ from jshape import metric
 from jshape.camera import Camera, check_same_camera
 from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError, quoted
-from jshape.planning import Plan, check_image, plan, rollout
-from jshape.predict.bank import Bank
+from jshape.models.bank import Bank
+from jshape.planning.api import Plan, check_image, plan, rollout
+from jshape.planning.evaluate import ONE_BY_ONE, How
+from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria
 from jshape.robot.checks import check_still, touched_by
 
 
@@ -51,7 +53,7 @@ class Stop(StrEnum):
     """Why the loop ended."""
 
     CONVERGED = "the distance is within the tolerance"
-    NO_IMPROVEMENT = "no action is predicted to help by more than it must"
+    NO_IMPROVEMENT = "no action is predicted to gain more than min_gain"
     MAX_STEPS = "as many actions as allowed"
     WORSE = "the last actions, or the last one, did not lower the distance"
     BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"
@@ -117,19 +119,19 @@ def mold(
     bank: Bank,
     *,
     planner: str = "greedy",
-    max_steps: int = 16,
+    space: SearchSpace = SearchSpace(),
+    constraints: Constraints = Constraints(),
+    stop: StopCriteria = StopCriteria(),
+    budget: SearchBudget = SearchBudget(),
+    execution: How = ONE_BY_ONE,
     horizon: int | None = None,
-    min_gain: float = 0.0,
-    tolerance: float = 0.0,
     patience: int | None = None,
-    max_missing: float = 0.1,
     replan: bool = True,
     first: Plan | None = None,
     afresh: bool = False,
     watch: bool = False,
     confirm: Callable[[Plan], bool] | None = None,
     on_step: Callable[[Step, np.ndarray], None] | None = None,
-    **options: Any,
 ) -> Molding:
     """Mold the world towards a goal, looking again after every action.
 
@@ -141,14 +143,16 @@ def mold(
       world: to look at and act in; its camera is the bank's.
       goal: (H, W) the weighed image wanted.
       bank: predicts the actions.
-      planner: which search.
-      max_steps: most actions.
+      planner: which search, as for `jshape.plan`.
+      space: what is tried.
+      constraints: what is allowed, of a look's missing pixels too.
+      stop: when the loop ends: no action is predicted to gain enough, the goal is within the
+        tolerance, or `max_steps` actions are done.
+      budget: what each search may spend.
+      execution: chunks and devices to evaluate candidates with.
       horizon: how many actions ahead a plan after a look is made for; None is all that are left.
-      min_gain: an action must be predicted to lower d by more than this.
-      tolerance: stop when d is at most this.
       patience: stop when so many actions one after the other did not lower the distance; None is
         1 where the plan is made anew, and never where it is not.
-      max_missing: largest share of a look's pixels that may be filled.
       replan: False applies the first plan to its end, blindly, as the paper does.
       first: the plan to begin with; None makes one from the first look.
       afresh: after each look, predict anew from it what is left of `first`, so that what an action
@@ -157,8 +161,6 @@ def mold(
       confirm: called before each action with what is left of the plan, the action first; False ends
         the loop.
       on_step: called after each action with what it did and the depth (H, W) seen after it.
-      **options: passed on to `jshape.plan`: with `caution`, the loop stops when no action is
-        predicted to help by more than the measured error of its prediction.
 
     Raises:
       BadCamera: the bank is for another camera than the world's.
@@ -173,18 +175,23 @@ def mold(
             continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
             raise JShapeError(f"{name} is {quoted(value)}; it must be a whole number from 1")
-    options |= {"bank": bank, "planner": planner, "min_gain": min_gain, "tolerance": tolerance}
+    search: dict[str, Any] = {
+        "bank": bank, "planner": planner, "space": space, "budget": budget, "execution": execution,
+    }  # fmt: skip
+    tolerance = float(stop.tolerance_mm) / float(metric.to_mm(1.0, bank.camera))
 
     def look() -> tuple[np.ndarray, np.ndarray]:
         depth = world.look()
-        seen = image_of_depth(depth, bank.camera, max_missing=max_missing, where="look")
+        seen = image_of_depth(depth, bank.camera, max_missing=constraints.max_missing, where="look")
         return depth, seen.image
 
-    most = dict(options.get("most") or {})  # what is left of each action's uses
+    uses = dict(constraints.max_uses or {})  # what is left of each action's
     if patience is None and replan:
         patience = 1
     depth, image = look()
-    ahead = plan(image, goal, max_steps=max_steps, **options) if first is None else first
+    ahead = first
+    if ahead is None:
+        ahead = plan(image, goal, constraints=constraints, stop=stop, **search)
     if afresh:
         ahead = _seen_anew(ahead, image, goal, bank)
     run = Molding(goal, ahead, [image], [depth])
@@ -225,16 +232,17 @@ def mold(
         if not replan:
             next_ += 1
             continue
-        left = max_steps - len(run.steps)
+        left = stop.max_steps - len(run.steps)
         if left == 0:
             run.stop = Stop.CONVERGED if d <= tolerance else Stop.MAX_STEPS
             return run
         steps = 1 if planner == "greedy" else min(left, horizon or left)
-        options["start"] = ahead.rest(1)
-        if action in most:
-            most[action] -= 1
-            options["most"] = most
-        ahead = plan(image, goal, max_steps=steps, **options)
+        if action in uses:
+            uses[action] -= 1
+        ahead = plan(
+            image, goal, constraints=replace(constraints, max_uses=uses),
+            stop=replace(stop, max_steps=steps), start=ahead.rest(1), **search,
+        )  # fmt: skip
         next_ = 0
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from jshape._typing import Float
 from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, Moved, PoseRefused, stop_arm
@@ -51,7 +52,7 @@ class Procedure:
 
 
 @dataclass(frozen=True)
-class Limits:
+class ArmLimits:
     """What no operation may exceed, whatever its file says."""
 
     low_mm: tuple[float, float, float] = (-400.0, -400.0, 150.0)
@@ -70,10 +71,10 @@ class Hand:
     """What a hand can do: procedures by action, and limits."""
 
     procedures: Mapping[str, Procedure]
-    limits: Limits = field(default_factory=Limits)
+    limits: ArmLimits = field(default_factory=ArmLimits)
 
 
-class Done(NamedTuple):
+class OperationResult(NamedTuple):
     """How an operation ended."""
 
     operation: str
@@ -87,8 +88,7 @@ class Done(NamedTuple):
 
 def turned(yaw: float) -> Float[np.ndarray, "3 3"]:
     """Rotation about z, from x towards y; radians."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return Rotation.from_euler("z", yaw).as_matrix()
 
 
 def pose_of(
@@ -123,7 +123,7 @@ def pose_of(
 
 def poses_of(
     procedure: Procedure,
-    limits: Limits,
+    limits: ArmLimits,
     point: Float[np.ndarray, "3"],
     strength: float = 1.0,
     yaw: float = 0.0,
@@ -135,7 +135,7 @@ def poses_of(
 
 def check_reach(
     procedure: Procedure,
-    limits: Limits,
+    limits: ArmLimits,
     point: Float[np.ndarray, "3"],
     strength: float = 1.0,
     yaw: float = 0.0,
@@ -180,11 +180,11 @@ def perform(
     *,
     strength: float = 1.0,
     yaw: float = 0.0,
-    told: Callable[[Done], None] = lambda done: None,
-) -> list[Done]:
+    told: Callable[[OperationResult], None] = lambda done: None,
+) -> list[OperationResult]:
     """Carry an action out.
 
-    Whatever goes wrong, Ctrl-C included, the arm is stopped before the error is passed on.
+    Any failure, Ctrl-C included, stops the arm before the error is passed on.
 
     Args:
       arm: does it.
@@ -208,8 +208,8 @@ def perform(
         for operation, pose in prepared.operations:
             arm.begin(Doing(action, operation.name, strength, yaw), prepared.tool)
             contact, effort = _one(arm, operation, pose, f"{action}: {operation.name}", hand.limits)
-            at = (camera_base @ arm.pose())[:3, 3] * 1000.0
-            done = Done(operation.name, contact, effort, (at[0].item(), at[1].item(), at[2].item()))
+            x, y, z = ((camera_base @ arm.pose())[:3, 3] * 1000.0).tolist()
+            done = OperationResult(operation.name, contact, effort, (x, y, z))
             all_done.append(done)
             told(done)
     except BaseException:
@@ -258,7 +258,7 @@ def prepare(
 
 
 def _one(
-    arm: Arm, operation: Operation, pose: np.ndarray | None, where: str, limits: Limits
+    arm: Arm, operation: Operation, pose: np.ndarray | None, where: str, limits: ArmLimits
 ) -> tuple[bool, float]:
     """Whether the effort ended an operation, and the greatest effort."""
 

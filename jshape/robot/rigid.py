@@ -86,16 +86,6 @@ def nearest_rigid(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
     return exact
 
 
-def inverse(pose: Float[np.ndarray, "*B 4 4"]) -> Float[np.ndarray, "*B 4 4"]:
-    """T_b_a of T_a_b."""
-    turned = np.swapaxes(pose[..., :3, :3], -1, -2)
-    found = np.zeros_like(pose)
-    found[..., :3, :3] = turned
-    found[..., :3, 3] = -(turned @ pose[..., :3, 3:])[..., 0]
-    found[..., 3, 3] = 1.0
-    return found
-
-
 def pose_at(
     position: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]
 ) -> Float[np.ndarray, "4 4"]:

@@ -1,12 +1,12 @@
 """A depth camera and an arm as one world to act in."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
-from jshape.closing import Closing
 from jshape.data.missing import fill_missing
 from jshape.data.view import View, view_of
 from jshape.errors import JShapeError
@@ -15,11 +15,11 @@ from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import FRAMES, DepthCamera, look
 from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.checks import check_clear
-from jshape.robot.procedure import Done, Hand, perform, prepare
+from jshape.robot.procedure import Hand, OperationResult, perform, prepare
 from jshape.robot.surface import surface_point
 
 
-class Robot(Closing):
+class Robot(AbstractContextManager):
     """Looks with a camera, acts with an arm; a `World` of the loop."""
 
     def __init__(
@@ -32,7 +32,7 @@ class Robot(Closing):
         base_camera: Float[np.ndarray, "4 4"] | None = None,
         frames: int = FRAMES,
         reproject: bool = False,
-        told: Callable[[Done], None] = lambda done: None,
+        told: Callable[[OperationResult], None] = lambda done: None,
         looked: Callable[[np.ndarray], None] = lambda depth: None,
     ):
         """A robot whose looks are those of a bank's camera.
@@ -152,3 +152,6 @@ class Robot(Closing):
             self.guard.close()
         finally:
             self._sight.close()
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()

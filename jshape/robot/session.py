@@ -2,7 +2,7 @@
 
 A run's folder holds the goal (`goal.npy`), a look before anything (`start.png`), a frame and a line
 in `steps.jsonl` per action, all that happened in `log.jsonl`, and at the end pictures and
-`summary.json`.  Whatever ends it, the arm is stopped first.
+`summary.json`.  Any end of the run stops the arm first.
 """
 
 import contextlib
@@ -10,6 +10,7 @@ import hashlib
 import io
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,15 +18,16 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import check_same_camera
-from jshape.closing import uninterrupted
 from jshape.errors import BadFile, JShapeError, one_line
-from jshape.planned import Plan
-from jshape.predict.bank import Bank
+from jshape.io import files, formats, images, journal, runs
+from jshape.models.bank import Bank
+from jshape.planning.options import StopCriteria
+from jshape.planning.plan import Plan
 from jshape.robot.arms.base import stop_arm
 from jshape.robot.loop import Molding, Step, Stop, mold
-from jshape.robot.procedure import NAMES, Done
+from jshape.robot.procedure import NAMES, OperationResult
 from jshape.robot.robot import Robot
-from jshape.store import files, formats, images, journal, plans, runs
+from jshape.robot.signals import uninterrupted
 
 GOAL, START, SUMMARY, PLAN = "goal.npy", "start.png", "summary.json", "plan.json"
 MARK, PICTURES = "plan.sha256.json", ("result.png", "steps.png")
@@ -107,26 +109,26 @@ class Session:
         robot: Robot,
         bank: Bank,
         *,
-        max_steps: int = 16,
         plan: Plan | None = None,
+        stop: StopCriteria = StopCriteria(),
         blind: bool = False,
         confirm: Callable[[Plan], bool] | None = None,
         draw: Draw | None = None,
-        **options: Any,
+        **search: Any,
     ) -> dict[str, Any]:
         """Bring the arm home, look, plan, ask, act, look again, until the loop stops.
 
         Args:
           robot: looks and acts; the caller closes it.
           bank: predicts.
-          max_steps: most actions of the run, those before it was resumed included.
           plan: carried out action by action instead of plans made on the way; all of it is checked
             before the first.
+          stop: when the run ends; its `max_steps` includes actions before it was resumed.
           blind: the bed does not change, as with an arm that only says what it would do: the first
             plan is gone through, whatever is seen.
           confirm: asked before each action; None: nobody is asked.
           draw: makes the pictures of the run.
-          **options: of `jshape.robot.loop.mold`.
+          **search: other keywords of `jshape.robot.loop.mold`.
 
         Returns:
           What is in `summary.json`: distances, steps, and why it stopped.
@@ -138,27 +140,27 @@ class Session:
         """
         with journal.alone(self.run.folder):
             self.run = runs.Run.open(self.run.folder)  # another program may have gone on with it
-            return self._mold(robot, bank, max_steps, plan, blind, confirm, draw, options)
+            return self._mold(robot, bank, plan, stop, blind, confirm, draw, search)
 
     def _mold(
         self,
         robot: Robot,
         bank: Bank,
-        max_steps: int,
         plan: Plan | None,
+        stop: StopCriteria,
         blind: bool,
         confirm: Callable[[Plan], bool] | None,
         draw: Draw | None,
-        options: dict[str, Any],
+        search: dict[str, Any],
     ) -> dict[str, Any]:
         done = self.done
         if plan is not None:
             self._same_plan(plan)
             check_same_camera(bank.camera, plan.camera, "the plan's")
             plan = plan.rest(min(done, len(plan)))
-        left = max_steps - done
-        if left <= 0:
-            return self._all_done(max_steps)
+        left = replace(stop, max_steps=stop.max_steps - done)
+        if left.max_steps <= 0:
+            return self._all_done(stop.max_steps)
         robot.told, robot.looked = self._operation, self._looked
         operations: list[dict[str, Any]] = []
         self._operations = operations
@@ -197,9 +199,9 @@ class Session:
             self._note("homing")
             robot.home()
             result = mold(
-                robot, self.goal, bank, max_steps=left, first=plan,
+                robot, self.goal, bank, stop=left, first=plan,
                 replan=plan is None and not blind, patience=None if blind else PATIENCE,
-                watch=True, confirm=ask, on_step=report, **options,
+                watch=True, confirm=ask, on_step=report, **search,
             )  # fmt: skip
             with uninterrupted():  # it is over: what came of it is written down
                 summary = self._finish(result, stop_arm(robot.guard))
@@ -226,7 +228,7 @@ class Session:
         elif files.read_json(path).get("sha256") != mark:
             raise BadFile(f"{self.run.folder}: the run was begun with another plan")
 
-    def _operation(self, done: Done) -> None:
+    def _operation(self, done: OperationResult) -> None:
         self._operations.append(done._asdict())
         self._note("operation", **done._asdict())
 
@@ -260,7 +262,7 @@ class Session:
         """The plan, and last the summary: a run that has one which says "finished" is whole."""
         self._note("stopped", stop=result.stop.name, broken=broken)
         if not (self.run.folder / PLAN).is_file():
-            plans.write_plan(self.run.folder / PLAN, result.first_plan)
+            result.first_plan.to_json(self.run.folder / PLAN)
         measured = result.distances_mm.tolist()
         predicted = float(result.first_plan.distances_mm[-1])
         return self._summed_up(result.stop, measured[0], predicted, measured[-1], broken)

@@ -9,6 +9,17 @@ from jshape.camera import PAPER_BOX, Camera
 from jshape.data.simulate import look
 from jshape.errors import UnknownName
 
+HILLS = 0.003
+"""Standard deviation of a bed's surface, metres."""
+
+
+def bed_of(
+    seed: int, size: tuple[float, float] = sim.SIZE
+) -> tuple[sim.Bed, Key[Array, ""], Key[Array, ""]]:
+    """The uneven bed of a seed, and keys for its hand and its camera."""
+    for_bed, for_world, for_eye = jax.random.split(jax.random.key(seed), 3)
+    return sim.irregular_bed(for_bed, std=HILLS, size=size), for_world, for_eye
+
 
 class SimulatedWorld:
     """A bed that an agent's hand changes and a noisy camera sees.  Holds state, as a world does."""
@@ -18,8 +29,8 @@ class SimulatedWorld:
         key: Key[Array, ""],
         bed: sim.Bed,
         *,
-        material: str = "flour",
-        agent: str = "robot",
+        material: str | sim.Material = "flour",
+        agent: str | sim.Agent = "robot",
         camera: Camera = PAPER_BOX,
         frames: int = 5,
         noise: float = 0.00045,
@@ -32,17 +43,14 @@ class SimulatedWorld:
         Raises:
           UnknownName: no such material or agent.
         """
-        for what, name, allowed in (
-            ("material", material, sim.MATERIALS),
-            ("agent", agent, sim.AGENTS),
-        ):
-            if name not in allowed:
-                raise UnknownName(what, name, allowed)
+        if isinstance(agent, str) and agent not in sim.AGENTS:
+            raise UnknownName("agent", agent, sim.AGENTS)
         self.bed = bed
         self.camera = camera
         self._key = key
-        self._material = material
-        self._agent = agent
+        self._material = sim.read_material(material)
+        self.agent = agent
+        """Whose hand it is, or the name."""
         self._frames = frames
         self._noise = noise
         self._spread = spread
@@ -80,7 +88,7 @@ class SimulatedWorld:
             self._next_key(),
             self.bed,
             self._material,
-            (action, self._agent),
+            (action, self.agent),
             xy,
             depth_scale=strength,
             yaw=yaw,

@@ -14,7 +14,7 @@ from jshape import metric
 from jshape._typing import Float
 from jshape.actions import PAPER_Z
 from jshape.errors import BadPosition, JShapeError, UnknownName
-from jshape.planned import Plan
+from jshape.planning.plan import Plan
 from jshape.robot.procedure import Hand, Operation, check_reach, poses_of
 from jshape.robot.rigid import check_rigid
 from jshape.robot.surface import surface_point

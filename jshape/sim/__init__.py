@@ -18,8 +18,9 @@ from jshape.sim.bed import (
     mass,
     volume,
 )
+from jshape.sim.inputs import read_material
 from jshape.sim.material import DOUGH, FLOUR, KINETIC_SAND, MATERIALS, Material
-from jshape.sim.tools import ACTIONS, AGENTS, Stroke, scaled, stroke
+from jshape.sim.tools import ACTIONS, AGENTS, Agent, Stroke, actions_of, scaled, stroke
 from jshape.sim.view import SURFACE, Z_FLOOR, position_to_xy, render, sensor, to_uint16
 
 __all__ = [
@@ -34,9 +35,11 @@ __all__ = [
     "SIZE",
     "SURFACE",
     "Z_FLOOR",
+    "Agent",
     "Bed",
     "Material",
     "Stroke",
+    "actions_of",
     "apply_action",
     "curved_bed",
     "flat_bed",
@@ -44,6 +47,7 @@ __all__ = [
     "loose_bed",
     "mass",
     "position_to_xy",
+    "read_material",
     "relax",
     "render",
     "scaled",

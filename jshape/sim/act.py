@@ -18,7 +18,7 @@ from jshape.sim import check
 from jshape.sim.bed import Bed
 from jshape.sim.inputs import check_place, half_sides, read_bed, read_material, read_stroke
 from jshape.sim.material import Material
-from jshape.sim.tools import Stroke, heading, repetition, underside
+from jshape.sim.tools import Agent, Stroke, heading, repetition, underside
 
 WINDOW = 0.28
 """Side of the window that an action may change, metres."""
@@ -34,7 +34,7 @@ def apply_action(
     key: Key[Array, ""],
     bed: Bed,
     material: Material | str,
-    action: Stroke | tuple[str, str] | str,
+    action: Stroke | tuple[str, str | Agent] | str,
     xy: ArrayLike | Sequence[float],
     depth_scale: float | Array = 1.0,
     yaw: float | Array = 0.0,
@@ -50,7 +50,7 @@ def apply_action(
       key: for the agent's variability; consumed.
       bed: before.
       material: a material or its name.
-      action: a `Stroke`, or (action name, agent name), or an action's name (the robot's).
+      action: a `Stroke`, or (action name, agent or its name), or an action's name (the robot's).
       xy: place of the action in the bed's frame, metres.  A traced place outside the box changes
         nothing.
       depth_scale: how much deeper than the agent's nominal depth.

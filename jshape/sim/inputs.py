@@ -10,7 +10,7 @@ from jshape.errors import BadPosition, JShapeError, UnknownName
 from jshape.sim import check
 from jshape.sim.bed import Bed
 from jshape.sim.material import MATERIALS, Material
-from jshape.sim.tools import Stroke, stroke
+from jshape.sim.tools import Agent, Stroke, stroke
 
 COARSEST = 0.01
 """Largest cell that an action accepts, metres: the thinnest finger has a radius of about 9 mm."""
@@ -35,7 +35,7 @@ def read_stroke(action: Any) -> Stroke:
         return action
     names = (action, "robot") if isinstance(action, str) else action
     pair = isinstance(names, tuple | list) and len(names) == 2
-    if not (pair and all(isinstance(name, str) for name in names)):
+    if not (pair and isinstance(names[0], str) and isinstance(names[1], str | Agent)):
         raise JShapeError(
             f"action is {check.brief(action)}; give a Stroke, an action's name or (action, agent)"
         )

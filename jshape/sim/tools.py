@@ -6,7 +6,9 @@ new action is one more row of `_ROBOT`.  Metres; x along image columns, y along 
 the *reference height*: the mean of the bed below the hand.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -50,6 +52,32 @@ class Stroke:
     """Standard deviation of the hand's size over repetitions, as a share."""
     spread_finger: float | Array
     """Standard deviation of each finger on its own over repetitions, metres, along x, y and z."""
+
+
+@dataclass(frozen=True)
+class Agent:
+    """Whose hand acts: a stroke for each of its actions."""
+
+    name: str
+    """What a person calls it."""
+    strokes: Mapping[str, Stroke]
+    """By the action's name."""
+
+
+def agent_of_numbers(
+    name: str, actions: Mapping[str, Mapping[str, Any]], spreads: Mapping[str, float]
+) -> Agent:
+    """An agent from numbers as in the tables below: strokes in mm, spreads as in `Stroke`."""
+    return Agent(name, {one: _stroke({**_row(**row), **spreads}) for one, row in actions.items()})
+
+
+def _stroke(fields: Mapping[str, Any]) -> Stroke:
+    return Stroke(**{name: jnp.asarray(value, jnp.float32) for name, value in fields.items()})
+
+
+def actions_of(agent: str | Agent) -> tuple[str, ...]:
+    """The names of what an agent can do."""
+    return tuple(agent.strokes) if isinstance(agent, Agent) else ACTIONS
 
 
 def _row(fingers, reach, times=(0.0, 1.0, 1.0), bend=0.5):
@@ -167,19 +195,21 @@ AGENTS = tuple(_SPREADS)
 """Names of the agents."""
 
 
-def stroke(action: str, agent: str = "robot") -> Stroke:
-    """The nominal stroke of an action by an agent.
+def stroke(action: str, agent: str | Agent = "robot") -> Stroke:
+    """The nominal stroke of an action by an agent, or by one of a given name.
 
     Raises:
       UnknownName: no such action or agent.
     """
-    if action not in _ROBOT:
-        raise UnknownName("action", action, ACTIONS)
+    if action not in actions_of(agent):
+        raise UnknownName("action", action, actions_of(agent))
+    if isinstance(agent, Agent):
+        return agent.strokes[action]
     if agent not in _SPREADS:
         raise UnknownName("agent", agent, AGENTS)
     fields = {**_ROBOT[action], **_SPREADS[agent]}
     fields["spread_finger"] *= _ROBOT[action]["spread_finger"]
-    made = Stroke(**{name: jnp.asarray(value, jnp.float32) for name, value in fields.items()})
+    made = _stroke(fields)
     if agent == "human":
         made = scaled(made, *_HUMAN[action])
     return made

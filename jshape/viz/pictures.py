@@ -1,6 +1,8 @@
 """Figures of plans and runs.  They are drawn off screen and returned as PNG bytes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,9 +14,8 @@ from jshape import metric
 from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.errors import JShapeError
-from jshape.planned import Plan
 from jshape.viz.labels import Room
-from jshape.viz.style import own_style
+from jshape.viz.style import drawn, own_style
 
 COLOURS = {
     "grasp": "tab:red",
@@ -30,6 +31,10 @@ LEAST_SPAN = 5.0
 
 Rois = Mapping[str, tuple[int, int]]
 """(w, h) of the ROI that each action was trained with, pixels."""
+
+
+Plan = Any
+"""A `jshape.Plan`, by structure: figures import no records, so that records can draw themselves."""
 
 
 def height_mm(image: np.ndarray, camera: Camera) -> np.ndarray:
@@ -119,7 +124,7 @@ def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
 
 def _is_own(plan: Plan) -> bool:
     """The plan's pixels are those of the camera that took the frames."""
-    return plan.view is None or plan.view.window == (0, 0)
+    return np.array_equal(plan.camera_positions, plan.positions)
 
 
 def _in_words(plan: Plan) -> list[str]:
@@ -253,3 +258,21 @@ def _bare(ax: Axes, title: str) -> None:
     ax.set_title(title, fontsize=10)
     ax.set_xticks([])
     ax.set_yticks([])
+
+
+def molding_pictures(rois: Rois) -> Callable[[Any], dict[str, bytes]]:
+    """What draws the pictures of a run: a function of its `Molding`, with (w, h) per action."""
+
+    def pictured(result: Any) -> dict[str, bytes]:
+        first = result.first_plan
+        names = ["at the start", *(f"after {k + 1} {s.action}" for k, s in enumerate(result.steps))]
+        images = [*result.images, result.goal]
+        made = {"steps.png": partial(strip_figure, images, [*names, "goal"], first.camera)}
+        if first.initial is not None:
+            made["result.png"] = partial(
+                plan_figure, first, obtained=result.images[-1], obtained_mm=result.distances_mm,
+                rois=dict(rois), title="the first plan, and what was obtained",
+            )  # fmt: skip
+        return drawn(made)
+
+    return pictured

@@ -1,4 +1,4 @@
-"""The paper's U-Net as its text reads, in plain `lax` calls: what `jshape.nn` must equal."""
+"""The paper's U-Net as its text reads, in plain `lax` calls: what `jshape.models` must equal."""
 
 import jax
 import jax.numpy as jnp

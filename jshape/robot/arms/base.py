@@ -5,14 +5,18 @@ that touches the material; at yaw 0 it is parallel to the camera's: x to the rig
 down the image, z into the bed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from jshape._typing import Float
-from jshape.closing import uninterrupted
+from jshape.camera import Camera
 from jshape.errors import JShapeError
+from jshape.robot.cameras.base import DepthCamera
+from jshape.robot.signals import uninterrupted
+from jshape.sim.material import Material
 
 POSTURES = ("claw", "closed", "fist", "side", "point", "pinch_open", "pinch_closed")
 """What the bundled files of actions ask of a hand."""
@@ -161,6 +165,30 @@ class Arm(Protocol):
     def close(self) -> None:
         """Let go of the hardware, after `stop`."""
         ...
+
+
+class ArmSettings(NamedTuple):
+    """What people say of an arm beside its name; each kind takes what concerns it."""
+
+    camera: Camera
+    """The bank's; the camera above a simulated bed is like it."""
+    material: str | Material = "flour"
+    """Of a simulated bed."""
+    say: Callable[[str], object] = print
+    """Told what a dry run would do."""
+
+
+@dataclass(frozen=True)
+class OpenedArm:
+    """An arm, and what comes with it."""
+
+    arm: Arm
+    eye: DepthCamera | None = None
+    """The camera above its own bed, which simulations bring."""
+    base_camera: Float[np.ndarray, "4 4"] | None = None
+    """Pose of that camera in the arm's base frame."""
+    moves: bool = True
+    """False: it only says what it would do, and needs to know of no camera."""
 
 
 def stop_arm(arm: Arm) -> str | None:

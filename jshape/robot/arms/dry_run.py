@@ -6,7 +6,7 @@ from contextlib import suppress
 import numpy as np
 
 from jshape._typing import Float
-from jshape.robot.arms.base import Doing, Moved
+from jshape.robot.arms.base import ArmSettings, Doing, Moved, OpenedArm
 
 
 class DryRun:
@@ -74,3 +74,8 @@ class DryRun:
 
     def close(self) -> None:
         """Nothing to let go of."""
+
+
+def open_dry_run(address: str, settings: ArmSettings) -> OpenedArm:
+    """The arm that says its motions where the settings want them said."""
+    return OpenedArm(DryRun(settings.say), moves=False)

@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from jshape._typing import Float
-from jshape.closing import uninterrupted
 from jshape.errors import JShapeError, one_line, quoted
 from jshape.robot.arms.base import Arm, ArmError, ArmLost, Doing, EffortLimit, Moved
 from jshape.robot.rigid import check_rigid
+from jshape.robot.signals import uninterrupted
 from jshape.robot.worker import Call, Worker
 
 FLOOR = 20.0

@@ -1,22 +1,41 @@
-"""The arm of the physics twin: MuJoCo moves it, mink says how, and the bed gives way below it."""
+"""The arm of the physics twin: MuJoCo moves it, mink says how, and the bed gives way below it.
+
+`make_twin` gives it with its camera, ready to use.
+"""
 
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import wraps
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from jshape._typing import Float
+from jshape import sim
+from jshape._typing import Array, Float, Key
+from jshape.camera import D435_BAZAR, Camera
 from jshape.errors import BadPosition, UnknownName
-from jshape.robot.arms.base import ArmError, Doing, EffortLimit, Moved, PoseRefused
+from jshape.robot.arms.base import (
+    ArmError,
+    ArmSettings,
+    Doing,
+    EffortLimit,
+    Moved,
+    OpenedArm,
+    PoseRefused,
+)
+from jshape.robot.cameras.mujoco import MuJoCoCamera
+from jshape.robot.registry import seed_of
+from jshape.robot.simulated import bed_of
 from jshape.robot.twin import fingers
-from jshape.robot.twin.model import FLOOR, RIM
-from jshape.robot.twin.press import Press
+from jshape.robot.twin.model import FLOOR, RIM, Obstacle
+from jshape.robot.twin.press import BedPress
 from jshape.robot.twin.world import Twin
 
+BOX = (0.50, 0.40)
+"""The paper's wooden box, metres along u and v."""
 HARD = 120.0
 """Contact effort at which the arm stops for good unless `limit` says otherwise, Nm."""
 PEAK = 1.875
@@ -84,7 +103,7 @@ class MuJoCoArm:
         """Called after every step of the physics."""
         self._tool = np.eye(4)
         self._doing: Doing | None = None
-        self._press: Press | None = None
+        self._press: BedPress | None = None
         self._mover: int | None = None  # the thread that moves it
         self._halt = threading.Event()  # another thread wants it to stand still
 
@@ -229,9 +248,9 @@ class MuJoCoArm:
                 return Moved(True, greatest, self.pose())
         return Moved(False, greatest, self.pose())
 
-    def _pressing(self, doing: Doing, pose: np.ndarray) -> Press:
+    def _pressing(self, doing: Doing, pose: np.ndarray) -> BedPress:
         try:
-            return Press(self.twin, doing, self.pose(), np.asarray(pose, float), REFRESH)
+            return BedPress(self.twin, doing, self.pose(), np.asarray(pose, float), REFRESH)
         except (UnknownName, BadPosition) as problem:
             raise ArmError(str(problem)) from None
 
@@ -239,3 +258,54 @@ class MuJoCoArm:
         if self._press is not None:
             press, self._press = self._press, None
             press.finish()
+
+
+class Ready(NamedTuple):
+    """What a robot is made of; `arm.twin` is the world behind both."""
+
+    arm: MuJoCoArm
+    """At home, the bed in the camera's view."""
+    camera: MuJoCoCamera
+    """On its wrist."""
+    base_camera: Float[np.ndarray, "4 4"]
+    """Pose of the camera in the arm's base frame when the arm is at home."""
+
+
+def make_twin(
+    key: Key[Array, ""] | int,
+    bed: sim.Bed,
+    material: str | sim.Material = "flour",
+    obstacle: Obstacle | None = None,
+    *,
+    camera: Camera = D435_BAZAR,
+    noise: float = 0.00045,
+    spread: float = 0.0,
+) -> Ready:
+    """The arm and the camera of a new twin.
+
+    Args:
+      key: of all that is random, or a seed.
+      bed: as it is at first; its size is the box's.
+      material: of the bed.
+      obstacle: something rigid in the bed.
+      camera: size and intrinsics of the depth camera.
+      noise: of the camera at 0.45 m, metres; 0 for a perfect one.
+      spread: factor on how much the robot's actions vary beyond what the physics does.
+
+    Raises:
+      UnknownName: no such material.
+      JShapeError: MuJoCo or mink is not installed.
+    """
+    key = jax.random.key(key) if isinstance(key, int) else key
+    for_actions, for_camera = jax.random.split(key)
+    twin = Twin(
+        bed, key=for_actions, material=material, camera=camera, obstacle=obstacle, spread=spread
+    )
+    eye = MuJoCoCamera(twin, key=for_camera, noise=noise)
+    return Ready(MuJoCoArm(twin), eye, twin.base_camera)
+
+
+def open_twin(address: str, settings: ArmSettings) -> OpenedArm:
+    """The twin over the uneven bed of a seed in the paper's box, and the camera on its wrist."""
+    bed, key, _ = bed_of(seed_of(address, "mujoco"), size=BOX)
+    return OpenedArm(*make_twin(key, bed, settings.material))

@@ -7,8 +7,10 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Float
 from jshape.actions import PAPER_Z
-from jshape.robot.arms.base import ArmError, Doing, EffortLimit, Moved
-from jshape.robot.simulated import SimulatedWorld
+from jshape.robot.arms.base import ArmError, ArmSettings, Doing, EffortLimit, Moved, OpenedArm
+from jshape.robot.cameras.simulated import simulated_camera
+from jshape.robot.registry import seed_of
+from jshape.robot.simulated import SimulatedWorld, bed_of
 
 TOUCH = 5.0
 """Effort at which the surface is felt, Nm."""
@@ -134,10 +136,17 @@ class SimulatedArm:
         share = (point[2] - self._surface) / max(self._wanted, 1e-6)
         if share <= 0.02:  # it touched, no more
             return
-        if doing.action not in sim.ACTIONS:
-            raise ArmError(f"the simulated hand cannot {doing.action}; it can: "
-                           f"{', '.join(sim.ACTIONS)}")  # fmt: skip
+        known = sim.actions_of(self.world.agent)
+        if doing.action not in known:
+            raise ArmError(f"the simulated hand cannot {doing.action}; it can: {', '.join(known)}")
         # Places are pixels of points at the paper's depth, wherever the surface is.
         u = point[0] / PAPER_Z * float(camera.fx) + float(camera.u0)
         v = point[1] / PAPER_Z * float(camera.fy) + float(camera.v0)
         self.world.act(doing.action, (u, v), doing.strength * min(share, 1.0), doing.yaw)
+
+
+def open_simulated(address: str, settings: ArmSettings) -> OpenedArm:
+    """An arm over the uneven bed of a seed, and the camera above it."""
+    bed, for_world, for_eye = bed_of(seed_of(address))
+    world = SimulatedWorld(for_world, bed, material=settings.material, camera=settings.camera)
+    return OpenedArm(SimulatedArm(world), simulated_camera(world, for_eye), np.eye(4))

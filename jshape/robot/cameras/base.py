@@ -1,8 +1,7 @@
 """What a depth camera is, and how a look is made of its frames."""
 
 from collections import Counter
-from types import TracebackType
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from jshape._typing import Float, Num
 from jshape.camera import Camera
 from jshape.data.depth import check_unit
 from jshape.data.missing import only_readings
-from jshape.errors import JShapeError
+from jshape.errors import BadCamera, JShapeError
 
 FRAMES = 15
 """Frames of a look: half a second of a D435."""
@@ -28,7 +27,7 @@ class EndOfFrames(CameraLost):
 
 @runtime_checkable
 class DepthCamera(Protocol):
-    """A source of depth frames, used as a context manager: `with Camera(...) as camera`."""
+    """A source of depth frames, started; `contextlib.closing` closes it at the end of a block."""
 
     name: str
     """What people call it: model and serial number, or the file's name."""
@@ -50,18 +49,43 @@ class DepthCamera(Protocol):
         """Let go of the device; a second time does nothing."""
         ...
 
-    def __enter__(self) -> "DepthCamera":
-        """Itself, started."""
-        ...
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """`close`."""
-        ...
+class CameraSettings(NamedTuple):
+    """What people say of a camera beside its name; each kind takes what concerns it."""
+
+    camera: tuple[Camera, float] | None = None
+    """Intrinsics and metres per count to believe instead of what the camera says."""
+    topic: str | None = None
+    """Of a bag's depth frames."""
+    z_range: tuple[float, float] | None = None
+    """Depths between which the bed lies, metres."""
+    temporal: bool = True
+    """The RealSense SDK's temporal filter."""
+    holes: bool = False
+    """The RealSense SDK's hole filling."""
+    depth_unit: float | None = None
+    """Metres that 1 in the frames stands for."""
+
+    def check_own(self, name: str) -> None:
+        """Refuse intrinsics and a unit for a camera that has its own.
+
+        Raises:
+          BadCamera: they were given.
+        """
+        if self.camera is not None:
+            raise BadCamera(
+                f"{name}: has a camera of its own; --camera is for devices, bags, pictures"
+            )
+        self.check_own_unit(name)
+
+    def check_own_unit(self, name: str) -> None:
+        """Refuse a unit for a camera that says its own.
+
+        Raises:
+          BadCamera: it was given.
+        """
+        if self.depth_unit is not None:
+            raise BadCamera(f"{name}: says its unit itself; --depth-unit is for bags and pictures")
 
 
 def next_frame(camera: DepthCamera, left_out: Counter[str] | None = None) -> np.ndarray:

@@ -1,12 +1,12 @@
 """The one way to a robot's camera: a driver that hangs is noticed."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
 
 from jshape._typing import Num
-from jshape.closing import Closing
 from jshape.robot.cameras.base import CameraLost, DepthCamera, still
 from jshape.robot.worker import Worker
 
@@ -17,7 +17,7 @@ CLOSING = 5.0
 """Seconds that anybody waits for `close`."""
 
 
-class GuardedCamera(Closing):
+class GuardedCamera(AbstractContextManager):
     """Takes a camera's frames on a thread of its own, each within a deadline."""
 
     def __init__(self, inside: DepthCamera, *, hangs: float = HANGS, closing: float = CLOSING):
@@ -48,6 +48,9 @@ class GuardedCamera(Closing):
         finally:
             worker.end()
             self._worker.end()
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
 
     def _made(self, worker: Worker, what: str, function: Callable[[], Any], seconds: float) -> Any:
         call = worker.begin(what, function)

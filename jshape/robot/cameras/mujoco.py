@@ -1,6 +1,7 @@
 """The depth camera on the twin's wrist, drawn by MuJoCo."""
 
 import weakref
+from contextlib import AbstractContextManager
 from typing import Any
 
 import jax
@@ -8,7 +9,6 @@ import numpy as np
 
 from jshape import sim
 from jshape._typing import Array, Float, Key, Num
-from jshape.closing import Closing
 from jshape.robot.cameras.base import CameraLost
 from jshape.robot.twin.engine import mujoco, renderer
 from jshape.robot.twin.world import Twin
@@ -17,7 +17,7 @@ DEPTH_UNIT = 1e-4
 """Metres per count: tenths of a millimetre, which a D435 can be set to."""
 
 
-class MuJoCoCamera(Closing):
+class MuJoCoCamera(AbstractContextManager):
     """Sees what stands before the twin's wrist camera now; implements `DepthCamera`."""
 
     name = "D435 on the wrist (MuJoCo)"
@@ -92,6 +92,9 @@ class MuJoCoCamera(Closing):
         if self._renderer is not None:
             self._end()
             self._renderer = None
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
 
 
 def upload_bed(renderer: Any, twin: Twin) -> None:

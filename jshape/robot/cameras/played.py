@@ -1,16 +1,16 @@
 """Frames that come out of an iterator, as a camera: what recordings and pictures have in common."""
 
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 
 import numpy as np
 
 from jshape._typing import Num
 from jshape.camera import Camera
-from jshape.closing import Closing
 from jshape.robot.cameras.base import CameraLost, EndOfFrames
 
 
-class Played(Closing):
+class Played(AbstractContextManager):
     """A camera over frames that are made or read one after another."""
 
     def __init__(
@@ -68,3 +68,6 @@ class Played(Closing):
             self._frames = None
             if self._close is not None:
                 self._close()
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()

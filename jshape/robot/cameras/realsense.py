@@ -6,16 +6,22 @@ the SDK's own.
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jshape._typing import Num
-from jshape.closing import Closing
-from jshape.data.intrinsics import Z_RANGE, pinhole
+from jshape.data.intrinsics import Z_RANGE, pinhole, same_frames
 from jshape.errors import BadFile, JShapeError, one_line
-from jshape.robot.cameras.base import TIMEOUT, CameraLost, EndOfFrames
+from jshape.robot.cameras.base import (
+    TIMEOUT,
+    CameraLost,
+    CameraSettings,
+    DepthCamera,
+    EndOfFrames,
+)
 
 SUFFIXES = (".db3", ".bag")
 """Recordings of the SDK: .db3 since 2.58, .bag before."""
@@ -32,7 +38,7 @@ FARTHEST = 1
 _POLL_MS = 200
 
 
-class Source(NamedTuple):
+class FrameSource(NamedTuple):
     """Where depth frames of the SDK come from."""
 
     name: str
@@ -48,7 +54,7 @@ class Source(NamedTuple):
     live: bool
 
 
-class RealSense(Closing):
+class RealSense(AbstractContextManager):
     """A RealSense depth camera."""
 
     def __init__(
@@ -56,7 +62,7 @@ class RealSense(Closing):
         serial: str | None = None,
         *,
         file: str | Path | None = None,
-        source: Source | None = None,
+        source: FrameSource | None = None,
         size: tuple[int, int] = (848, 480),
         fps: int = 30,
         z_range: tuple[float, float] = Z_RANGE,
@@ -88,7 +94,7 @@ class RealSense(Closing):
         rs = sdk()
         if source is None:
             source = played(file) if file is not None else connected(serial, size, fps)
-        self._source: Source | None = source
+        self._source: FrameSource | None = source
         try:
             self.name = source.name
             self.depth_unit = source.unit
@@ -122,7 +128,7 @@ class RealSense(Closing):
             frame = each.process(frame)
         return np.array(frame.as_depth_frame().get_data())
 
-    def _next(self, source: Source) -> Any:
+    def _next(self, source: FrameSource) -> Any:
         until = time.monotonic() + self._timeout
         while True:
             ended = source.ended()  # asked before: a last frame may have come before the end
@@ -145,6 +151,25 @@ class RealSense(Closing):
         source, self._source = self._source, None
         if source is not None:
             source.stop()
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
+
+
+def open_realsense(address: str, settings: CameraSettings) -> DepthCamera:
+    """The only one for "", one of several by its serial number, or a recording by its path."""
+    settings.check_own_unit(f"realsense:{address}" if address else "realsense")
+    file = address if Path(address).suffix.lower() in SUFFIXES else None
+    serial = address if address and file is None else None
+    opened = RealSense(serial, file=file, temporal=settings.temporal, holes=settings.holes)
+    if settings.camera is not None:  # its unit is the device's all the same
+        size = (opened.camera.width, opened.camera.height)
+        try:
+            opened.camera = same_frames(settings.camera[0], size, opened.name)
+        except BaseException:
+            opened.close()
+            raise
+    return opened
 
 
 class Device(NamedTuple):
@@ -187,7 +212,7 @@ def sdk() -> Any:
     return rs
 
 
-def connected(serial: str | None, size: tuple[int, int], fps: int) -> Source:
+def connected(serial: str | None, size: tuple[int, int], fps: int) -> FrameSource:
     """Frames of a device that is plugged in.  Raises CameraLost if it is not, or does not start."""
     rs = sdk()
     found = devices()  # the pipeline would wait a quarter of a minute for one to come
@@ -210,7 +235,7 @@ def connected(serial: str | None, size: tuple[int, int], fps: int) -> Source:
     return _piped(rs, pipe, started, live=True)
 
 
-def played(file: str | Path) -> Source:
+def played(file: str | Path) -> FrameSource:
     """Every frame of a recording of the SDK.  Raises BadFile if it cannot be played."""
     rs = sdk()
     file = Path(file)
@@ -235,7 +260,7 @@ def played(file: str | Path) -> Source:
     return _piped(rs, pipe, started, live=False)
 
 
-def queued(queue: Any, profile: Any, unit: float, name: str = "RealSense") -> Source:
+def queued(queue: Any, profile: Any, unit: float, name: str = "RealSense") -> FrameSource:
     """Frames that a started sensor of the SDK puts into an `rs.frame_queue`.
 
     Args:
@@ -250,10 +275,10 @@ def queued(queue: Any, profile: Any, unit: float, name: str = "RealSense") -> So
         return frame if there else None
 
     video = profile.as_video_stream_profile()
-    return Source(name, video, _decimal(unit), wait, lambda: False, lambda: None, True)
+    return FrameSource(name, video, _decimal(unit), wait, lambda: False, lambda: None, True)
 
 
-def _piped(rs: Any, pipe: Any, started: Any, *, live: bool) -> Source:
+def _piped(rs: Any, pipe: Any, started: Any, *, live: bool) -> FrameSource:
     def wait(milliseconds: int) -> Any:
         there, frames = pipe.try_wait_for_frames(milliseconds)
         frame = frames.get_depth_frame() if there else None
@@ -265,7 +290,7 @@ def _piped(rs: Any, pipe: Any, started: Any, *, live: bool) -> Source:
         name = device.get_info(rs.camera_info.name)
         if device.supports(rs.camera_info.serial_number):
             name += f" {device.get_info(rs.camera_info.serial_number)}"
-        return Source(
+        return FrameSource(
             name,
             started.get_stream(rs.stream.depth).as_video_stream_profile(),
             _decimal(device.first_depth_sensor().get_depth_scale()),

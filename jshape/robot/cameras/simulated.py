@@ -11,7 +11,9 @@ from jshape._typing import Array, Key
 from jshape.camera import Camera
 from jshape.data.recording import LEVELLED_STD
 from jshape.data.simulate import DEPTH_UNIT
+from jshape.robot.cameras.base import CameraSettings
 from jshape.robot.cameras.played import Played
+from jshape.robot.registry import seed_of
 from jshape.robot.simulated import SimulatedWorld
 
 NOISE = 0.00045
@@ -43,6 +45,14 @@ def simulated_camera(
     name = "simulated camera"
     frames = _frames(world, key, noise, holes)
     return Played(name, world.camera, DEPTH_UNIT, frames, live=True, still=still)
+
+
+def open_simulated(address: str, settings: CameraSettings) -> Played:
+    """A camera above a levelled bed of the seed that the address is."""
+    settings.check_own("sim")
+    seed = seed_of(address)
+    key = jax.random.fold_in(jax.random.key(seed), 1)
+    return simulated_camera(levelled_world(seed), key)
 
 
 def levelled_world(seed: int = 0) -> SimulatedWorld:

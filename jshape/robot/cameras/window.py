@@ -1,13 +1,14 @@
 """A window of another camera's frames: the box without the table around it."""
 
+from contextlib import AbstractContextManager
+
 import numpy as np
 
 from jshape._typing import Num
-from jshape.closing import Closing
 from jshape.robot.cameras.base import DepthCamera
 
 
-class Window(Closing):
+class Window(AbstractContextManager):
     """A camera that shows a window of another one's frames; its principal point moves with it."""
 
     def __init__(self, inside: DepthCamera, left: int, top: int, width: int, height: int):
@@ -35,6 +36,5 @@ class Window(Closing):
         """Close the other camera."""
         self._inside.close()
 
-    def __enter__(self) -> "Window":
-        self._inside.__enter__()
-        return self
+    def __exit__(self, *problem: object) -> None:
+        self.close()

@@ -3,8 +3,7 @@
 All frames are parallel to the base's when every joint is at 0 and the arm stands upright.
 """
 
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -43,25 +42,11 @@ SCENE = 4
 """Bit of the box, the bed and what is buried in it."""
 
 
-class Arm(NamedTuple):
-    """An arm under construction."""
-
-    spec: Any
-    """MjSpec."""
-    flange: Any
-    """Body that the hand hangs on."""
-
-
-def add_arm(spec: Any, meshes: Path | None = None) -> Arm:
-    """Put the arm at the world's origin and return its flange.
-
-    Args:
-      spec: MjSpec that gets it.
-      meshes: the Menagerie's `kuka_iiwa_14/assets`, for pictures; None draws the capsules.
-    """
+def add_arm(spec: Any) -> Any:
+    """Put the arm at the world's origin of an MjSpec; returns the body that the hand hangs on."""
     engine = mujoco()
     body = spec.worldbody.add_body(name="base")
-    _shape(engine, body, "base", 0, meshes)
+    _shape(engine, body, "base", 0)
     for k, name in enumerate(JOINTS):
         link = body.add_body(name=f"link{k + 1}", pos=(0, 0, HEIGHTS[k]), gravcomp=1.0)
         link.add_joint(
@@ -72,7 +57,7 @@ def add_arm(spec: Any, meshes: Path | None = None) -> Arm:
             limited=engine.mjtLimited.mjLIMITED_TRUE,
             armature=ARMATURE[k],
         )
-        _shape(engine, link, f"link{k + 1}", k + 1, meshes)
+        _shape(engine, link, f"link{k + 1}", k + 1)
         drive = spec.add_actuator(
             name=name, target=name, trntype=engine.mjtTrn.mjTRN_JOINT, forcelimited=1,
             forcerange=(-TORQUES[k], TORQUES[k]),
@@ -84,14 +69,13 @@ def add_arm(spec: Any, meshes: Path | None = None) -> Arm:
         body = link
     flange = body.add_body(name="flange", pos=(0, 0, FLANGE))
     flange.add_site(name="flange", size=(0.005, 0.005, 0.005), group=4)
-    return Arm(spec, flange)
+    return flange
 
 
-def _shape(engine: Any, body: Any, name: str, k: int, meshes: Path | None) -> None:
-    """A capsule from this joint to the next, and the mesh over it if there is one."""
+def _shape(engine: Any, body: Any, name: str, k: int) -> None:
+    """A capsule from this joint to the next."""
     up = (*HEIGHTS, FLANGE)[k]
-    shown = 0.0 if meshes else 1.0
-    grey = (0.86, 0.86, 0.84, shown) if k % 2 else (0.95, 0.55, 0.15, shown)
+    grey = (0.86, 0.86, 0.84, 1.0) if k % 2 else (0.95, 0.55, 0.15, 1.0)
     if k == 0:
         low, high, kind = (0, 0, 0.0), (0, 0, up - 0.02), engine.mjtGeom.mjGEOM_CYLINDER
     elif k == 7:
@@ -102,35 +86,3 @@ def _shape(engine: Any, body: Any, name: str, k: int, meshes: Path | None) -> No
         name=name, type=kind, fromto=(*low, *high), size=(RADII[k], 0, 0), mass=MASSES[k],
         contype=ARM, conaffinity=ARM | SCENE, rgba=grey,
     )  # fmt: skip
-
-
-def add_meshes(spec: Any, folder: Path) -> None:
-    """Draw the Menagerie's meshes over the links (they do not collide).
-
-    The Menagerie turns its links' frames; at rest its arm stands as ours, so that each mesh goes
-    where its link's frame is there.
-
-    Args:
-      spec: MjSpec with the arm.
-      folder: the Menagerie's `kuka_iiwa_14`.
-    """
-    engine = mujoco()
-    theirs = engine.MjSpec.from_file(str(folder / "iiwa14.xml"))
-    model = theirs.compile()
-    data = engine.MjData(model)
-    engine.mj_forward(model, data)
-    for geom in theirs.geoms:
-        if not geom.meshname or geom.parent.name not in _LINKS:
-            continue
-        body = spec.body(geom.parent.name)
-        turn = data.body(geom.parent.name).xquat
-        if geom.meshname not in {mesh.name for mesh in spec.meshes}:
-            mesh = theirs.mesh(geom.meshname)
-            spec.add_mesh(name=mesh.name, file=str(folder / "assets" / mesh.file))
-        body.add_geom(
-            type=engine.mjtGeom.mjGEOM_MESH, meshname=geom.meshname, quat=turn, contype=0,
-            conaffinity=0, mass=0.0, group=2, rgba=(0.8, 0.8, 0.78, 1),
-        )  # fmt: skip
-
-
-_LINKS = ("base", *(f"link{k}" for k in range(1, 8)))

@@ -4,9 +4,7 @@ The base frame is the world's.  The box stands in front of the arm; the camera a
 middle, with image columns u along -y and image rows v along -x: the arm reaches in from below.
 """
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +14,7 @@ from jshape._typing import Float
 from jshape.camera import D435_BAZAR, Camera
 from jshape.robot.twin.engine import mujoco
 from jshape.robot.twin.fingers import add_hand
-from jshape.robot.twin.iiwa import ARM, HAND, SCENE, add_arm, add_meshes
+from jshape.robot.twin.iiwa import ARM, HAND, SCENE, add_arm
 
 CAMERA_HEIGHT = sim.Z_FLOOR
 """Of the camera at home above the floor of the box, metres: 450 mm above 60 mm of material."""
@@ -81,9 +79,6 @@ def flange_camera() -> Float[np.ndarray, "4 4"]:
 def build(bed: sim.Bed, camera: Camera = D435_BAZAR, obstacle: Obstacle | None = None) -> Scene:
     """The scene around a bed.
 
-    Meshes of the arm are drawn where the environment variable `MENAGERIE_ROOT` names a folder that
-    holds the MuJoCo Menagerie's `kuka_iiwa_14`.
-
     Args:
       bed: its size is the box's.
       camera: size and intrinsics of the depth camera.
@@ -97,24 +92,14 @@ def build(bed: sim.Bed, camera: Camera = D435_BAZAR, obstacle: Obstacle | None =
     spec.option.integrator = engine.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = engine.mjtCone.mjCONE_ELLIPTIC
     _looks(engine, spec, camera)
-    meshes = menagerie()
-    arm = add_arm(spec, meshes)
-    add_hand(spec, arm.flange)
-    _camera(engine, arm.flange, camera)
-    if meshes:
-        add_meshes(spec, meshes)
+    flange = add_arm(spec)
+    add_hand(spec, flange)
+    _camera(engine, flange, camera)
     _box(engine, spec, bed, obstacle)
     model = spec.compile()
     _principal_point(model, camera)
     model.hfield_data[:] = field_of(bed)
     return Scene(model, base_camera())
-
-
-def menagerie() -> Path | None:
-    """The Menagerie's `kuka_iiwa_14` where `MENAGERIE_ROOT` points to a copy, else None."""
-    root = os.environ.get("MENAGERIE_ROOT")
-    folder = Path(root) / "kuka_iiwa_14" if root else None
-    return folder if folder and (folder / "iiwa14.xml").is_file() else None
 
 
 def field_of(bed: sim.Bed) -> Float[np.ndarray, "N"]:

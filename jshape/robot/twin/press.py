@@ -17,7 +17,7 @@ WHOLE = 0.98
 """One that went further went all the way."""
 
 
-class Press:
+class BedPress:
     """One stroke into a twin's bed.
 
     The bed after it is computed first, at the place where the tool really is, and once more with

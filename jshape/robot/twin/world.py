@@ -8,7 +8,6 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Array, Bool, Float, Key
 from jshape.camera import D435_BAZAR, Camera
-from jshape.errors import UnknownName
 from jshape.robot.twin import fingers, iiwa
 from jshape.robot.twin.engine import mujoco
 from jshape.robot.twin.ik import Reach
@@ -29,7 +28,7 @@ class Twin:
         bed: sim.Bed,
         *,
         key: Key[Array, ""] | None = None,
-        material: str = "flour",
+        material: str | sim.Material = "flour",
         camera: Camera = D435_BAZAR,
         obstacle: Obstacle | None = None,
         spread: float = 0.0,
@@ -48,15 +47,13 @@ class Twin:
           UnknownName: no such material.
           JShapeError: MuJoCo or mink is not installed.
         """
-        if material not in sim.MATERIALS:
-            raise UnknownName("material", material, sim.MATERIALS)
         self._engine = mujoco()
         scene = build(bed, camera, obstacle)
         self.model: Any = scene.model
         self.data: Any = self._engine.MjData(self.model)
         self.base_camera = scene.base_camera
         self.camera = camera
-        self.material = material
+        self.material = sim.read_material(material)
         self.obstacle = obstacle
         self.spread = spread
         self.reach = Reach(REST)

@@ -1,0 +1,98 @@
+"""Searches without a model, to know what a plan is worth: siblings of those in `planners/`.
+
+They work on images, and so with a bank of f_D, of which they use no prediction: its ROIs say what
+an action can reach.  What is predicted of their plans is the bank's own.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape.errors import BadBank
+from jshape.planning.search import PLANNERS
+from jshape.planning.search.base import Found, Status, Task, nothing
+
+Taken = tuple[int, np.ndarray]
+"""Move number, and first node (v, u) of its window."""
+
+
+def random(task: Task) -> Found:
+    """Any candidate, as often as is allowed; nominal strength.
+
+    What is left of an earlier plan is kept: another plan from the same key would be the same.
+    """
+    if task.start is not None:
+        return replace(task.start, status=jnp.int32(Status.MAX_STEPS))
+    rng = np.random.default_rng(np.asarray(jax.random.key_data(task.key)))
+    counts = np.array(task.candidates.counts)
+    taken = []
+    for drawn in rng.integers(counts.sum(), size=task.max_steps):
+        move = int(np.searchsorted(counts.cumsum(), drawn, side="right"))
+        place = drawn - counts[:move].sum()
+        taken.append((move, task.candidates.of_move(move)[place]))
+    return _found(task, taken, Status.MAX_STEPS)
+
+
+def surplus(task: Task) -> Found:
+    """The action whose ROI has the largest mean surplus over the goal, where it has it.
+
+    Ends where no ROI stands above the goal by as much as d has to be lowered.  What an action
+    does is not known, so the plan takes it that its ROI is as wanted afterwards.
+    """
+    terrain = task.terrain
+    if terrain.weight is not None:
+        raise BadBank("the surplus is one of images: the bank must be of kind D or a network's")
+    above = np.asarray(terrain.now, np.float64) - np.asarray(terrain.goal)
+    least = float(jnp.asarray(task.limits.min_gain))
+    taken: list[Taken] = []
+    while len(taken) < task.max_steps:
+        best, most = None, 0.0
+        total = np.pad(above.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+        for number, move in enumerate(terrain.moves):
+            first = task.candidates.of_move(number)
+            if not len(first):
+                continue
+            (top, left), (bottom, right) = first.T, (first + move.shape).T
+            inside = total[bottom, right] - total[top, right]
+            inside = inside - total[bottom, left] + total[top, left]
+            mean = np.where(inside / above.size > least, inside / np.prod(move.shape), 0.0)
+            if mean.max() > most:
+                best, most = (number, first[mean.argmax()]), mean.max()
+        if best is None:
+            return _found(task, taken, Status.NO_IMPROVEMENT)
+        taken.append(best)
+        (top, left), (rows, columns) = best[1], terrain.moves[best[0]].shape
+        above[top : top + rows, left : left + columns] = 0.0
+    return _found(task, taken, Status.MAX_STEPS)
+
+
+FLOORS = {"random": random, "surplus": surplus}
+"""By name, as in `PLANNERS`."""
+
+
+@contextmanager
+def floors() -> Iterator[None]:
+    """While it lasts, plans can be made with the floors by their names."""
+    PLANNERS.update(FLOORS)
+    try:
+        yield
+    finally:
+        for name in FLOORS:
+            del PLANNERS[name]
+
+
+def _found(task: Task, taken: Sequence[Taken], status: Status) -> Found:
+    """What a search gives back, of moves at nominal strength."""
+    found = nothing(task.terrain, task.max_steps)
+    move, node, strength = (np.array(x) for x in (found.move, found.node, found.strength))
+    for k, (number, first) in enumerate(taken):
+        move[k], node[k] = number, first + task.terrain.moves[number].middle
+        strength[k] = 1.0
+    return replace(
+        found, steps=jnp.int32(len(taken)), move=jnp.asarray(move), node=jnp.asarray(node),
+        strength=jnp.asarray(strength), status=jnp.int32(status),
+    )  # fmt: skip

@@ -1,0 +1,196 @@
+"""A bed and the goal that is drawn on it, in the image of one camera.  No browser here."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from jshape import metric
+from jshape._typing import Float
+from jshape.app.drawing import Mark, check_mark, wanted
+from jshape.camera import Camera
+from jshape.errors import JShapeError
+from jshape.goals import Limits, bed_map, make_goal, report
+from jshape.sim import MATERIALS, Material
+
+MOST_MARKS = 500
+"""Of a drawing."""
+
+
+@dataclass(kw_only=True)
+class Canvas:
+    """What is there and what is wanted."""
+
+    material: str = "flour"
+    """What the bed is of: walls that are drawn are as steep as it stands."""
+    bed: np.ndarray | None = None
+    """(H, W) image I of the bed now."""
+    came_from: str = ""
+    """Where the bed is from, for people."""
+    marks: tuple[Mark, ...] = ()
+    """What was drawn, in its order."""
+    locked: str = ""
+    """Why nothing may be changed now: a run goes on.  "" allows it."""
+    version: int = 0
+    """Grows with every change: pages that show another one draw anew."""
+    _base: np.ndarray | None = None  # (H, W) the goal under the drawing; None: the bed
+    _goal: np.ndarray | None = None  # the goal, once it was asked for
+    _told: dict[str, Any] = field(default_factory=dict)  # the report on what was drawn
+
+    @property
+    def camera(self) -> Camera:
+        """That sees it."""
+        raise NotImplementedError
+
+    def see(
+        self, image: Float[np.ndarray, "H W"], came_from: str, *, same_goal: bool = False
+    ) -> None:
+        """Take an image I of the bank's camera for the bed.
+
+        What was drawn is drawn on it; with `same_goal` the goal is what it was before.
+        """
+        if same_goal and self.goal is not None:
+            self._base, self.marks = self.goal, ()
+        self.bed, self.came_from = image, came_from
+        self._changed()
+
+    @property
+    def goal(self) -> Float[np.ndarray, "H W"] | None:
+        """(H, W) image I that is wanted; None without a bed.
+
+        What was drawn is held to what the bed can give: its depth, the range, slopes that stand.
+        """
+        if self._goal is None and self.bed is not None:
+            self._goal = self.bed if self._base is None else self._base
+            if self.marks:
+                below = bed_map(self.depth_of(self._goal), self.camera)
+                limits = Limits(math.tan(float(self._material.repose)))  # as loose material lies
+                made = make_goal(below, wanted(below, self.marks), limits)
+                self._told = report(made, self._material)
+                self._goal = self._image(made.depth)
+        return self._goal
+
+    @property
+    def told(self) -> list[str]:
+        """What of the drawing cannot be, and what no action can do about it, in sentences."""
+        found = self._told if self.marks and self.goal is not None else {}
+        lines = [*found.get("says", [])[1:], *found.get("warnings", [])]
+        return [line.split("; --")[0] for line in lines]  # options of the command line
+
+    @property
+    def pixels_per_mm(self) -> float:
+        """On the bed, in its middle; 1 without a bed."""
+        if self.bed is None:
+            return 1.0
+        return float(self.camera.fx) / (1e3 * float(np.median(self.depth_of(self.bed))))
+
+    @property
+    def _material(self) -> Material:
+        return MATERIALS[self.material]
+
+    def want(self, image: Float[np.ndarray, "H W"]) -> None:
+        """Take an image I of the bank's camera for the goal; what was drawn is dropped."""
+        self._base, self.marks = image, ()
+        self._changed()
+
+    def draw(self, mark: Mark) -> None:
+        """Draw on the goal.
+
+        Raises:
+          JShapeError: a mark that makes no sense, no bed yet, or more than `MOST_MARKS`.
+        """
+        self.check_free()
+        if self.bed is None:
+            raise JShapeError("there is no bed to draw on yet")
+        if len(self.marks) == MOST_MARKS:
+            raise JShapeError(f"a drawing has at most {MOST_MARKS} marks")
+        before, self.marks = self.marks, (*self.marks, check_mark(mark, self.camera))
+        self._changed()
+        try:
+            _ = self.goal
+        except JShapeError:
+            self.marks = before
+            self._changed()
+            raise
+
+    def undo(self) -> None:
+        """Take the last mark back; without any, the loaded goal.
+
+        Raises:
+          JShapeError: there is nothing to take back.
+        """
+        self._check_drawn()
+        if self.marks:
+            self.marks = self.marks[:-1]
+        else:
+            self._base = None
+        self._changed()
+
+    def clear(self) -> None:
+        """The goal is the bed as it is.
+
+        Raises:
+          JShapeError: it is already.
+        """
+        self._check_drawn()
+        self._base, self.marks = None, ()
+        self._changed()
+
+    @property
+    def changed(self) -> bool:
+        """Whether the goal asks for anything."""
+        bed, goal = self.bed, self.goal
+        return bed is not None and goal is not None and not np.array_equal(bed, goal)
+
+    @property
+    def to_move_cm3(self) -> tuple[float, float]:
+        """Volume that the goal takes away, and that it brings, cm3."""
+        if self.bed is None or self.goal is None:
+            return 0.0, 0.0
+        before, after = self.depth_of(self.bed), self.depth_of(self.goal)
+        area = before**2 / (float(self.camera.fx) * float(self.camera.fy))  # of a pixel, m2
+        change = (after - before) * area * 1e6
+        return float(change.clip(0).sum()), float((-change).clip(0).sum())
+
+    @property
+    def distance_mm(self) -> float:
+        """Between the bed and the goal; 0 without a bed."""
+        if self.bed is None or self.goal is None:
+            return 0.0
+        return float(metric.to_mm(metric.distance(self.bed, self.goal), self.camera))
+
+    # Helpers.
+
+    def lock(self, why: str) -> None:
+        """Allow no change, or all of them again: ""."""
+        if why != self.locked:
+            self.locked = why
+            self.version += 1
+
+    def check_free(self) -> None:
+        """Whether the desk may be changed.
+
+        Raises:
+          JShapeError: a run goes on.
+        """
+        if self.locked:
+            raise JShapeError(self.locked)
+
+    def _check_drawn(self) -> None:
+        self.check_free()
+        if self._base is None and not self.marks:
+            raise JShapeError("nothing is drawn or loaded: the goal is the bed as it is")
+
+    def depth_of(self, image: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "H W"]:
+        """Metres, of an image I."""
+        return np.asarray(self.camera.depth(metric.unweigh(image, self.camera)))
+
+    def _image(self, depth: np.ndarray) -> np.ndarray:
+        level = self.camera.luminance(depth, quantize=False)
+        return np.asarray(metric.weigh(level, self.camera))
+
+    def _changed(self) -> None:
+        """The bed or the goal is another."""
+        self._goal = None
+        self.version += 1

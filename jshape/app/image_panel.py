@@ -1,0 +1,210 @@
+"""The image of bed, goal, prediction or difference, and what one draws on it."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from nicegui import events, ui
+
+from jshape.app import pictures
+from jshape.app.advice import first_stroke
+from jshape.app.bench import Bench
+from jshape.app.desk import Desk
+from jshape.app.drawing import Mark, Stroke, Words
+
+VIEWS = ("bed", "goal", "predicted", "difference")
+TOOLS = {"draw": "draw", "write": "write", "place": "move action", "look": "only look"}
+"""What a press on the image does; drawing and writing change the goal."""
+HINTS = {
+    "draw": "Drag over the image: a trench as wide and as deep as below; negative depths raise.",
+    "write": "Press where the middle of the text goes, or Enter in its field: the middle.",
+    "place": "Press where the selected action of the plan is to be done instead.",
+    "look": "The pointer reads heights; nothing is changed.",
+}
+
+
+class ImagePanel:
+    """Shows one of `VIEWS`; the pointer reads heights, draws, writes, moves an action."""
+
+    def __init__(self, desk: Desk, bench: Bench, changed: Callable[[], None]):
+        """Build it where the caller is; `changed` is called when the desk was."""
+        self._desk, self._bench, self._changed = desk, bench, changed
+        self.view, self._tool = "bed", "draw"
+        self.depth: np.ndarray | None = None
+        """(H, W) metres, of what is shown."""
+        self.rgb: np.ndarray | None = None
+        """(H, W, 3) its colours."""
+        self._line: list[tuple[float, float]] = []  # the brush's way so far
+        self._read_mm: np.ndarray | None = None  # what the pointer reads
+        self._views = ui.toggle(list(VIEWS), value=self.view, on_change=self._viewed)
+        self._views.props("dense no-caps aria-label=view")
+        self._image = ui.interactive_image(
+            cross="#ffffff80", on_mouse=self._mouse,
+            # Of mouse, pen and finger alike.
+            events=["pointerdown", "pointermove", "pointerup", "pointerleave", "pointercancel"],
+        )  # fmt: skip
+        self._image.classes("w-full").style("border: 1px solid #999").props("data-name=image")
+        self._bar = ui.row().classes("w-full no-wrap items-center gap-2 text-xs")
+        with self._bar.props("data-name=bar"):
+            self._low = ui.label()
+            self._colours = ui.element("div").classes("grow").style("height: 10px")
+            self._high = ui.label()
+        self._under = ui.label().classes("text-xs").style("min-height: 1.3em")
+        self._under.props("data-name=under")
+        tools = ui.toggle(TOOLS, value=self._tool, on_change=self._tooled)
+        tools.props("dense no-caps aria-label=tool")
+        self._hint = ui.label(HINTS[self._tool]).classes("text-xs text-gray-600")
+        self._build_fields()
+        self._stroked()
+
+    def _build_fields(self) -> None:
+        """What is drawn, and its buttons."""
+        desk, bench = self._desk, self._bench
+        wide, deep = first_stroke(desk.bank, desk.pixels_per_mm)
+        with ui.row().classes("w-full items-end gap-2"):
+            for name, label, value, least, most, step, said in (
+                ("_down", "depth down", deep, -100, 100, 1,
+                 "How far a stroke or a text sinks the bed; below 0 it raises it"),
+                ("_width", "brush width", wide, 2, 100, 2, "Of the trench, at its floor"),
+                ("_size", "text length", 150.0, 10, 500, 10, "Of the text's longer side"),
+            ):  # fmt: skip
+                field = ui.number(label, value=value, min=least, max=most, step=step, suffix="mm")
+                field.props("dense").style("width: 6.1em").tooltip(f"{said}, {least} to {most} mm")
+                setattr(self, name, field)
+            self._text = ui.input("text", value="J").on("keydown.enter", lambda: self._write(None))
+            self._text.props("dense").style("width: 4em").tooltip("What write puts on the bed")
+            for words, act, said in (
+                ("undo", desk.undo, "Take the last stroke or text back (Ctrl-Z)"),
+                ("clear", desk.clear, "Take everything back: the goal is the bed as it is"),
+            ):
+                button = ui.button(
+                    words, on_click=partial(bench.guard, "drawing", act, self._changed)
+                )
+                button.props("dense no-caps outline").tooltip(said)
+
+    _down: ui.number
+    _width: ui.number
+    _size: ui.number
+
+    def look_at(self, view: str) -> None:
+        """Show another of `VIEWS`."""
+        self._views.value = view
+
+    def show(self) -> None:
+        """Draw what may have changed."""
+        desk = self._desk
+        image, bed, goal = self._shown(), desk.bed, desk.goal
+        height, width = desk.camera.shape
+        self._image.props["size"] = (width, height)  # another bank's camera makes another image
+        if image is None or bed is None or goal is None:
+            self._under.text = "no bed yet"
+            return
+        self.depth = desk.depth_of(image)
+        first, wanted = desk.depth_of(bed), desk.depth_of(goal)
+        level = float(np.median(first))
+        if self.view == "difference":
+            self._read_mm = 1e3 * (wanted - self.depth)
+            scale = pictures.difference_scale(1e3 * (wanted - first))
+            self.rgb = pictures.differing(self._read_mm, scale)
+            ends = f"{-scale.low:.1f} mm too low", f"{scale.high:.1f} mm too high"
+        else:
+            self._read_mm = 1e3 * (level - self.depth)
+            scale = pictures.height_scale(*(1e3 * (level - depth) for depth in (first, wanted)))
+            self.rgb = pictures.shaded(self._read_mm, scale)
+            ends = f"{scale.low:+.1f} mm", f"{scale.high:+.1f} mm above the bed's level"
+        self._low.text, self._high.text = ends
+        self._colours.style(f"background: {scale.gradient}")
+        self._image.set_source(pictures.data_url(self.rgb))
+        self._image.content = self._boxes()
+        if self.view == "predicted" and desk.plan is None:
+            self._under.text = "no plan yet: this is the bed as it is"
+
+    def _boxes(self) -> str:
+        plan = self._desk.plan
+        return "" if plan is None else pictures.boxes(plan, self._desk.selected - 1)
+
+    def _shown(self) -> np.ndarray | None:
+        """The image I that is looked at; `difference` is that of the predicted one to the goal."""
+        desk = self._desk
+        if desk.bed is None or self.view == "bed":
+            return desk.bed
+        if self.view == "goal":
+            return desk.goal
+        return desk.bed if desk.plan is None else desk.plan.images[desk.selected]
+
+    def _viewed(self) -> None:
+        self.view = str(self._views.value)
+        self._changed()
+
+    def _tooled(self, event: events.ValueChangeEventArguments) -> None:
+        self._tool = str(event.value)
+        self._hint.text = HINTS[self._tool]
+        self._stroked()
+        if self._tool in ("draw", "write"):
+            self.look_at("goal")
+
+    def _stroked(self) -> None:
+        """A finger that draws must not move the page."""
+        self._image.style(f"touch-action: {'none' if self._tool == 'draw' else 'auto'}")
+
+    async def _mouse(self, event: events.MouseEventArguments) -> None:
+        at, up = (event.image_x, event.image_y), event.type == "pointerup"
+        if event.type == "pointermove" and not self._line:
+            self._read(at)
+        if self._desk.bed is None:
+            if up:
+                ui.notify("there is no bed to draw on yet: load one first", type="warning")
+        elif self._tool == "draw":
+            await self._brush(event.type, at)
+        elif self._tool == "write" and up:
+            await self._write(at)
+        elif self._tool == "place" and up:
+            await self._place(at)
+
+    async def _place(self, at: tuple[float, float]) -> None:
+        step = self._desk.selected - 1
+        if step < 0:
+            ui.notify("select an action of the plan first: press its line", type="warning")
+            return
+        work = partial(self._desk.put, step, at)
+        await self._bench.guard("predicting", work, self._changed)
+
+    def _read(self, at: tuple[float, float]) -> None:
+        if self._read_mm is None or self.depth is None:
+            return
+        v, u = (
+            int(np.clip(x, 0, size - 1)) for x, size in zip(at[::-1], self.depth.shape, strict=True)
+        )
+        mm = float(self._read_mm[v, u])
+        if self.view == "difference":
+            said = f"{abs(mm):.1f} mm too {'high' if mm > 0 else 'low'}"
+        else:
+            said = f"{abs(mm):.1f} mm {'above' if mm > 0 else 'below'} the bed's level"
+        self._under.text = f"({u}, {v}) px: {said}, {1e3 * self.depth[v, u]:.1f} mm from the camera"
+
+    async def _brush(self, kind: str, at: tuple[float, float]) -> None:
+        if kind == "pointerdown":
+            self._line = [at]
+        elif kind == "pointercancel":  # the system took the finger
+            self._line, self._image.content = [], self._boxes()
+        elif self._line and kind == "pointermove":
+            self._line.append(at)
+            width = float(self._width.value or 20) * self._desk.pixels_per_mm
+            self._image.content = pictures.line(self._line, width, "#ff8800")
+        elif self._line:  # it is up, or has left
+            line, self._line = tuple(self._line), []
+            self.look_at("goal")
+            await self._mark(
+                Stroke(line, float(self._width.value or 0), float(self._down.value or 0))
+            )
+
+    async def _write(self, at: tuple[float, float] | None) -> None:
+        """The text at a place, or in the middle."""
+        camera = self._desk.camera
+        at = at or ((camera.width - 1) / 2, (camera.height - 1) / 2)
+        size, down = float(self._size.value or 0), float(self._down.value or 0)
+        self.look_at("goal")
+        await self._mark(Words(str(self._text.value), at, size, down))
+
+    async def _mark(self, mark: Mark) -> None:
+        await self._bench.guard("drawing", lambda: self._desk.draw(mark), self._changed)

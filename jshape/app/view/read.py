@@ -1,0 +1,263 @@
+"""Stories from disk: a plan's file or folder, a run of `jshape demo`, `mold` or `execute`."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from jshape import metric
+from jshape.app.view.steps import Done, begun, done_of, near, same
+from jshape.app.view.story import Act, Moment, Story
+from jshape.camera import Camera
+from jshape.data.view import image_of_depth
+from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
+from jshape.io import banks, files, formats, images, journal, runs
+from jshape.models.bank import Bank
+from jshape.planning.api import check_image, rollout
+from jshape.planning.plan import Plan
+from jshape.robot.loop import Stop
+from jshape.robot.session import GOAL, PLAN, START, SUMMARY
+
+MOST_ACTIONS = 500
+"""Of a story: each keeps up to two images, 0.8 GB at the paper's size."""
+
+
+def read_story(path: str | os.PathLike, *, camera: Camera | None = None) -> Story:
+    """The story of a plan (its file or its folder) or of a run (its folder).
+
+    Args:
+      path: `plan.json`, or a folder that holds it or `run.json`.
+      camera: of the frames of a run that holds no plan and whose bank is not here.
+
+    Raises:
+      BadFile: neither is there, or something of it is damaged.
+      BadCamera: nothing says what camera the frames are of.
+      BadImage: a frame that is not of that camera.
+      JShapeError: the plan was stored without its images.
+    """
+    path = Path(path)
+    if path.is_file():
+        return story_of_plan(Plan.from_json(path), str(path))
+    if not path.is_dir():
+        raise BadFile(f"{path}: no such file or folder")
+    if (path / runs.DESCRIPTION).is_file():
+        return _Reader(path, camera).story()
+    if (path / PLAN).is_file():
+        return story_of_plan(Plan.from_json(path / PLAN), str(path))
+    raise BadFile(
+        f"{path}: neither a run ({runs.DESCRIPTION}) nor a plan ({PLAN}) is in the folder"
+    )
+
+
+def story_of_plan(plan: Plan, where: str = "plan") -> Story:
+    """The story that a plan foretells.
+
+    Raises:
+      JShapeError: the plan was stored without its images.
+    """
+    if plan.initial is None:
+        raise JShapeError(f"{where}: the plan was stored without its images")
+    _check_count(len(plan), where)
+    depths = [_depth(image, plan.camera) for image in plan.images]
+    d_mm, places = plan.distances_mm.tolist(), plan.exact_positions.tolist()
+    moments = [Moment(seen=depths[0], seen_mm=d_mm[0])]
+    for k, name in enumerate(plan.actions):
+        (u, v), (w, h) = places[k], plan.rois[k].tolist()
+        strength, yaw = float(plan.strengths[k]), float(plan.yaws[k])
+        act = Act(name, (float(u), float(v)), strength, yaw, (w, h))
+        moments.append(
+            Moment(None, depths[k + 1], act, before_mm=d_mm[k], predicted_mm=d_mm[k + 1])
+        )
+    return Story(
+        title=f"plan, {_many(len(plan))}: {d_mm[0]:.3f} mm now, {d_mm[-1]:.3f} mm predicted",
+        camera=plan.camera,
+        goal=None if plan.goal is None else _depth(plan.goal, plan.camera),
+        moments=tuple(moments),
+    )
+
+
+class _Reader:
+    """Reads a run's folder, whatever of it is there."""
+
+    def __init__(self, folder: Path, camera: Camera | None):
+        self._folder, self._run = folder, runs.Run.open(folder)
+        self._notes = [_ending(folder)]
+        path = folder / PLAN
+        self._plan = Plan.from_json(path) if path.is_file() else None
+        self._bank = self._find_bank()
+        self._camera = self._find_camera(camera)
+        self._goal = self._find_goal()
+        self._rois = {} if self._bank is None else self._bank.rois
+
+    def story(self) -> Story:
+        """All of it."""
+        waiting = begun(self._folder / journal.NAME)
+        where, records = self._folder / runs.STEPS, self._run.steps
+        _check_count(len(records) + len(waiting), str(self._folder))
+        steps = [done_of(record, f"{where}: line {k + 1}") for k, record in enumerate(records)]
+        start = self._start()
+        first_mm = next((done.before_mm for done in (*waiting, *steps)), None)
+        moments = [Moment(seen=start, seen_mm=self._start_mm(start, first_mm))]
+        for k, (done, record) in enumerate(zip(steps, records, strict=True)):
+            at = next((j for j, one in enumerate(waiting) if done.is_planned_as(one)), None)
+            if at is not None:
+                moments += self._unseen(waiting[:at], moments[-1])
+                done.position, done.seconds = waiting[at].position, waiting[at].seconds
+                waiting = waiting[at + 1 :]
+            depth = None
+            if "frame" in record:
+                depth = self._checked(self._run.depth(k), str(record["frame"]))
+            moments.append(self._moment(done, moments[-1], depth))
+        unseen = self._unseen(waiting, moments[-1])
+        if unseen:
+            self._notes.append("the last action was begun and not looked at")
+        moments += unseen
+        if all(moment.bed is None for moment in moments):
+            raise BadFile(f"{self._folder}: the run has no frame yet")
+        goal = None if self._goal is None else _depth(self._goal, self._camera)
+        title = self._title(moments)
+        return Story(title, self._camera, goal, tuple(moments), tuple(self._notes))
+
+    def _moment(self, done: Done, before: Moment, depth: np.ndarray | None) -> Moment:
+        act = Act(done.name, done.position, done.strength, done.yaw, self._roi(done.name))
+        return Moment(
+            depth, self._predicted(done, before), act, done.before_mm, done.predicted_mm,
+            done.obtained_mm, done.effort_nm, done.seconds,
+        )  # fmt: skip
+
+    def _unseen(self, waiting: list[Done], before: Moment) -> list[Moment]:
+        """Actions that reached the bed, and that nobody looked at."""
+        found: list[Moment] = []
+        for done in waiting:
+            if done.touched:
+                found.append(self._moment(done, before, None))
+                before = found[-1]
+        return found
+
+    def _predicted(self, done: Done, before: Moment) -> np.ndarray | None:
+        """(H, W) the depth that was predicted: by the plan, or by the bank from the look before.
+
+        None where that look is not known, as after a run was resumed.
+        """
+        plan = self._plan
+        if plan is not None and plan.initial is not None:
+            for k, name in enumerate(plan.actions):
+                there = near(plan.exact_positions[k], done.position)
+                predicted_mm = float(plan.distances_mm[k + 1])
+                if there and name == done.name and same(predicted_mm, done.predicted_mm):
+                    return _depth(plan.images[k + 1], plan.camera)
+        bank, goal = self._bank, self._goal
+        if before.seen is None or not same(before.seen_mm, done.before_mm):
+            return None
+        if bank is None or goal is None or done.name not in bank.actions:
+            return None
+        image = image_of_depth(before.seen, bank.camera, max_missing=1.0).image
+        ahead = rollout(
+            image, goal, [done.name], np.array([done.position]), bank=bank,
+            strengths=np.array([done.strength]), yaws=np.array([done.yaw]),
+        )  # fmt: skip
+        return _depth(ahead.images[1], bank.camera)
+
+    def _roi(self, name: str) -> tuple[int, int] | None:
+        if name not in self._rois and self._plan is not None and name in self._plan.actions:
+            w, h = self._plan.rois[self._plan.actions.index(name)].tolist()
+            return w, h
+        return self._rois.get(name)
+
+    def _find_bank(self) -> Bank | None:
+        """The bank that the run was made with, unless it is gone."""
+        name = self._run.meta.get("bank")
+        try:
+            if not isinstance(name, str):
+                raise BadFile("the run names no bank")
+            return banks.load_bank(name)
+        except JShapeError as problem:
+            why = one_line(problem)
+            self._notes.append(f"not all that was predicted can be shown: {why}")
+            return None
+
+    def _find_camera(self, given: Camera | None) -> Camera:
+        found = given if self._bank is None else self._bank.camera
+        found = found if self._plan is None else self._plan.camera
+        if found is None:
+            raise BadCamera(
+                f"{self._folder}: nothing says what camera the frames are of: no {PLAN} is in the "
+                "folder, and the run's bank is not here; --camera-file takes a camera.json"
+            )
+        if self._bank is not None and self._bank.camera.shape != found.shape:
+            self._bank = None  # another one under the same name
+        return found
+
+    def _find_goal(self) -> np.ndarray | None:
+        """(H, W) the weighed image I* that was wanted."""
+        path = self._folder / GOAL
+        if path.is_file():
+            return check_image(formats.read_array(path), self._camera, str(path))
+        if self._plan is not None and self._plan.goal is not None:
+            return self._plan.goal
+        self._notes.append("the run holds no goal")
+        return None
+
+    def _start(self) -> np.ndarray | None:
+        """(H, W) metres: the first look."""
+        path = self._folder / START
+        if path.is_file():
+            depth = images.read_depth(path, depth_unit=self._run.depth_unit)
+            return self._checked(depth, START)
+        if self._plan is None or self._plan.initial is None:
+            return None
+        return _depth(self._plan.initial, self._camera)
+
+    def _checked(self, depth: np.ndarray, name: str) -> np.ndarray:
+        if depth.shape != self._camera.shape:
+            raise BadImage(
+                f"{self._folder / name}: {depth.shape[1]}x{depth.shape[0]} pixels; the run's "
+                f"camera makes {self._camera.width}x{self._camera.height}"
+            )
+        return depth
+
+    def _start_mm(self, depth: np.ndarray | None, noted_mm: float | None) -> float | None:
+        """Distance of the first look to the goal: as the run noted it, if that is of this look.
+
+        The look was kept in whole counts, so that its distance is off by at most one of them.
+        """
+        if depth is None or self._goal is None:
+            return noted_mm
+        image = image_of_depth(depth, self._camera, max_missing=1.0).image
+        measured = float(metric.to_mm(metric.distance(image, self._goal), self._camera))
+        count_mm = 1000.0 * self._run.depth_unit
+        noted = noted_mm is not None and abs(noted_mm - measured) < count_mm
+        return noted_mm if noted else measured
+
+    def _title(self, moments: list[Moment]) -> str:
+        what = self._run.meta.get("what")
+        what = one_line(what, 40) if isinstance(what, str) and what else "run"
+        told = f"{what}, {_many(len(moments) - 1)}"
+        measured = [moment.seen_mm for moment in moments if moment.seen_mm is not None]
+        if not measured:
+            return told
+        return f"{told}: {measured[0]:.3f} mm at the start, {measured[-1]:.3f} mm obtained"
+
+
+def _check_count(actions: int, where: str) -> None:
+    if actions > MOST_ACTIONS:
+        raise BadFile(f"{where}: {actions} actions; at most {MOST_ACTIONS} can be shown")
+
+
+def _many(actions: int) -> str:
+    return "1 action" if actions == 1 else f"{actions} actions"
+
+
+def _depth(image: np.ndarray, camera: Camera) -> np.ndarray:
+    """(H, W) metres of a weighed image I."""
+    return np.asarray(camera.depth(metric.unweigh(image, camera)), np.float32)
+
+
+def _ending(folder: Path) -> str:
+    """How a run ended, in words."""
+    if not (folder / SUMMARY).is_file():
+        return "the run has not ended, or was killed"
+    summary = files.read_json(folder / SUMMARY)
+    why, stop = summary.get("why"), str(summary.get("stop"))
+    why = why or (str(Stop[stop]) if stop in Stop.__members__ else stop)
+    return one_line(f"{summary.get('state', 'finished')}: {why}")

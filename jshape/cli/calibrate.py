@@ -1,0 +1,107 @@
+"""`jshape calibrate POSES --out FILE`."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.cli import arguments
+from jshape.cli.tables import print_table, warn
+from jshape.errors import BadFile
+from jshape.io.cameras import described
+from jshape.robot import pose_file as poses
+from jshape.robot.calibration import METHODS, TARGET, Calibration, calibrate
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """Read pose pairs, find the camera, print how well they fit, write its pose."""
+    check_new(options.out, options.overwrite)
+    pairs = poses.read_pairs(options.poses)
+    found = calibrate(
+        *pairs,
+        eye_in_hand=options.eye_in_hand,
+        method=options.method,
+        camera=None if options.camera is None else described(options.camera, 1.0)[0],
+    )
+    name = options.name or (Path(options.camera).name if options.camera else "")
+    pose = poses.pose_of_calibration(found, name)
+    poses.write_pose(options.out, pose)
+    if not options.json:
+        _print(found)
+        print(f"pose of the camera: {options.out}")
+    return {
+        f"T_{pose.parent}_camera": pose.matrix.tolist(),
+        "camera": pose.camera,
+        "found": pose.found,
+        "residuals": pose.residuals,
+        "out": str(options.out),
+    }
+
+
+def check_new(path: Path, overwrite: bool) -> None:
+    """Refuse to replace a file unless asked to.
+
+    Raises:
+      BadFile: it exists, and `overwrite` is False.
+    """
+    if path.exists() and not overwrite:
+        raise BadFile(f"{path}: exists; choose another name, or --overwrite")
+
+
+def _print(found: Calibration) -> None:
+    set_up = "camera in the hand" if found.eye_in_hand else "fixed camera"
+    print(
+        f"{len(found.residuals.mm)} pose pairs, {set_up}; turned by {found.turn_deg:.0f}° about "
+        "the least-turned axis"
+    )
+    side = f"{1e3 * TARGET:g} mm square"
+    tried = sorted(found.tried_mm.items(), key=lambda item: item[1])
+    print(f"mean error of a {side}: " + ", ".join(f"{n} {mm:.3f} mm" for n, mm in tried))
+    print(f"T_{'gripper' if found.eye_in_hand else 'base'}_camera by {found.method}, metres:")
+    for row in found.pose:
+        print("  " + " ".join(f"{x + 0.0:10.6f}" for x in np.round(row, 6)))
+    inside, outside = found.residuals, found.left_out
+    head = ("", "mean", "max", *(() if outside is None else ("left out: mean", "max")))
+    rows = []
+    for what, name, digits in (
+        ("position (mm)", "mm", 3),
+        ("rotation (°)", "degrees", 3),
+        (f"{side} (mm)", "points_mm", 3),
+        (f"{side} (px)", "pixels", 3),
+    ):
+        if getattr(inside, name) is None:
+            continue
+        row = [what]
+        for part in (inside,) if outside is None else (inside, outside):
+            values = getattr(part, name)
+            ok = values[np.isfinite(values)]
+            row += [f"{x:.{digits}f}" for x in (ok.mean(), ok.max())] if len(ok) else ["-", "-"]
+        rows.append(tuple(row))
+    print_table(head, rows)
+    for line in found.warnings:
+        warn(line)
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape calibrate`."""
+    parser = arguments.command(commands, "calibrate", run)
+    parser.add_argument("poses", type=Path, help="JSON: pairs of base_gripper and camera_target")
+    parser.add_argument("--out", type=Path, required=True, help="file for the camera's pose (JSON)")
+    parser.add_argument(
+        "--camera-file", "--camera", dest="camera", metavar="FILE",
+        help="camera.json, or a preset's name: gives errors in its pixels too",
+    )  # fmt: skip
+    parser.add_argument("--name", default="", help="what to call the camera (that file's name)")
+    parser.add_argument(
+        "--method",
+        choices=METHODS,
+        metavar="NAME",
+        help=f"{', '.join(METHODS)} (default: the one that fits best)",
+    )
+    parser.add_argument(
+        "--eye-in-hand",
+        action="store_true",
+        help="the camera is in the gripper, the target lies still (default: a fixed camera, the "
+        "target in the gripper)",
+    )

@@ -1,0 +1,121 @@
+"""`jshape camera check` and `jshape camera list`."""
+
+import argparse
+import math
+from collections import Counter
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.cli import COMMANDS, arguments, cameras
+from jshape.cli.tables import print_table, progress
+from jshape.data import camera_check
+from jshape.data.missing import said as said_of
+from jshape.data.view import plannable
+from jshape.errors import BadFile
+from jshape.io import files
+from jshape.io.cameras import camera_fields
+from jshape.robot.cameras.base import EndOfFrames, next_frame, still
+from jshape.viz.style import drawn
+
+
+def check(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape camera check CAMERA`: measures the set-up and says whether it will do."""
+    if options.out is not None and options.out.exists() and not options.overwrite:
+        raise BadFile(f"{options.out}: exists; choose another name, or --overwrite")
+    frames, left_out = [], Counter()
+    with closing(cameras.opened(options)) as camera:
+        try:
+            for _ in progress(range(options.frames), options.frames, "looking"):
+                frames.append(next_frame(camera, left_out))
+        except EndOfFrames:  # a recording may be shorter
+            if not frames:
+                raise
+    measured = camera_check.measure(
+        np.stack(frames), camera.camera, camera.depth_unit, still=still(camera)
+    )
+    said = camera_check.verdict(measured.setup, camera.camera)
+    if all(fine for fine, _ in said):  # else that is to be mended first
+        taken = plannable(measured.depth, camera.camera, own=bool(options.window))
+        said += [] if taken is None else [(False, taken)]
+    good = all(fine for fine, _ in said)
+    result = {
+        "camera": camera.name,
+        "intrinsics": camera_fields(camera.camera) | {"depth_unit": camera.depth_unit},
+        **{name: _plain(value) for name, value in measured.setup._asdict().items()},
+        "left_out": left_out,
+        "good": good,
+        "verdict": [{"good": fine, "says": sentence} for fine, sentence in said],
+    }
+    if not options.json:
+        _print(result)
+    if options.out is not None:
+        from jshape.viz.camera_check import check_figure
+
+        seen = measured.depth, measured.noise, measured.off
+        name = str(options.out)
+        for picture in drawn({name: partial(check_figure, *seen, camera.name)}).values():
+            files.write_atomic(options.out, picture)
+            result["out"] = name
+            if not options.json:
+                print(f"picture: {name}")
+    return result
+
+
+def _plain(value: Any) -> Any:
+    """NaN has no place in JSON."""
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _print(result: dict[str, Any]) -> None:
+    c = result["intrinsics"]
+    print(f"{result['camera']}: {c['width']}x{c['height']} pixels, fx {c['fx']:g}, fy {c['fy']:g}, "
+          f"u0 {c['u0']:g}, v0 {c['v0']:g}; {c['depth_unit']:g} m per count; "
+          f"{result['frames']} frame{'s' * (result['frames'] > 1)}")  # fmt: skip
+    if gaps := sum(result["left_out"].values()):
+        print(f"pixels without depth in all frames: {gaps}{said_of(result['left_out'])}")
+    for line in result["verdict"]:
+        print(f"  {'ok ' if line['good'] else 'BAD'} {line['says']}")
+    bad = sum(not line["good"] for line in result["verdict"])
+    print(f"not good enough: {bad} of {len(result['verdict'])} to mend"
+          if bad else "good enough to record and to plan with")  # fmt: skip
+
+
+def list_cameras(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape camera list`: the RealSense cameras that are connected, and what else opens."""
+    from jshape.robot.cameras.names import names
+    from jshape.robot.cameras.realsense import devices
+
+    found = devices()
+    if not options.json:
+        if found:
+            print_table(("camera", "name"), [(f"realsense:{d.serial}", d.name) for d in found])
+        else:
+            print("no RealSense camera is connected")
+        print("\nwhat opens as a camera:")
+        print_table(("name", "what it is"), names())
+    return {"devices": [{"name": d.name, "serial": d.serial} for d in found]}
+
+
+def add(commands: Any) -> None:
+    """The parsers of `jshape camera`."""
+    camera = commands.add_parser("camera", help=COMMANDS["camera"])
+    camera.set_defaults(help_of=camera)
+    within = camera.add_subparsers(dest="subcommand", metavar="WHAT", parser_class=arguments.Parser)
+    parser = arguments.command(
+        within,
+        "check",
+        check,
+        "look at a levelled, resting bed and say whether the set-up is good enough",
+    )
+    cameras.add_camera(parser)
+    parser.add_argument(
+        "--frames", type=arguments.positive_count, default=60, help="how many (default: 60)"
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="picture of what was measured")
+    arguments.command(
+        within, "list", list_cameras, "the RealSense cameras that are connected", writes=False
+    )

@@ -1,0 +1,148 @@
+"""`jshape dataset annotate`: find the box of every pair."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.cli import arguments
+from jshape.cli.tables import print_table, progress
+from jshape.data import annotate as finding
+from jshape.data.annotate import Effect
+from jshape.data.pairs import Pairs
+from jshape.errors import BadDataset, one_line
+from jshape.io import annotations, datasets, folders
+from jshape.viz import sheets
+from jshape.viz.style import drawn
+
+_DOUBT = 0.35
+"""A box whose area is off the action's mean by more than this share is worth a look."""
+
+
+def annotate(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape dataset annotate DATASET OUT`."""
+    folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    pairs = datasets.load_pairs(options.dataset)
+    annotations.sheet_name((len(pairs) - 1) // sheets.PER_PAGE)  # too many are refused at once
+    by_hand = annotations.boxes_by_hand(options.dataset)
+    if options.all:
+        by_hand[:] = False
+    elif by_hand.all():
+        raise BadDataset(
+            f"{options.dataset}: all {len(pairs)} boxes were given by hand (no row has a box in "
+            f"the column {annotations.FOUND!r} that is still its own); --all finds them anew"
+        )
+    effects = [
+        finding.find_effect(prior, posterior, pairs.depth_unit)
+        for prior, posterior in progress(
+            zip(pairs.prior, pairs.posterior, strict=True), len(pairs), "finding"
+        )
+    ]
+    found, there = finding.place_boxes(pairs, effects, by_hand)
+    unseen = pairs.id[~there].tolist()
+    if unseen and not options.skip:
+        noise = np.median([e.noise_mm for e in effects])
+        raise BadDataset(
+            f"{options.dataset}: nothing changed beyond the noise of {noise:.2f} mm in "
+            f"{one_line(', '.join(unseen), 120)}; --skip leaves such pairs out"
+        )
+    if not there.any():
+        raise BadDataset(f"{options.dataset}: no pair shows a change, so none is left")
+    doubts = _doubts(found, effects, by_hand, there)
+    kept = np.flatnonzero(there).tolist()
+    with annotations.found_writer(
+        options.out, pairs.camera, pairs.depth_unit, overwrite=options.overwrite
+    ) as add:
+        for k in kept:
+            add(by_hand=bool(by_hand[k]), **datasets.row_of(found, k))
+        pages = [kept[k : k + sheets.PER_PAGE] for k in range(0, len(kept), sheets.PER_PAGE)]
+        for number, page in enumerate(progress(pages, len(pages), "drawing")):
+            tiles = [
+                _tile(found, effects[k], k, bool(by_hand[k]), found.id[k] in doubts) for k in page
+            ]
+            colours = [sheets.colour_of(str(found.action[k])) for k in page]
+            sheet = partial(sheets.contact_sheet, tiles, colours=colours)
+            add.pictures.update(drawn({annotations.sheet_name(number): sheet}, dpi=90))
+    rows = _groups(found.select(there), by_hand[there])
+    if not options.json:
+        print_table(("action", "pairs", "by hand", "ROI (w x h)"), rows)
+        for name, why in doubts.items():
+            print(f"look at {name}: {why}")
+        if unseen:
+            print(f"left out, nothing changed: {', '.join(unseen)}")
+        print(f"{len(kept)} pairs, and contact_sheet.png to check: {options.out}")
+    return {
+        "out": str(options.out),
+        "pairs": len(kept),
+        "by_hand": int(by_hand[there].sum()),
+        "groups": [dict(zip(("action", "pairs", "by_hand", "roi"), r, strict=True)) for r in rows],
+        "look_at": doubts,
+        "left_out": unseen,
+        "sheets": len(pages),
+    }
+
+
+def _groups(pairs: Pairs, by_hand: np.ndarray) -> list[tuple[str, int, int, str]]:
+    return [
+        (action, len(mine), int(by_hand[pairs.action == action].sum()),
+         "{}x{}".format(*pairs.roi_size(action)))
+        for action, mine in pairs.by_action()
+    ]  # fmt: skip
+
+
+def _doubts(
+    pairs: Pairs, effects: list[Effect], by_hand: np.ndarray, there: np.ndarray
+) -> dict[str, str]:
+    """Pairs whose found box a person should look at, and why."""
+    doubts = {}
+    for k in np.flatnonzero(there & ~by_hand):
+        box, size, why = effects[k].box, pairs.size[k], []
+        if box is None:
+            continue
+        ratio = box[2] * box[3] / float(size.prod())
+        if abs(np.log(ratio)) > np.log(1 + _DOUBT):
+            why.append(f"its own box is {box[2]}x{box[3]}, the mean {size[0]}x{size[1]}")
+        if effects[k].second_mm > 0.5 * effects[k].peak_mm:
+            why.append(f"{1 + len(effects[k].others)} places changed")
+        if box[0] == 0 or box[1] == 0 or _at_end(box, pairs):
+            why.append("the effect reaches the image's edge")
+        if why:
+            doubts[str(pairs.id[k])] = "; ".join(why)
+    return doubts
+
+
+def _at_end(box: tuple[int, int, int, int], pairs: Pairs) -> bool:
+    camera = pairs.camera
+    return box[0] + box[2] >= camera.width or box[1] + box[3] >= camera.height
+
+
+def _tile(pairs: Pairs, effect: Effect, k: int, by_hand: bool, doubt: bool) -> sheets.Tile:
+    counts = pairs.prior[k]
+    depth = np.where(counts > 0, counts * np.float32(1e3 * pairs.depth_unit), np.nan)
+    (u, v), (w, h) = pairs.centre[k].tolist(), pairs.size[k].tolist()
+    marks = (" [by hand]" if by_hand else "") + (" [look]" if doubt else "")
+    return sheets.Tile(
+        f"{pairs.id[k]}: {pairs.action[k]} {w}x{h}{marks}",
+        depth,
+        effect.change_mm,
+        (u - w // 2, v - h // 2, w, h),
+        by_hand,
+    )
+
+
+def add(commands: Any) -> None:
+    """The parser, below `jshape dataset`."""
+    parser = arguments.command(
+        commands, "annotate", annotate, "find where each pair changed; boxes drawn by hand stay"
+    )
+    parser.add_argument("dataset", type=Path)
+    parser.add_argument(
+        "out", type=Path,
+        help="folder of the new data set; the same as DATASET with --overwrite replaces it",
+    )  # fmt: skip
+    parser.add_argument("--skip", action="store_true", help="leave out pairs without an effect")
+    parser.add_argument(
+        "--all", action="store_true", help="find boxes anew where they were given by hand"
+    )

@@ -1,0 +1,237 @@
+"""`jshape doctor`: what is installed and works.  It needs nothing that might be broken itself."""
+
+import argparse
+import importlib
+import os
+import platform
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from jshape import __version__
+from jshape.cli import arguments, extras
+from jshape.cli.colours import coloured
+from jshape.cli.tables import print_table
+
+CORE = {
+    "jax": "jax", "jaxlib": "jaxlib", "flax": "flax", "optax": "optax",
+    "numpy": "numpy", "scipy": "scipy", "opencv-python-headless": "cv2",
+    "matplotlib": "matplotlib", "tqdm": "tqdm", "shtab": "shtab",
+    "filelock": "filelock", "platformdirs": "platformdirs",
+}  # fmt: skip
+"""What jshape cannot do without: packages, and the module that each brings."""
+BANK = "flour-robot"
+"""What the self-test plans with: the bundled bank that compiles quickest."""
+PLACE, NEAR = (230, 200), 25
+"""Where the self-test knocks, and how far from it a plan on a 9x7 grid may find that, pixels."""
+
+
+def doctor(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape doctor`: load everything, check banks, compute something that is known."""
+    with ThreadPoolExecutor(2) as pool:  # each is a process of its own
+        looked = [pool.submit(extras.look, extra) for extra in extras.EXTRAS]
+        core = [_load(package, module) for package, module in CORE.items()]
+        parts = {"devices": _devices, "cache": _cache, "banks": _banks}
+        result: dict[str, Any] = {
+            "jshape": __version__,
+            "python": platform.python_version(),
+            "system": f"{platform.system()} {platform.machine()}",
+            "core": core,
+            "memory": _memory(),
+            **{name: _tried(make) for name, make in parts.items()},
+            "selftest": [_timed(name, test) for name, test in SELFTEST.items()],
+            "extras": [future.result() for future in looked],
+        }
+    bad = [f"{row['package']}: {row['problem']}" for row in core if row["problem"]]
+    bad += [f"{k}: {result[k]['problem']}" for k in parts if "problem" in result[k]]
+    bad += [f"bank {row['name']}: {row['problem']}" for row in result["banks"].get("found", ())
+            if row["problem"]]  # fmt: skip
+    bad += [f"{row['test']}: {row['problem']}" for row in result["selftest"] if row["problem"]]
+    result |= {"good": not bad, "problems": bad}
+    options.exit_code = int(bool(bad))
+    if not options.json:
+        _print(result)
+    return result
+
+
+def _load(package: str, module: str) -> dict[str, Any]:
+    """A package's version, by importing it."""
+    row: dict[str, Any] = {"package": package, "version": "", "problem": ""}
+    try:
+        loaded = importlib.import_module(module)
+        row["version"] = str(getattr(loaded, "__version__", "")) or metadata.version(package)
+    except metadata.PackageNotFoundError:
+        pass  # it works, and does not say who it is
+    except Exception as problem:  # a broken package fails in its own fashion
+        row["problem"] = extras.first_line(problem)
+    return row
+
+
+def _tried(make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    try:
+        return make()
+    except Exception as problem:
+        return {"problem": extras.first_line(problem)}
+
+
+def _timed(name: str, test: Callable[[], str]) -> dict[str, Any]:
+    row: dict[str, Any] = {"test": name, "found": "", "problem": ""}
+    started = time.perf_counter()
+    try:
+        row["found"] = test()
+    except Exception as problem:
+        row["problem"] = extras.first_line(problem)
+    return row | {"seconds": time.perf_counter() - started}
+
+
+def _devices() -> dict[str, Any]:
+    from jshape.planning.devices import cores, over_devices
+
+    over_devices()
+    import jax
+
+    names = [f"{device.platform}: {device.device_kind}" for device in jax.devices()]
+    return {"cores": cores(), "found": names}
+
+
+def _memory() -> dict[str, float | None]:
+    """GiB of the machine, or of its share for this process; None where nobody says."""
+    try:
+        page = os.sysconf("SC_PAGE_SIZE")
+        total, free = (os.sysconf(f"SC_{name}PHYS_PAGES") * page for name in ("", "AV"))
+    except (AttributeError, OSError, ValueError):  # not on Windows
+        return {"total_gib": None, "free_gib": None}
+    try:
+        limit = int(Path("/sys/fs/cgroup/memory.max").read_text())
+    except (OSError, ValueError):
+        limit = total
+    return {"total_gib": min(total, limit) / 2**30, "free_gib": min(free, limit) / 2**30}
+
+
+def _cache() -> dict[str, Any]:
+    from jshape.planning.devices import remember_compiled
+
+    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR") or remember_compiled()
+    if folder is None:
+        return {"folder": None, "files": 0, "bytes": 0}
+    sizes = [path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()]
+    return {"folder": str(folder), "files": len(sizes), "bytes": sum(sizes)}
+
+
+def _banks() -> dict[str, Any]:
+    from jshape.io.banks import bank_manifest, list_banks
+
+    rows = []
+    for name in list_banks():
+        row: dict[str, Any] = {"name": name, "kind": "", "actions": [], "problem": ""}
+        try:  # reads every file and compares its checksum
+            manifest = bank_manifest(name)
+            row |= {"kind": manifest["kind"], "actions": manifest["actions"]}
+        except Exception as problem:
+            row["problem"] = extras.first_line(problem)
+        rows.append(row)
+    if not rows:
+        raise FileNotFoundError("none is bundled")
+    return {"found": rows}
+
+
+def _distance() -> str:
+    import numpy as np
+
+    from jshape import PAPER_BOX, distance
+
+    rng = np.random.default_rng(0)
+    first, second = rng.random((2, *PAPER_BOX.shape), np.float32)
+    found = float(distance(first, second))
+    expected = float(np.abs(first.astype(float) - second).mean())
+    if not abs(found - expected) <= 1e-5 * expected:
+        raise ValueError(f"{found:.7f}; NumPy finds {expected:.7f}")
+    return f"{found:.6f}, as NumPy finds"
+
+
+def _plan() -> str:
+    import jax
+    import numpy as np
+
+    from jshape import PAPER, load_bank, options, plan_depth
+    from jshape.robot.simulated import SimulatedWorld, bed_of
+
+    bank = load_bank(BANK)
+    bed, key, _ = bed_of(0)
+    world = SimulatedWorld(key, bed, camera=bank.camera)
+    now = np.asarray(jax.block_until_ready(world.look()))
+    world.act("knock", PLACE)
+    search = options(PAPER, bank=bank, positions="9x7", max_steps=1)
+    found = plan_depth(now, np.asarray(world.look()), **search)
+    before, after = float(found.distances_mm[0]), float(found.distances_mm[-1])
+    said = f"{', '.join(found.actions) or 'nothing'}, {before:.3f} -> {after:.3f} mm"
+    if found.actions != ("knock",) or not after < 0.8 * before:
+        raise ValueError(f"{said}; a knock at {PLACE} was expected, a fifth nearer at least")
+    place = tuple(int(x) for x in found.positions[0])
+    if np.hypot(*np.subtract(place, PLACE)) > NEAR:
+        raise ValueError(f"a knock at {place}; {PLACE} within {NEAR} pixels was expected")
+    return f"knock at {place}, {before:.3f} -> {after:.3f} mm"
+
+
+SELFTEST = {"distance of two images": _distance, "plan in the simulator": _plan}
+"""What is computed, and compared with what must come out."""
+
+
+def _print(result: dict[str, Any]) -> None:
+    print(f"jshape {result['jshape']}, Python {result['python']}, {result['system']}")
+    devices, memory, cache = result["devices"], result["memory"], result["cache"]
+    if "found" in devices:
+        print(f"devices: {', '.join(devices['found'])}; cores: {devices['cores']}")
+    if memory["total_gib"] is not None:
+        print(f"memory: {memory['total_gib']:.1f} GiB, {memory['free_gib']:.1f} free")
+    if "folder" in cache:
+        size = f"{cache['folder']}, {cache['files']} files, {cache['bytes'] / 2**20:.1f} MiB"
+        print(f"compiled code: {size if cache['folder'] else 'not kept'}")
+    print()
+    print_table(("package", "version", "state"),
+                [(r["package"], r["version"], _state(r["problem"])) for r in result["core"]]
+                )  # fmt: skip
+    print()
+    print_table(
+        ("extra", "what for", "state"),
+        [(r["extra"], r["what"], _extra(r)) for r in result["extras"]],
+    )
+    print()
+    print_table(
+        ("bank", "kind", "actions", "checksums"),
+        [(r["name"], r["kind"], ", ".join(r["actions"]), _state(r["problem"]))
+         for r in result["banks"].get("found", ())],
+    )  # fmt: skip
+    print()
+    print_table(
+        ("self-test", "seconds", "found"),
+        [(r["test"], f"{r['seconds']:.1f}", r["found"] or _state(r["problem"]))
+         for r in result["selftest"]],
+    )  # fmt: skip
+    print()
+    for line in result["problems"]:
+        print(f"{coloured('BAD', 'error')} {line}")
+    if result["good"]:
+        print(coloured("all that the core needs works", "good"))
+
+
+def _state(problem: str) -> str:
+    return f"BAD: {problem}" if problem else "ok"
+
+
+def _extra(row: dict[str, Any]) -> str:
+    if row["installed"] and not row["problem"]:
+        return "ok"
+    system = f"; Debian: apt install {row['debian']}" if row["debian"] else ""
+    if not row["installed"]:
+        return f"not installed: {row['pip']}{system}"
+    return f"BAD: {row['problem']}{system}"
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape doctor`."""
+    # It computes, but must speak where JAX does not even import.
+    arguments.command(commands, "doctor", doctor, writes=False, computes=False)

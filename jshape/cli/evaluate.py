@@ -1,0 +1,250 @@
+"""`jshape evaluate DATASET`."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from jshape.cli import arguments
+from jshape.cli.tables import print_table
+from jshape.errors import JShapeError
+from jshape.io import banks, datasets, files, folders
+
+SCORES = ("scores.csv", "scores.png", "scores.md", "sizes.csv", "sizes.png", "transfer.csv",
+          "transfer.png")  # fmt: skip
+"""Files of an evaluation's folder."""
+AT_FLOOR = 1.1
+"""Times its noise floor: a predictor so near to it leaves nothing to win."""
+LEARNING = ("width", "epochs", "batch", "learning_rate", "patience", "validation")
+"""Options of training that make sense here; there is nothing to resume."""
+
+
+def evaluate(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape evaluate DATASET`."""
+    from jshape.learn import evaluate as evaluation
+    from jshape.learn.floor import noise_floor
+
+    _check(options)
+    if options.out is not None:
+        folders.check_target(options.out, options.overwrite, contents=SCORES)
+    pairs = datasets.load_pairs(options.dataset)
+    comparisons: list[Any] = []
+    studies: dict[str, list[Any]] = {}
+    notes: list[str] = []
+    if options.bank is not None:
+        how = f"bank {options.bank} on all pairs; std over the pairs"
+        scores = evaluation.evaluate(banks.load_bank(options.bank), pairs)
+    else:
+        # All are made, and checked, before the first runs for hours.
+        watch = _Watch()
+        main, others = _studies(options, pairs, watch, notes)
+        floors = noise_floor(pairs)
+        trials = watch.trials("partitions", main)
+        scores = evaluation.summarise(trials, floors)
+        comparisons = evaluation.compare(trials, main.candidates[0].label)
+        notes += _explained(scores, comparisons)
+        for name, study in others.items():
+            studies[name] = evaluation.summarise(watch.trials(name, study), floors)
+        named = ", ".join(f"f_{candidate.label}" for candidate in main.candidates)
+        many = f"{main.partitions} random 75/25 partition" + "s" * (main.partitions > 1)
+        over = "the pairs" if main.partitions == 1 else "their means"
+        how = f"{named}, {many} per agent; std over {over}"
+    first = [s.mean_mm for s in scores if s.predictor == scores[0].predictor]
+    result = {"how": how, "mean_mm": float(np.mean(first)), "notes": notes}
+    result["scores"] = [s._asdict() for s in scores]
+    result |= {study: [s._asdict() for s in found] for study, found in studies.items()}
+    result["comparisons"] = [
+        {k: None if v != v else v for k, v in c._asdict().items()} for c in comparisons
+    ]
+    if options.out is not None:
+        _write(options, how, scores, studies, comparisons)
+    if not options.json:
+        _print(how, scores, studies, comparisons, notes)
+    return result
+
+
+def _explained(scores: Sequence[Any], comparisons: Sequence[Any]) -> list[str]:
+    """Why a predictor is not better than another: there is nothing to win, or too few pairs."""
+    found = []
+    for c in comparisons:
+        base = next(s for s in scores if (s.predictor, s.action, s.agent, s.trained_on)
+                    == (c.against, c.action, c.agent, c.trained_on))  # fmt: skip
+        whose = f"{c.action} of {c.agent}: f_{c.predictor} against f_{c.against}"
+        if base.floor_mm is not None and base.mean_mm <= AT_FLOOR * base.floor_mm:
+            found.append(
+                f"{whose}: f_{c.against} is at the noise floor ({base.mean_mm:.2f} mm, floor "
+                f"{base.floor_mm:.2f}), so nothing is to be won here: what is left is what the "
+                "hand does otherwise each time; on a level bed the mean change is all there is"
+            )
+        elif abs(c.difference_mm) < 2.0 * c.error_mm:
+            found.append(f"{whose}: {c.count} pairs cannot tell them apart")
+    return found
+
+
+def _studies(
+    options: argparse.Namespace, pairs: Any, watch: Any, notes: list[str]
+) -> tuple[Any, dict[str, Any]]:
+    """The comparison of kinds, and the other studies that were asked for, by name."""
+    from jshape.learn import evaluate as evaluation
+    from jshape.learn.partitions import Study
+
+    candidates = evaluation.candidates_of(options.kinds or options.kind or "D")
+    more: dict[str, Any] = {"partitions": options.partitions or 4, "seed": options.seed}
+    more |= {"report": watch, "options": _learning(options)}
+    main = Study(pairs, candidates, across=options.across_agents, **more)
+    others = {}
+    if options.sizes:
+        sizes = _sizes(pairs, options.sizes, notes)
+        others["sizes"] = Study(pairs, candidates, sizes=sizes, **more)
+    if options.start is not None:
+        start, name = banks.load_bank(options.start), Path(options.start).name
+        few = (
+            _sizes(pairs, options.few, notes)
+            if options.few
+            else _sizes_that_fit(pairs, evaluation.FEW)
+        )
+        others["transfer"] = evaluation.few_shot_study(pairs, start, few, name, **more)
+    return main, others
+
+
+def _check(options: argparse.Namespace) -> None:
+    fitting = ("kind", "kinds", "partitions", "sizes", "start", "few", "across_agents", *LEARNING)
+    values = {name: getattr(options, name) for name in fitting}
+    # 0 is a value that somebody gave.
+    given = [name for name, value in values.items() if value is not None and value is not False]
+    if options.bank is not None and given:
+        named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise JShapeError(f"{named}: for fitting; with --bank nothing is fitted")
+    if options.kind and options.kinds:
+        raise JShapeError("--kind names one kind and --kinds several; give one of the two options")
+    if options.few and options.start is None:
+        raise JShapeError("--few needs the bank to start from: --start BANK")
+
+
+def _learning(options: argparse.Namespace) -> dict[str, Any]:
+    given = {name: getattr(options, name) for name in LEARNING}
+    return {k: v for k, v in given.items() if v is not None} | {"seed": options.seed}
+
+
+def _sizes(pairs: Any, wanted: Sequence[int], notes: list[str]) -> list[int]:
+    """Those that every action has; the others are noted.  None of them is an error."""
+    from jshape.learn.partitions import fewest
+
+    least, action, agent = fewest(pairs)
+    left_out = sorted(size for size in set(wanted) if size > least)
+    kept = sorted(size for size in set(wanted) if size <= least)
+    text = ", ".join(map(str, left_out))
+    what = f"{action} of {agent} has {least} pairs to fit to beside those for testing"
+    if not kept:
+        raise JShapeError(f"training sets of {text} pairs per action: {what}")
+    if left_out:
+        notes.append(f"training sets of {text} pairs are left out: {what}")
+    return kept
+
+
+def _sizes_that_fit(pairs: Any, usual: Sequence[int]) -> list[int]:
+    """The usual ones that every action has; if there is none, the largest that it has."""
+    from jshape.learn.partitions import fewest
+
+    least = fewest(pairs)[0]
+    return [size for size in usual if size <= least] or [max(1, least)]
+
+
+class _Watch:
+    """A progress bar on a terminal, with the epoch of what is being trained."""
+
+    def __init__(self):
+        self.bar: tqdm | None = None
+
+    def __call__(self, progress: Any) -> None:
+        """Told of every epoch."""
+        if self.bar is not None:
+            self.bar.set_postfix_str(f"{progress.action} epoch {len(progress.curve)}")
+
+    def trials(self, what: str, study: Any) -> list[Any]:
+        """All of a study's."""
+        found: list[Any] = []
+        quiet = not sys.stderr.isatty()
+        with tqdm(study, what, len(study), disable=quiet, leave=False) as self.bar:
+            for trials in self.bar:
+                found += trials
+        return found
+
+
+def _write(options: argparse.Namespace, how: str, scores: Any, studies: Any, pairs: Any) -> None:
+    from jshape.learn import scores as drawn
+    from jshape.viz import style
+
+    pictures = {"scores.png": partial(drawn.scores_figure, scores)}
+    with folders.atomic_folder(options.out, options.overwrite, contents=SCORES) as folder:
+        files.write_atomic(folder / "scores.csv", drawn.scores_csv(scores))
+        text = f"{how}\n\n{drawn.markdown(*drawn.scores_table(scores))}"
+        if pairs:
+            text += f"\nPair by pair:\n\n{drawn.markdown(*drawn.comparison_table(pairs))}"
+        for study, found in studies.items():
+            files.write_atomic(folder / f"{study}.csv", drawn.scores_csv(found))
+            pictures[f"{study}.png"] = partial(drawn.sizes_figure, found)
+            text += f"\n{TITLES[study]}:\n\n{drawn.markdown(*drawn.sizes_table(found))}"
+        files.write_atomic(folder / "scores.md", text)
+    for name, picture in style.drawn(pictures).items():
+        files.write_atomic(options.out / name, picture)
+
+
+TITLES = {
+    "sizes": "By pairs per action, mean over the actions",
+    "transfer": "Adapted with few pairs per action, mean over the actions",
+}
+
+
+def _print(how: str, scores: Any, studies: Any, comparisons: Any, notes: list[str]) -> None:
+    from jshape.learn import scores as drawn
+
+    print(how)
+    print_table(*drawn.scores_table(scores))
+    if comparisons:
+        print("\npair by pair:")
+        print_table(*drawn.comparison_table(comparisons))
+    for study, found in studies.items():
+        print(f"\n{TITLES[study].lower()}:")
+        print_table(*drawn.sizes_table(found))
+    for note in notes:
+        print(f"\n{note}")
+    mine = [s for s in scores if s.trained_on in ("", s.agent)]
+    means = {
+        name: np.mean([s.mean_mm for s in mine if s.predictor == name])
+        for name in dict.fromkeys(s.predictor for s in mine)
+    }
+    listed = ", ".join(f"f_{name} {mean:.3f}" for name, mean in means.items())
+    print(f"\nmean error: {listed if len(means) > 1 else f'{next(iter(means.values())):.3f}'} mm")
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape evaluate`."""
+    parser = arguments.command(commands, "evaluate", evaluate, at_once=True)
+    count = arguments.positive_count
+    parser.add_argument("dataset", type=Path)
+    parser.add_argument("--bank", default=None, help="test this bank on the whole data set")
+    parser.add_argument("--kind", default=None, help="kind to fit to each partition (D)")
+    parser.add_argument("--kinds", nargs="+", metavar="KIND", help="several kinds to compare")
+    parser.add_argument("--partitions", type=count, default=None, help="how many (4)")
+    parser.add_argument("--seed", type=arguments.seed, default=0)
+    parser.add_argument(
+        "--across-agents", action="store_true", help="test each agent's bank on the others too"
+    )
+    parser.add_argument(
+        "--sizes", nargs="+", type=count, metavar="N",
+        help="compare training sets of N pairs per action (the paper: 5 10 25 50 75)",
+    )  # fmt: skip
+    parser.add_argument("--start", metavar="BANK", help="adapt this bank with few pairs")
+    parser.add_argument(
+        "--few", nargs="+", type=count, metavar="N", help="how many pairs per action (5 10 25)"
+    )
+    for name in LEARNING:
+        read, what = arguments.TRAINING[name]
+        parser.add_argument(f"--{name.replace('_', '-')}", type=read, default=None, help=what)
+    parser.add_argument("--out", type=Path, help="folder for the tables and pictures")

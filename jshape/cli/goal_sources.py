@@ -1,0 +1,345 @@
+"""What `jshape goal` can make a goal from: files and words to a change of the bed's height."""
+
+import argparse
+import math
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from jshape import metric
+from jshape.camera import Camera, check_same_camera, differing, window_of
+from jshape.data.intrinsics import within
+from jshape.data.missing import fill_missing
+from jshape.data.missing import said as said_of
+from jshape.data.view import View, image_of_depth, view_of
+from jshape.errors import BadCamera, BadFile, BadPosition, JShapeError, quoted
+from jshape.goals import (
+    BedMap,
+    Relief,
+    bed_map,
+    drawn_on_image,
+    largest_size,
+    placed,
+    relief_of_heights,
+    relief_of_mask,
+    relief_of_solid,
+    relief_of_text,
+)
+from jshape.goals.reliefs import inked
+from jshape.io import drawings, files, points
+from jshape.io.frames import Source, frame_of, goal_source
+from jshape.models.bank import Bank
+from jshape.planning import plan_file as plans
+from jshape.planning.api import rollout
+from jshape.planning.plan import Plan
+
+DEPTH_MM = 8.0
+"""How deep texts and masks are sunk unless one says otherwise, mm: the least depth of the letters
+of the planning benchmark."""
+SHARE = 0.6
+"""Of the largest size that fits, unless one says how large."""
+SMALL = 0.5
+"""Of the usual size: what is made smaller, since it is near the edge, is said."""
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
+"""Metres per unit of a mesh."""
+LONGEST_M = 2.0
+"""A mesh of up to so many units is taken for metres, a larger one for millimetres."""
+
+_ACTION = re.compile(
+    r"([\w-]+)\s+([0-9.]+)\s*,\s*([0-9.]+)(?:\s*x\s*([0-9.]+))?(?:\s*@\s*(-?[0-9.]+))?"
+)
+
+
+class Wanted(NamedTuple):
+    """What is asked of a bed."""
+
+    name: str
+    """For people."""
+    change: np.ndarray
+    """(Y, X) change of height, metres, up."""
+    assumed: list[str]
+    """What was guessed, in sentences."""
+    size_mm: tuple[float, float] | None = None
+    """Of what was placed."""
+    at: tuple[float, float] | None = None
+    """Pixel of its middle."""
+    frame: np.ndarray | None = None
+    """(H, W) the frame that it is, where it is one."""
+    stands: bool = False
+    """It was seen or pressed: steeper than loose material."""
+
+
+class Acts(NamedTuple):
+    """Actions in their order, places in the bank's image."""
+
+    actions: list[str]
+    positions: np.ndarray
+    strengths: np.ndarray
+    yaws: np.ndarray
+
+
+def wanted_of(
+    options: argparse.Namespace, bed: BedMap, camera: Camera, source: Source, bank: Bank
+) -> Wanted:
+    """The change that the options ask for.
+
+    Args:
+      options: of `jshape goal`.
+      bed: to change.
+      camera: of the frame, or of the part of it that was asked for.
+      source: of the whole frame, and of another frame unless its own folder says otherwise.
+      bank: predicts actions.
+
+    Raises:
+      JShapeError: whatever is wrong with a file, a text or a place.
+    """
+    kind = next(name for name in NAMES if getattr(options, name) is not None)
+    if kind in ("frame", "actions"):
+        for name in ("at", "size_mm", "turn", "raise_mm", "depth_mm"):
+            if getattr(options, name):
+                option = name.replace("_", "-")
+                raise JShapeError(f"--{option} says nothing of --{kind}: its places are its own")
+    if kind == "frame":
+        return _frame(options, bed, camera, source)
+    if kind == "actions":
+        return _actions(options, bed, camera, bank)
+    return _DRAWN[kind](options, bed)
+
+
+def _text(options: argparse.Namespace, bed: BedMap) -> Wanted:
+    return _laid(relief_of_text(options.text, _height(options)), options, bed)
+
+
+def _mask(options: argparse.Namespace, bed: BedMap) -> Wanted:
+    drawn, name = _drawing(options.mask, options), f"mask {Path(options.mask).name}"
+    if _is_placed(options):
+        return _laid(relief_of_mask(drawn, _height(options), name), options, bed)
+    return _on_image(inked(drawn, name) * np.float32(_height(options)), bed, name)
+
+
+def _height_map(options: argparse.Namespace, bed: BedMap) -> Wanted:
+    path, name = options.height_map, f"height map {Path(options.height_map).name}"
+    drawn = _drawing(path, options)
+    low: float | None
+    low, high = (0.0 if mm is None else sign * mm / 1e3
+                 for mm, sign in ((options.depth_mm, -1), (options.raise_mm, 1)))  # fmt: skip
+    if options.raise_mm is None:  # what is bright is what is meant, up or down
+        low, high = (None, None) if options.depth_mm is None else (0.0, low)
+    relief = relief_of_heights(drawn, low, high, name)
+    if _is_placed(options):
+        return _laid(relief, options, bed)
+    return _on_image(relief.heights, bed, name)
+
+
+def _mesh(options: argparse.Namespace, bed: BedMap) -> Wanted:
+    corners, faces = points.read_mesh(options.mesh)
+    assumed, unit = [], options.mesh_unit
+    if unit is None:
+        sides = np.ptp(corners, axis=0)
+        unit = "m" if sides.max() <= LONGEST_M else "mm"
+        if options.size_mm is None:
+            size = " x ".join(f"{side:.4g}" for side in sides)
+            assumed.append(
+                f"the mesh is {size} of its own units, taken for {unit}; --mesh-unit says otherwise"
+            )
+    if options.depth_mm and options.raise_mm:
+        raise JShapeError("a mesh is raised or sunk: give --raise-mm or --depth-mm, not both")
+    name = f"mesh {Path(options.mesh).name}"
+    relief = relief_of_solid(corners, faces, unit=UNITS[unit], up=options.mesh_up, name=name)
+    if options.size_mm is not None:
+        relief = relief.sized(options.size_mm / 1e3, whole=True)
+    if options.depth_mm or options.raise_mm:
+        factor = _height(options) / float(np.nanmax(relief.heights))
+        relief = replace(relief, heights=relief.heights * np.float32(factor))
+    return _laid(relief, options, bed, assumed, sized=True)
+
+
+def _frame(options: argparse.Namespace, bed: BedMap, camera: Camera, source: Source) -> Wanted:
+    path = Path(options.frame)
+    own = goal_source(path, source, Path(options.bed).parent)
+    left_out: Counter[str] = Counter()
+    # Its depths may be any: neither range matters.
+    found = frame_of(path, own._replace(stated=False), reproject=True, left_out=left_out)
+    theirs = within(own.camera, (float(camera.z_min), float(camera.z_max)))
+    at = window_of(camera, theirs)
+    if at is None:
+        raise BadCamera(
+            f"{path}: of another camera than the bed: {differing(theirs, camera, 'bed')}"
+        )
+    found = found[at[1] : at[1] + camera.height, at[0] : at[0] + camera.width]
+    frame, filled = fill_missing(found, limit=options.max_missing, where=options.frame)
+    gaps = f"{filled} pixels of {options.frame} without depth, filled{said_of(left_out)}"
+    said = [gaps] if filled else []
+    change = bed.heights_of(frame) - bed.height
+    return Wanted(f"frame {Path(options.frame).name}", change, said, frame=frame, stands=True)
+
+
+def _actions(options: argparse.Namespace, bed: BedMap, camera: Camera, bank: Bank) -> Wanted:
+    """What the bank predicts, on the bed's own map: effects keep their size in metres."""
+    own = window_of(bank.camera, camera) is not None
+    view = view_of(camera, bank.camera, bed.frame, reproject=not own)
+    now = image_of_depth(bed.frame, bank.camera, view=view, where=options.bed).image
+    acts = _acts(options.actions, bank, lambda at: _in_bank(at, view, bed.level))
+    then = rollout(
+        now, now, acts.actions, acts.positions, strengths=acts.strengths, yaws=acts.yaws, bank=bank
+    ).images[-1]
+    before, after = (
+        np.asarray(bank.camera.depth(metric.unweigh(image, bank.camera))) for image in (now, then)
+    )
+    seen = bed_map(before, bank.camera)
+    change = seen.heights_of(after) - seen.height
+    (x, y), (x0, y0) = bed.axes(), seen.axes()
+    rows, columns = (y - y0[0]) / seen.cell, (x - x0[0]) / seen.cell
+    where = np.meshgrid(rows, columns, indexing="ij")
+    change = ndimage.map_coordinates(change, where, order=1, mode="constant")
+    said = [] if own else ["the bank's camera is another one: seen as it would see the bed"]
+    name = f"{len(acts.actions)} action{'s' * (len(acts.actions) > 1)}"
+    return Wanted(name, change.astype(np.float32), said, stands=True)
+
+
+def _in_bank(at: np.ndarray, view: View, level: float) -> np.ndarray:
+    """Places (N, 2) of (u, v) in the frame as places in the bank's image."""
+    source, target = view.source, view.target
+    z = level / (level + view.rise)
+    u = (at[:, 0] - float(source.u0)) / float(source.fx) * z * float(target.fx) + float(target.u0)
+    v = (at[:, 1] - float(source.v0)) / float(source.fy) * z * float(target.fy) + float(target.v0)
+    return np.stack([u, v], -1)
+
+
+def _acts(text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]) -> Acts:
+    """Actions of the command line, of a JSON file or of a plan.
+
+    Raises:
+      BadFile, BadPosition, BadCamera: what is there cannot be read, or is of another camera.
+    """
+    if Path(text).suffix.lower() != ".json":
+        return _placed_acts([_spoken(part) for part in text.split(";") if part.strip()], in_bank)
+    content = files.read_json(text)
+    if content.get("format") == plans.FORMAT:
+        found = Plan.from_json(text)
+        check_same_camera(bank.camera, found.camera, "the plan's")
+        return Acts(list(found.actions), found.exact_positions, found.strengths, found.yaws)
+    rows = content.get("actions")
+    if not isinstance(rows, list) or not rows:
+        raise BadFile(f'{text}: expected {{"actions": [{{"action": "knock", "at": [u, v]}}, ...]}}')
+    return _placed_acts(
+        [_written(row, f"{text}: action {k + 1}") for k, row in enumerate(rows)], in_bank
+    )
+
+
+def _placed_acts(
+    acts: list[tuple[str, tuple[float, float], float, float]],
+    in_bank: Callable[[np.ndarray], np.ndarray],
+) -> Acts:
+    if not acts:
+        raise BadPosition("no action is given; expected some like 'knock 240,197; press 91,92x1.5'")
+    names, at, strengths, turns = zip(*acts, strict=True)
+    where = in_bank(np.array(at, float))
+    return Acts(list(names), where, np.array(strengths), np.radians(turns))
+
+
+def _spoken(text: str) -> tuple[str, tuple[float, float], float, float]:
+    """An action like "grasp 312,91x1.5@30"."""
+    found = _ACTION.fullmatch(text.strip())
+    try:
+        if found is None:
+            raise ValueError
+        name, *numbers = found.groups()
+        u, v, strength, turn = (
+            usual if number is None else float(number)
+            for number, usual in zip(numbers, (0.0, 0.0, 1.0, 0.0), strict=True)
+        )
+    except ValueError:
+        raise BadPosition(
+            f"{quoted(text.strip())} is not an action like 'knock 240,197' or "
+            "'grasp 312,91x1.5@30' (u,v x strength @ degrees)"
+        ) from None
+    return name, (u, v), strength, turn
+
+
+def _written(row: Any, where: str) -> tuple[str, tuple[float, float], float, float]:
+    """An action of a JSON file."""
+    fields = row if isinstance(row, dict) else {}
+    name, at = fields.get("action"), fields.get("at")
+    pair = at if isinstance(at, list) and len(at) == 2 else [None, None]
+    numbers = [*pair, fields.get("strength", 1.0), fields.get("turn", 0.0)]
+    unknown = set(fields) - {"action", "at", "strength", "turn"}
+    good = all(type(number) in (int, float) for number in numbers)
+    if not isinstance(name, str) or not good or unknown:
+        raise BadFile(
+            f'{where}: expected {{"action": NAME, "at": [u, v]}} and, if need be, "strength" and '
+            '"turn" (degrees)'
+        )
+    u, v, strength, turn = (float(number) for number in numbers)
+    return name, (u, v), strength, turn
+
+
+def _laid(
+    relief: Relief,
+    options: argparse.Namespace,
+    bed: BedMap,
+    assumed: list[str] | None = None,
+    *,
+    sized: bool = False,
+) -> Wanted:
+    """A relief where and as large as the options say."""
+    turn, assumed = math.radians(options.turn), list(assumed or [])
+    if not sized:
+        longest, usual = (SHARE * largest_size(relief, bed, at, turn) for at in (options.at, None))
+        if options.size_mm is None and longest < SMALL * usual:
+            assumed.append(
+                f"so near the view's edge it is made {1e3 * longest:.0f} mm large, not "
+                f"{1e3 * usual:.0f} as in its middle; --size-mm or --at say otherwise"
+            )
+        relief = relief.sized(longest if options.size_mm is None else options.size_mm / 1e3)
+    change = placed(relief, bed, options.at, turn)
+    size = 1e3 * relief.size[0], 1e3 * relief.size[1]
+    return Wanted(relief.name, change, assumed, size, options.at or bed.middle())
+
+
+def _on_image(heights: np.ndarray, bed: BedMap, name: str) -> Wanted:
+    """A drawing of the size of the frame, or of the part of it that is looked at."""
+    rows, columns = bed.camera.shape
+    if heights.shape == (rows, columns) and heights.shape != bed.frame.shape:
+        (left, top), part = bed.corner, heights
+        heights = np.full(bed.frame.shape, np.float32(np.nan))
+        heights[top : top + rows, left : left + columns] = part
+    return Wanted(name, drawn_on_image(heights, bed, name), [])
+
+
+def _is_placed(options: argparse.Namespace) -> bool:
+    return options.size_mm is not None or options.at is not None or options.turn != 0
+
+
+def _height(options: argparse.Namespace) -> float:
+    """Metres up of what is raised or sunk.
+
+    Raises:
+      JShapeError: both are asked for.
+    """
+    if options.raise_mm is not None and options.depth_mm is not None:
+        raise JShapeError("give --raise-mm or --depth-mm, not both")
+    if options.raise_mm is not None:
+        return options.raise_mm / 1e3
+    return -(options.depth_mm or DEPTH_MM) / 1e3
+
+
+def _drawing(path: str, options: argparse.Namespace) -> np.ndarray:
+    drawn = drawings.read_drawing(path)
+    if not options.invert:
+        return drawn
+    return np.nanmax(np.ma.compressed(drawn)) - drawn
+
+
+_DRAWN: dict[str, Callable[[argparse.Namespace, BedMap], Wanted]] = {
+    "text": _text, "mask": _mask, "height_map": _height_map, "mesh": _mesh,
+}  # fmt: skip
+
+NAMES = (*_DRAWN, "frame", "actions")
+"""What a goal can be made from; each is an option."""

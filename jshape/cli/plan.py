@@ -1,0 +1,151 @@
+"""`jshape plan INITIAL DESIRED`."""
+
+import argparse
+from collections import Counter
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.camera import differing
+from jshape.cli import arguments
+from jshape.cli.cameras import add_part
+from jshape.cli.search_options import add_search, reachable, search_of
+from jshape.cli.tables import print_table
+from jshape.data.intrinsics import within
+from jshape.data.missing import said as said_of
+from jshape.data.view import view_of
+from jshape.errors import JShapeError
+from jshape.io import banks, files, folders, formats
+from jshape.io.frames import bank_over, frame_of, goal_source, source_of
+from jshape.planning import plan_file as plans
+from jshape.planning.api import plan_frames
+from jshape.planning.options import DEFAULT_BANK
+from jshape.planning.options import options as keywords
+from jshape.planning.plan import Plan
+from jshape.planning.search.base import Status
+from jshape.viz.style import Drawing, drawn
+
+CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
+"""Files of a plan's folder."""
+
+
+def plan(options: argparse.Namespace) -> dict[str, Any]:
+    """Read two images, plan, print and write."""
+    search = search_of(options)  # first of all: it chooses JAX's devices, and a bank starts JAX
+    bank_name = options.bank or DEFAULT_BANK
+    bank = banks.load_bank(bank_name)
+    if options.out is not None:
+        folders.check_target(options.out, options.overwrite, contents=CONTENTS)
+    if options.reproject and (options.window or options.depth_range):
+        raise JShapeError(
+            "--reproject looks as the bank's camera would, --window and --depth-range plan on the "
+            "frames as they are; give one or the other"
+        )
+    raw = formats.read_array(options.initial)
+    source = source_of(options.initial, raw.shape, options.camera, bank, options.depth_unit)
+    if raw.dtype == np.uint8:
+        near, far = float(source.camera.z_min), float(source.camera.z_max)
+        light = f"8 bits are luminance: white is {near:g} m away, black {far:g} m"
+        source = source._replace(said=f"{source.said}; {light}")
+    left_out: tuple[Counter[str], Counter[str]] = Counter(), Counter()
+    again = bool(options.reproject)
+    first = frame_of(options.initial, source, reproject=again, raw=raw, left_out=left_out[0])
+    wanted = goal_source(options.desired, source, options.initial.parent)
+    goal = frame_of(options.desired, wanted, reproject=again, left_out=left_out[1])
+    if options.window or options.depth_range:
+        own = within(source.camera, options.depth_range)
+        bank = bank_over(bank, own.crop(*options.window) if options.window else own, first, own)
+        source, wanted = (
+            one._replace(camera=within(one.camera, (float(own.z_min), float(own.z_max))))
+            for one in (source, wanted)
+        )
+    mask = reachable(
+        options.reachable, source.camera.shape, bank,
+        lambda: view_of(source.camera, bank.camera, first, reproject=again),
+    )  # fmt: skip
+    found = plan_frames(
+        first,
+        goal,
+        bank=bank,
+        camera=(source.camera, wanted.camera),
+        names=(str(options.initial), str(options.desired)),
+        **keywords(search, reachable=mask),
+    )
+    said = {
+        "bank": str(bank_name),
+        "source": source.said,
+        "planner": search.get("planner", "greedy"),
+    }
+    if wanted.said != source.said:
+        said["goal_source"] = wanted.said
+        if options.reproject and differing(wanted.camera, source.camera, ""):
+            said["goal_source"] += " (the middles of both beds are taken to be equally high)"
+    result = said | plans.plan_fields(found) | {"left_out": left_out}
+    if options.out is not None:
+        with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
+            found.to_json(folder / "plan.json")
+        for name, picture in drawn(partial(_pictures, found, bank.rois)).items():
+            files.write_atomic(options.out / name, picture)
+        result["out"] = str(options.out)
+    if not options.json:
+        _print(found, said, left_out)
+        if options.out is not None:
+            print(f"plan and pictures: {options.out}")
+    return result
+
+
+def _pictures(found: Plan, rois: dict[str, tuple[int, int]]) -> dict[str, Drawing]:
+    from jshape.viz import pictures
+
+    return {
+        "plan.png": partial(pictures.plan_figure, found, rois=rois),
+        "actions.png": partial(pictures.overlay_figure, found, rois=rois),
+        "steps.png": partial(pictures.steps_figure, found),
+    }
+
+
+def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]) -> None:
+    own = f"; of the goal: {said['goal_source']}" if "goal_source" in said else ""
+    print(f"bank: {said['bank']}; camera: {said['source']}{own}")
+    filled, clamped = found.filled, found.clamped
+    now, goal = (f"{n}{said_of(why)}" for n, why in zip(filled, left_out, strict=True))
+    print(f"pixels without depth, filled: {now} now, {goal} in the goal; "
+          f"beyond the depth range: {clamped[0]} now, {clamped[1]} in the goal")  # fmt: skip
+    d = found.distances_mm
+    head = ("step", "action", "u", "v", "strength", "yaw (°)", "to the goal (mm)", "gain (mm)")
+    rows: list[tuple[Any, ...]] = [("", "start", "", "", "", "", f"{d[0]:.3f}", "")]
+    for k, name in enumerate(found.actions):
+        hand = f"{found.strengths[k]:.2f}", f"{np.degrees(found.yaws[k]):.0f}"
+        left = f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"
+        rows.append((k + 1, name, *found.camera_positions[k], *hand, *left))
+    if not found.yaws.any():  # a column of zeros says nothing
+        head, *rows = (row[:5] + row[6:] for row in (head, *rows))
+    print_table(head, rows)
+    spent = f"{said['planner']}, {found.seconds:.2f} s, {found.evaluations} predictions"
+    print(f"{found.status.name}: {found.status.meaning} ({spent})")
+    if not found.actions and found.status is Status.NO_IMPROVEMENT:
+        print("no action of the bank helps at these positions: try a smaller --stride")
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape plan`."""
+    parser = arguments.command(commands, "plan", plan, at_once=True)
+    parser.add_argument("initial", type=Path, help="depth image now: 16-bit PNG, TIFF, NPY, EXR")
+    parser.add_argument("desired", type=Path, help="the same wanted, or a point cloud (PLY, PCD)")
+    parser.add_argument(
+        "--camera-file",
+        "--camera",
+        dest="camera",
+        metavar="FILE",
+        help="camera.json, or a preset's name (default: camera.json beside INITIAL, else the "
+        "bank's); of DESIRED too, unless its own folder has one",
+    )
+    add_part(parser)
+    parser.add_argument(
+        "--depth-unit", type=arguments.positive, help="metres per count of 16-bit images"
+    )
+    parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
+    add_search(parser)
+    parser.add_argument("--out", type=Path, help="folder for plan.json and pictures")

@@ -1,0 +1,259 @@
+"""What `jshape mold` and `jshape execute` share: robot, question, pictures of the run."""
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.cli import arguments, cameras
+from jshape.errors import JShapeError, one_line
+from jshape.io import folders, runs
+from jshape.io.simulated import material_of
+from jshape.models.bank import Bank
+from jshape.planning.plan import Plan
+from jshape.robot.arms.base import stop_arm
+from jshape.robot.arms.guarded import GuardedArm
+from jshape.robot.arms.names import ARMS, open_arm
+from jshape.robot.cameras.base import DepthCamera
+from jshape.robot.cameras.guarded import GuardedCamera
+from jshape.robot.pose_file import read_base_camera
+from jshape.robot.procedure_file import load_hand
+from jshape.robot.registry import described
+from jshape.robot.robot import Robot
+from jshape.robot.session import CONTENTS, Session
+from jshape.robot.signals import SIGNALS, uninterrupted
+
+
+@contextmanager
+def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any]) -> Iterator[Robot]:
+    """The robot that the options name; stopped and closed at the end, at home if people agree.
+
+    Everything is read before the arm is opened, which is the last thing that can fail.
+
+    Raises:
+      JShapeError: no such arm or camera, no camera for an arm that brings none, or nothing that
+        says where the camera is.
+    """
+    if not options.resume:
+        folders.check_target(options.out, options.overwrite, contents=(*runs.CONTENTS, *CONTENTS))
+    hand, material = load_hand(options.hand), material_of(options.material)
+    base_camera = options.base and read_base_camera(options.base, options.gripper)
+    with ExitStack() as stack:
+        for number in SIGNALS:
+            stack.callback(signal.signal, number, signal.signal(number, _interrupt))
+        eye = _eye(options)
+        if eye is not None:
+            eye = GuardedCamera(eye)
+            stack.callback(_let_go, eye)
+        opened = open_arm(options.arm, bank.camera, material=material, say=say)
+        arm = GuardedArm(opened.arm)
+        stack.callback(_let_go, arm)
+        stack.callback(stop_arm, arm)
+        if eye is None:
+            if opened.eye is None:
+                raise JShapeError(f"the arm {options.arm} brings no camera; name one with --camera")
+            eye = GuardedCamera(opened.eye)
+            stack.callback(_let_go, eye)
+            base_camera = opened.base_camera if base_camera is None else base_camera
+        if base_camera is None and opened.moves:
+            raise JShapeError(
+                f"nothing says where {eye.name} is in the frame of {opened.arm.name}; --base takes "
+                "what `jshape calibrate` wrote"
+            )
+        robot = Robot(
+            eye, arm, hand, bank.camera, base_camera=base_camera, frames=options.frames,
+            reproject=bool(options.reproject),
+        )  # fmt: skip
+        try:
+            yield robot
+        except BaseException as problem:
+            with uninterrupted():
+                broken = stop_arm(arm)
+                for said in getattr(problem, "__notes__", ()):  # how the run goes on
+                    print(one_line(said, 2000), file=sys.stderr)
+            if robot.moved:
+                _offer_home(robot, options, problem, broken)
+            raise
+
+
+def _eye(options: argparse.Namespace) -> DepthCamera | None:
+    """The camera that was named, started; None: the arm brings its own.
+
+    Raises:
+      JShapeError: options that say how to look through the camera, and there is none.
+    """
+    if options.camera is not None:
+        return cameras.looking(options.camera, options.camera_file, options)
+    for name in ("topic", "window", "depth_range", "fill_holes"):
+        if getattr(options, name):
+            raise JShapeError(
+                f"--{name.replace('_', '-')} goes with --camera; the arm's own camera takes none"
+            )
+    return None
+
+
+def _let_go(device: GuardedArm | GuardedCamera) -> None:
+    """Close it; what goes wrong with that is said, and hides nothing that was raised before."""
+    with uninterrupted():
+        try:
+            device.close()
+        except JShapeError as problem:
+            print(one_line(problem), file=sys.stderr)
+
+
+def _interrupt(number: int, frame: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def _offer_home(
+    robot: Robot, options: argparse.Namespace, problem: BaseException, broken: str | None
+) -> None:
+    """Say why the arm was stopped, and ask whether it should go home; nobody there: it stays."""
+    why = "interrupted" if isinstance(problem, KeyboardInterrupt) else one_line(problem, 2000)
+    print(
+        f"{why}; the arm {'is stopped where it is' if broken is None else 'was told to stop'}",
+        file=sys.stderr,
+    )
+    if broken is not None:
+        print(broken, file=sys.stderr)
+    if options.yes or not sys.stdin.isatty():
+        return
+    try:
+        if _asked("go home? [y/N] ") in YES:
+            robot.home()
+    except (JShapeError, KeyboardInterrupt) as more:
+        stop_arm(robot.guard)
+        print(f"not at home: {str(more) or 'interrupted'}", file=sys.stderr)
+
+
+def may_move(options: argparse.Namespace) -> None:
+    """Ask whether the arm may go home, out of the camera's view, before the first look.
+
+    Raises:
+      JShapeError: it may not.
+    """
+    if (
+        not options.yes
+        and _asked("the arm goes home, out of the camera's view. go? [y/N] ") not in YES
+    ):
+        raise JShapeError("the arm must be out of the camera's view before the first look")
+
+
+YES, ALL = ("y", "yes"), ("a", "all")
+"""What people answer."""
+
+
+def asking(options: argparse.Namespace) -> Callable[[Plan], bool] | None:
+    """What asks before each action; None where `--yes` says that nobody is to be asked.
+
+    Raises:
+      JShapeError: there is nobody to ask.
+    """
+    if options.yes:
+        return None
+    if not sys.stdin.isatty():
+        raise JShapeError("nobody can be asked here; --yes acts without asking")
+    all_of_them = False
+
+    def ask(ahead: Plan) -> bool:
+        nonlocal all_of_them
+        if all_of_them:
+            return True
+        u, v = (round(float(x)) for x in ahead.exact_positions[0])
+        d = ahead.distances_mm
+        print(
+            f"next: {ahead.actions[0]} x{float(ahead.strengths[0]):.2f} at ({u}, {v}), "
+            f"{np.degrees(float(ahead.yaws[0])):.0f}°: {d[0]:.3f} -> {d[1]:.3f} mm",
+            file=sys.stderr,
+        )
+        answer = _asked("act? [y]es, [a]ll, [N]o: ")
+        all_of_them = answer in ALL
+        return answer in (*YES, *ALL)
+
+    return ask
+
+
+def _asked(question: str) -> str:
+    """The whole answer: a word that only begins like a yes is none."""
+    print(question, end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower()
+
+
+def resumed(options: argparse.Namespace, say: Callable[[str], Any]) -> Session:
+    """The run to go on with, if it was made with the same arm and bank.
+
+    Raises:
+      JShapeError: it was not, or options that only a new run takes.
+    """
+    if options.overwrite:
+        raise JShapeError("--resume goes on with a run and --overwrite replaces it; give one")
+    session = Session.resume(options.out, say=say)
+    for name, now in (("arm", options.arm), ("bank", options.bank)):
+        then = session.run.meta.get(name)
+        if now is not None and then != str(now):
+            raise JShapeError(f"{options.out}: was begun with the {name} {then}, not {now}")
+    return session
+
+
+def tell(summary: Mapping[str, Any]) -> None:
+    """Print how a run ended."""
+    print(f"stopped: {summary['why']}")
+    print(
+        f"distance to the goal: {summary['before_mm']:.3f} mm before, "
+        f"{summary['obtained_mm']:.3f} mm obtained"
+    )
+    print(f"run and pictures: {summary['out']}")
+
+
+def add_robot(
+    parser: argparse.ArgumentParser, arm: str | None = "dry", *, plans: bool = False
+) -> None:
+    """The options that say which robot; those of a search say more where the command plans.
+
+    Args:
+      parser: of the command.
+      arm: the one that is meant without `--arm`.
+      plans: `add_search` adds its options too.
+    """
+    if not plans:
+        parser.add_argument(
+            "--reproject", action="store_true", help="the camera is another than the bank's"
+        )
+    parser.add_argument(
+        "--arm", default=arm, metavar="ARM", help=f"{described(ARMS)}; default: {arm or 'none'}"
+    )
+    parser.add_argument(
+        "--camera", metavar="CAMERA", help=f"{cameras.CAMERA_HELP}; default: the arm's own"
+    )
+    parser.add_argument(
+        "--camera-file", type=Path, metavar="FILE",
+        help="camera.json to believe instead of what the camera says",
+    )  # fmt: skip
+    cameras.add_looking(parser, temporal=True)
+    parser.add_argument(
+        "--base", type=Path, metavar="POSE", help="of the camera, from `jshape calibrate`"
+    )
+    parser.add_argument(
+        "--gripper", type=Path, metavar="POSE", help="of the gripper, for a camera in the hand"
+    )
+    parser.add_argument(
+        "--hand", type=Path, metavar="FOLDER", help="limits.yaml and ACTION.yaml (the twin's)"
+    )
+    arguments.add_material(parser)
+    parser.add_argument(
+        "--frames", type=arguments.positive_count, default=15, help="of a look (15)"
+    )
+
+
+def add_run(parser: argparse.ArgumentParser) -> None:
+    """The options that say where a run is kept, and whether anybody is asked."""
+    parser.add_argument("--yes", action="store_true", help="act without asking")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the run")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with the run in --out from what is seen now"
+    )

@@ -1,0 +1,95 @@
+"""What commands print for people: tables, and progress on long work."""
+
+import os
+import select
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from jshape.cli.colours import coloured
+
+
+def print_table(head: tuple[str, ...], rows: Iterable[tuple[Any, ...]]) -> None:
+    """Print columns under a head, as wide as they need."""
+    lines = [head, *([str(cell) for cell in row] for row in rows)]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
+    for number, line in enumerate(lines):
+        text = "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip()
+        print(text if number else coloured(text, "head"))
+
+
+def warn(line: str) -> None:
+    """Print what to be careful with, beside the results."""
+    print(f"{coloured('warning:', 'warning')} {line}")
+
+
+def progress(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
+    """A progress bar on stderr; none when that is not a terminal."""
+    from tqdm import tqdm  # not above: `jshape doctor` prints tables where it does not import
+
+    return tqdm(items, total=total, desc=what, disable=not sys.stderr.isatty(), leave=False)
+
+
+COMPILING = 1.0
+"""Seconds of compiling after which it is said."""
+
+
+@contextmanager
+def waiting(*, at_once: bool = False) -> Iterator[None]:
+    """Say on stderr that JAX compiles and for how long; nothing where that is no terminal.
+
+    While it compiles Python does not hear of a Ctrl-C, but this does.
+
+    Args:
+      at_once: the process may end then and there: it holds no device and nothing half written.
+    """
+    if not sys.stderr.isatty() or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    from jshape import compiling
+
+    heard, rung = socket.socketpair()
+    heard.setblocking(False)
+    rung.setblocking(False)
+    lock, over, width = threading.Lock(), threading.Event(), 0
+
+    def show(text: str) -> None:
+        nonlocal width
+        with lock:
+            if text or width:
+                sys.stderr.write(f"\r{text.ljust(width)}" if text else f"\r{' ' * width}\r")
+                sys.stderr.flush()
+            width = len(text)
+
+    def watch() -> None:
+        while not over.is_set():
+            rang = select.select([heard], [], [], 0.2)[0] and heard.recv(64)
+            since = compiling.seconds()
+            if since is None:
+                continue
+            if rang and signal.SIGINT in rang:
+                show("")
+                if at_once:
+                    print("jshape: interrupted", file=sys.stderr, flush=True)
+                    os._exit(130)
+                print("interrupted: it ends when this is compiled", file=sys.stderr, flush=True)
+            elif since > COMPILING:
+                show(f"compiling, first time only: {since:.0f} s")
+
+    compiling.listen(lambda: show(""))
+    before = signal.set_wakeup_fd(rung.fileno(), warn_on_full_buffer=False)
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        show("")
+        signal.set_wakeup_fd(before)
+        heard.close()
+        rung.close()

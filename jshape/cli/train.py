@@ -1,0 +1,244 @@
+"""`jshape train DATASET --out BANK`."""
+
+import argparse
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from jshape.cli import arguments
+from jshape.cli.tables import print_table
+from jshape.errors import JShapeError
+from jshape.io import banks, checkpoints, datasets, folders
+from jshape.planning import devices
+from jshape.viz.style import drawn
+
+WITHOUT_CHECKPOINTS = ("D", "P")
+"""Kinds that are fitted in seconds: there is nothing to go on from."""
+OF_NETWORKS = (*(name for name in arguments.TRAINING if name != "seed"), "morphology")
+"""Options that those kinds do not use."""
+
+
+def train(options: argparse.Namespace) -> dict[str, Any]:
+    """`jshape train DATASET --out BANK`."""
+    mesh = _mesh(options)  # first of all: what loads a bank starts JAX
+    from jshape import metric
+    from jshape.learn import curves as drawings
+    from jshape.learn.fit import fit
+    from jshape.learn.held_out import LEAST_PAIRS, without_worse
+
+    keeps = options.kind not in WITHOUT_CHECKPOINTS
+    if not keeps:
+        _refuse_unused(options)
+    folders.check_target(options.out, options.overwrite, contents=banks.CONTENTS)
+    kept = folders.beside(options.out, ".training")
+    if options.restart:
+        checkpoints.discard(kept)
+    resumed = (keeps or kept.is_dir()) and checkpoints.check_folder(kept)
+    if resumed and not keeps:
+        raise JShapeError(
+            f"{kept}: holds an interrupted training of another kind; --restart removes it"
+        )
+    start = banks.load_bank(options.start) if options.start is not None else None
+    pairs = datasets.load_pairs(options.dataset)
+    settings = {name: getattr(options, name) for name in (*arguments.TRAINING, "morphology")}
+    settings = {name: value for name, value in settings.items() if value is not None}
+    to_mm = float(metric.to_mm(1.0, pairs.camera))
+    going_on = f"going on from {kept} (--restart starts again)"
+    watch = _Watch(to_mm, going_on if resumed and not options.json else "")
+    try:
+        bank = fit(
+            pairs,
+            options.kind,
+            start=start,
+            report=watch,
+            keep=(lambda action: checkpoints.Checkpoints(kept, action)) if keeps else None,
+            mesh=mesh,
+            **settings,
+        )
+        watch.close()
+        rows = _held_out(bank, pairs, start, settings)
+        bank = without_worse(bank, pairs, rows)
+    except KeyboardInterrupt:
+        watch.close()
+        if keeps and kept.is_dir():
+            raise JShapeError(
+                f"interrupted; the same command goes on from its last checkpoint in {kept}"
+            ) from None
+        raise
+    finally:
+        watch.close()
+    data = {
+        "pairs": {name: len(mine) for name, mine in pairs.by_action()},
+        "agents": list(dict.fromkeys(pairs.agent.tolist())),
+        "materials": list(dict.fromkeys(pairs.material.tolist())),
+    }
+    errors = watch.errors_mm() | {r.action: r.kept_mm for r in rows if r.worse or not keeps}
+    errors = {name: mm for name, mm in errors.items() if data["pairs"][name] >= LEAST_PAIRS}
+    known = [{"action": name, "mm": mm} for name, mm in errors.items() if not np.isnan(mm)]
+    compared = [
+        {"kept": "D" if row.worse else bank.kind}
+        | {name: value for name, value in row._asdict().items() if name not in ("worse", "useless")}
+        for row in rows
+    ]
+    info: dict[str, Any] = {"data": data, "errors": known, "licence": options.licence}
+    info["held_out"] = compared
+    if watch.curves:
+        info["training"] = watch.summary()
+    result = {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
+    result |= {"errors": known, "held_out": compared, "training": info.get("training", {})}
+    curves: dict[str, str | bytes] = {}
+    if watch.curves:
+        curves["curve.csv"] = drawings.curves_csv(watch.curves, to_mm)
+        curves |= drawn({"curve.png": partial(drawings.curves_figure, watch.curves, to_mm)})
+    banks.save_bank(bank, options.out, info=info, extras=curves, overwrite=options.overwrite)
+    if keeps:
+        checkpoints.discard(kept)
+    for row in rows:
+        if warning := row.warning(bank.kind):
+            print(f"warning: {warning}", file=sys.stderr)
+    if not options.json:
+        print(f"bank of kind {bank.kind}: {options.out}")
+        beside = {r.action: (f"{r.nothing_mm:.2f}", f"{r.difference_mm:.2f}") for r in rows}
+        mine = {row["action"]: f"{row['mm']:.2f}" for row in known}
+        print_table(
+            ("action", "pairs", "ROI (w x h)", "doing nothing (mm)", "f_D (mm)", "error (mm)"),
+            [
+                (name, data["pairs"][name], "{}x{}".format(*bank.roi(name)),
+                 *beside.get(name, ("—", "—")), mine.get(name, "—"))
+                for name in bank.actions
+            ],
+        )  # fmt: skip
+        for name, found in info.get("training", {}).items():
+            print(
+                f"{name}: {found['epochs']} epochs, {found['seconds']:.0f} s; best is epoch "
+                f"{found['best_epoch']} with {found['best_mm']:.3f} mm"
+            )
+    return result
+
+
+def _mesh(options: argparse.Namespace) -> Any:
+    """The devices that share the batches, or None."""
+    if options.devices is None:
+        return None
+    if options.kind in WITHOUT_CHECKPOINTS:
+        raise JShapeError(f"--devices: kind {options.kind} trains no network and does not use it")
+    return devices.mesh_of(options.devices, "batch")
+
+
+def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> list[Any]:
+    """How the bank does on pairs that were held out, beside f_D and doing nothing."""
+    from jshape.learn.held_out import held_out
+
+    # It says nothing of what is done before a person wonders.
+    with tqdm(
+        desc="errors on held-out pairs", unit="fit", delay=2.0, leave=False,
+        disable=not sys.stderr.isatty(),
+    ) as bar:  # fmt: skip
+
+        def tell(action: str, made: int, total: int) -> None:
+            bar.total = total
+            bar.set_postfix_str(action, refresh=False)
+            bar.update(made - bar.n)
+
+        return held_out(bank, pairs, start=start, report=tell, **settings)
+
+
+def _refuse_unused(options: argparse.Namespace) -> None:
+    given = [name for name in OF_NETWORKS if getattr(options, name) is not None]
+    if given:
+        named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise JShapeError(f"{named}: kind {options.kind} trains no network and does not use it")
+
+
+class _Watch:
+    """Progress bars, one per action, and what the curves were; quiet where nobody looks."""
+
+    def __init__(self, to_mm: float, going_on: str = ""):
+        self.to_mm = to_mm
+        self.quiet = not sys.stderr.isatty()
+        self.going_on = going_on
+        """What to say once a checkpoint was accepted."""
+        self.curves: dict[str, tuple] = {}
+        self.best: dict[str, Any] = {}
+        self.bar: tqdm | None = None
+        self.shown = ""
+
+    def __call__(self, progress: Any) -> None:
+        """Told of every epoch."""
+        made = len(progress.curve)
+        if self.going_on and made > 1:
+            print(self.going_on, file=sys.stderr)
+        self.going_on = ""
+        if progress.action != self.shown:
+            self.close()
+            self.shown = progress.action
+            self.bar = tqdm(
+                total=progress.epochs, initial=made - 1, desc=progress.action, unit="epoch",
+                disable=self.quiet,
+            )  # fmt: skip
+        self.curves[progress.action], self.best[progress.action] = progress.curve, progress.best
+        if self.bar is not None:
+            last = progress.curve[-1]
+            self.bar.set_postfix_str(
+                f"{last.score * self.to_mm:.3f} mm, best {progress.best.score * self.to_mm:.3f}",
+                refresh=False,
+            )
+            self.bar.update(made - self.bar.n)
+
+    def close(self) -> None:
+        """Leave the last bar as it is."""
+        if self.bar is not None:
+            self.bar.close()
+            self.bar = None
+
+    def errors_mm(self) -> dict[str, float]:
+        """On the pairs kept out for validation, per action; NaN where none were."""
+        return {name: row.validation * self.to_mm for name, row in self.best.items()}
+
+    def summary(self) -> dict[str, dict[str, int | float]]:
+        """What training came to, per action, for the manifest."""
+        return {
+            name: {
+                "epochs": len(rows),
+                "best_epoch": self.best[name].epoch,
+                "best_mm": self.best[name].score * self.to_mm,
+                "seconds": sum(row.seconds for row in rows),
+            }
+            for name, rows in self.curves.items()
+        }
+
+
+def add(commands: Any) -> None:
+    """The parser of `jshape train`."""
+    parser = arguments.command(commands, "train", train)
+    parser.add_argument("dataset", type=Path)
+    parser.add_argument(
+        "--kind",
+        default="P",
+        help="P: a tool pressed into the ground, the best (default); D: the mean difference; "
+        "C, DC: a U-Net, alone or after D; CR, DCR: the same, refined as in the paper",
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder of the new bank")
+    parser.add_argument("--licence", default="", help="licence of the bank, for its manifest")
+    parser.add_argument("--start", default=None, metavar="BANK", help="train on from this bank")
+    parser.add_argument(
+        "--restart",
+        action="store_true",
+        help="forget an interrupted training in OUT.training instead of going on with it",
+    )
+    for name, (read, what) in arguments.TRAINING.items():
+        parser.add_argument(f"--{name.replace('_', '-')}", type=read, default=None, help=what)
+    parser.add_argument(
+        "--morphology", choices=("erode", "dilate"), default=None,
+        help="what B goes through: erode (the paper), dilate (its authors' code)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--devices",
+        type=arguments.devices,
+        metavar="N",
+        help="CPU devices that share a network's batches (1)",
+    )

@@ -1,0 +1,107 @@
+"""ROS messages to arrays: `sensor_msgs/Image`, and image_transport's compressedDepth and PNG.
+
+An array is (H, W), uint16 (counts) or float32 (metres; 0, NaN and infinity are no reading).
+"""
+
+import struct
+from typing import Any
+
+import numpy as np
+
+from jshape.errors import BadImage, quoted
+from jshape.io.formats import PIXEL_LIMIT, read_png
+
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+
+ENCODINGS = {"16UC1": "u2", "32FC1": "f4", "mono16": "u2"}
+"""What depth is written in.  Infrared is mono16 too: such a topic must have depth in its name."""
+
+_HEADER = struct.Struct("<iff")
+_PNG = b"\x89PNG"
+
+
+def encoding_of(message: Any, topic: str) -> str | None:
+    """The encoding of an image if it is depth, else None."""
+    if message.__msgtype__ == IMAGE:
+        name = message.encoding
+        good = name in ENCODINGS and (name != "mono16" or "depth" in topic.lower())
+        return name if good else None
+    name, how = _format(message)
+    if "compressedDepth" in how:
+        return name if name in ENCODINGS else None
+    # As image_transport's `compressed` packs counts; some write no more than "png".
+    grey16 = bytes(message.data[:26])[24:] == b"\x10\0" and _is_png(message.data)
+    return "16UC1" if grey16 and (name == "16UC1" or "depth" in topic.lower()) else None
+
+
+def decode(message: Any, where: str) -> np.ndarray:
+    """The depth image (H, W) of a message.
+
+    Raises:
+      BadImage: another encoding, or fewer bytes than the message says.
+    """
+    return _plain(message, where) if message.__msgtype__ == IMAGE else _packed(message, where)
+
+
+def _plain(message: Any, where: str) -> np.ndarray:
+    if message.encoding not in ENCODINGS:
+        raise BadImage(
+            f"{where}: is {quoted(message.encoding)}; depth is one of {', '.join(ENCODINGS)}"
+        )
+    dtype = np.dtype(ENCODINGS[message.encoding]).newbyteorder(">" if message.is_bigendian else "<")
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    if not 0 < height * width <= PIXEL_LIMIT:
+        raise BadImage(f"{where}: has {width}x{height} pixels; 1 to {PIXEL_LIMIT:,} are read")
+    if step < width * dtype.itemsize or message.data.size < step * height:
+        raise BadImage(
+            f"{where}: has {message.data.size:,} bytes for {width}x{height} pixels in rows of "
+            f"{step} bytes: the frame is cut off"
+        )
+    # Rows may be longer than their pixels.
+    rows = np.asarray(message.data, np.uint8)[: step * height].reshape(height, step)
+    pixels = np.ascontiguousarray(rows[:, : width * dtype.itemsize]).view(dtype)
+    return pixels.astype(dtype.newbyteorder("="))
+
+
+def _packed(message: Any, where: str) -> np.ndarray:
+    """A PNG; in compressedDepth after twelve bytes: how it was made, and two numbers of that."""
+    name, how = _format(message)
+    data = np.asarray(message.data, np.uint8).tobytes()
+    a = b = 0.0
+    if "compressedDepth" in how and name in ENCODINGS:
+        if len(data) < _HEADER.size:
+            raise BadImage(f"{where}: has {len(data)} bytes: the frame is cut off")
+        _, a, b = _HEADER.unpack(data[: _HEADER.size])
+        data = data[_HEADER.size :]
+        if not _is_png(data):
+            raise BadImage(
+                f"{where}: is {quoted(message.format)} and holds no PNG; RVL is not read"
+            )
+    elif not _is_png(data) or name == "32FC1":
+        raise BadImage(
+            f"{where}: is {quoted(message.format)}; packed depth is compressedDepth or a PNG"
+        )
+    counts = read_png(data, where)
+    if counts.dtype != np.uint16:
+        raise BadImage(f"{where}: holds a PNG of {counts.dtype}; packed depth has 16 bits")
+    if name != "32FC1":
+        return counts
+    if not 0 < a < np.inf or not np.isfinite(b):
+        raise BadImage(
+            f"{where}: compressedDepth's numbers are {a:g} and {b:g}: no depth is stated"
+        )
+    # compressed_depth_image_transport keeps inverse depths: fine steps near, coarse ones far.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.float32(a) / (counts.astype(np.float32) - np.float32(b))
+    return np.where(counts > 0, depth, np.float32(0.0)).astype(np.float32)
+
+
+def _format(message: Any) -> tuple[str, str]:
+    """The encoding of a CompressedImage and how it is packed: "16UC1; compressedDepth png"."""
+    name, _, how = message.format.partition(";")
+    return name.strip(), how
+
+
+def _is_png(data: Any) -> bool:
+    return bytes(data[: len(_PNG)]) == _PNG

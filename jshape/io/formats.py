@@ -1,0 +1,302 @@
+"""One image file to one array, by what the bytes say and not by the file's name.
+
+OpenCV and Pillow bring what is not a plain grey image into another form without a word (16-bit grey
+with alpha becomes 8 bits, three bands one, 12 bits 16), so a file's header is read first.  OpenCV
+decodes TIFF and EXR, with its log off; Pillow decodes PNG, whose damage OpenCV prints.
+"""
+
+import io
+import os
+import struct
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.errors import BadImage, one_line, quoted
+from jshape.io.files import read_bytes
+
+FILE_LIMIT = 512 * 2**20
+"""Largest image file that is read, bytes."""
+PIXEL_LIMIT = 2**26
+"""Most pixels of an image: 67 million."""
+
+COUNTS = (".png", ".tif", ".tiff", ".npy")
+"""Endings of files that can hold the 16-bit counts of a frame."""
+SUFFIXES = (*COUNTS, ".exr")
+"""Endings of the files that `read_array` reads."""
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_OTHERS = {
+    b"\xff\xd8\xff": "a JPEG, which cannot hold a depth image",
+    b"GIF8": "a GIF, which cannot hold a depth image",
+    b"BM": "a BMP, which cannot hold a depth image",
+    b"PK\x03\x04": "a ZIP or NPZ archive",
+    b"\x1f\x8b": "packed by gzip; unpack it",
+    b"\x28\xb5\x2f\xfd": "packed by Zstandard; unpack it",
+    b"ply": "a point cloud (PLY), not an image",
+}
+_COLOURS = {2: "colour (RGB)", 3: "colour (palette)", 4: "grey with alpha", 6: "colour (RGBA)"}
+
+
+def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
+    """The array of an image file as it is stored, whatever its type: (H, W), one channel.
+
+    A masked array where the file says which value is no data (GDAL's NODATA in a TIFF, the
+    transparent grey of a PNG).  A TIFF of several pages gives its first.
+
+    Raises:
+      BadFile: the file is missing, a folder, empty, too large or unreadable.
+      BadImage: it is not a whole PNG, TIFF, EXR or NPY, has more than one channel, or says that it
+        lies turned (unless `turned`: then a TIFF is made upright, a PNG is as it is stored).
+    """
+    path = Path(path)
+    data = read_bytes(path, limit=FILE_LIMIT)
+    if not turned and (how := orientation(data)) != 1:
+        raise BadImage(
+            f"{path}: says that it lies turned (EXIF orientation {how}); a depth image lies as its "
+            "camera saw it: save it without the orientation"
+        )
+    reader = next((r for magic, r in _READERS.items() if data.startswith(magic)), None)
+    if reader is None:
+        what = next((w for magic, w in _OTHERS.items() if data.startswith(magic)), "not an image")
+        raise BadImage(f"{path}: {what}; allowed: PNG, TIFF, EXR or NPY")
+    image = reader(data, str(path))
+    if image.ndim == 3 and image.shape[2] == 1:
+        image = image[..., 0]
+    if image.ndim == 3 and image.shape[2] in (2, 3, 4):
+        raise BadImage(
+            f"{path}: has {image.shape[2]} channels (a colour image); a depth image has one"
+        )
+    if image.ndim != 2:
+        raise BadImage(f"{path}: has shape {image.shape}; a depth image is (rows, columns)")
+    _check_size(str(path), image.shape[1], image.shape[0])
+    return image
+
+
+def orientation(data: bytes) -> int:
+    """How a PNG or TIFF says that it lies: 1 is upright, up to 8 as EXIF counts."""
+    if not (data.startswith(_TIFF) or data.startswith(_PNG) and b"eXIf" in data):
+        return 1
+    from PIL import ExifTags, Image
+
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
+                found = image.getexif().get(ExifTags.Base.Orientation, 1)
+    except Exception:  # Pillow promises no type; what is damaged fails where it is decoded
+        return 1
+    return found if found in range(1, 9) else 1
+
+
+def encode_png(counts: np.ndarray) -> bytes:
+    """The bytes of a 16-bit single-channel PNG of counts (H, W) uint16.
+
+    Raises:
+      BadImage: not such an array, or it is empty.
+    """
+    if counts.dtype != np.uint16 or counts.ndim != 2 or counts.size == 0:
+        raise BadImage(
+            f"counts have shape {counts.shape} and type {counts.dtype}; expected "
+            "(rows, columns) of uint16"
+        )
+    import cv2
+
+    return cv2.imencode(".png", np.ascontiguousarray(counts))[1].tobytes()
+
+
+def _check_size(where: str, width: int, height: int) -> None:
+    if width <= 0 or height <= 0:
+        raise BadImage(f"{where}: the image is empty ({width}x{height} pixels)")
+    if width * height > PIXEL_LIMIT:
+        raise BadImage(f"{where}: {width}x{height} pixels; at most {PIXEL_LIMIT:,} are read")
+
+
+def read_png(data: bytes, where: str) -> np.ndarray:
+    """A grey PNG of 8 or 16 bits; masked where its pixels are transparent.
+
+    Raises:
+      BadImage: it is damaged, or another kind of PNG.
+    """
+    from PIL import Image
+
+    broken = BadImage(f"{where}: the PNG is cut off or damaged")
+    if len(data) < 33 or data[12:16] != b"IHDR" or _PNG_END not in data:
+        raise broken
+    width, height, depth, colour = struct.unpack_from(">IIBB", data, 16)
+    if colour in _COLOURS:
+        raise BadImage(f"{where}: is {_COLOURS[colour]}; a depth image has one grey channel")
+    if colour != 0 or depth not in (8, 16):
+        raise BadImage(
+            f"{where}: is a {depth}-bit PNG; a depth image has 16 bits (or 8, luminance)"
+        )
+    _check_size(where, width, height)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
+                pixels, clear = np.array(image), image.info.get("transparency")
+    except Exception:  # Pillow promises no type for a damaged file
+        raise broken from None
+    return pixels if clear is None else np.ma.masked_equal(pixels, clear)
+
+
+# What OpenCV reads bit for bit: SampleFormat (1 whole, 2 signed, 3 floating) and bits.
+_SAMPLES = {(1, 8), (1, 16), (2, 8), (2, 16), (2, 32), (3, 32), (3, 64)}
+_PACKING = {1: "", 5: "LZW", 8: "deflate", 32773: "PackBits", 32946: "deflate"}
+_NODATA = 42113
+
+
+def _read_tiff(data: bytes, where: str) -> np.ndarray:
+    """The first page of a TIFF, if it has one channel of bits that the decoder keeps."""
+    tags = _tiff_tags(data, where)
+
+    def tag(number: int, usual: int) -> int:
+        found = tags.get(number, usual)
+        found = found[0] if isinstance(found, tuple) else found
+        return found if isinstance(found, int) else usual
+
+    channels, bits, sample = tag(277, 1), tag(258, 1), tag(339, 1)
+    if channels != 1:
+        raise BadImage(
+            f"{where}: has {channels} channels of {bits} bits (colour, alpha or several bands); "
+            "a depth image has one"
+        )
+    if tag(262, 1) not in (0, 1):
+        raise BadImage(f"{where}: is colour (palette); a depth image has one grey channel")
+    if (sample, bits) not in _SAMPLES or tag(259, 1) not in _PACKING:
+        kind = {1: "uint", 2: "int", 3: "float"}.get(sample, "an unknown kind of ")
+        packed = _PACKING.get(tag(259, 1), f"compression {tag(259, 1)}")
+        raise BadImage(
+            f"{where}: holds {kind}{bits}{', ' * bool(packed)}{packed}; read are uint8, uint16, "
+            "int8, int16, int32, float32 and float64, plain or packed by LZW, deflate or PackBits"
+        )
+    _check_size(where, tag(256, 0), tag(257, 0))
+    image = _decode(data, where, "TIFF")
+    try:
+        nodata = float(str(tags.get(_NODATA, "")).strip("\0 "))
+    except ValueError:
+        return image
+    with np.errstate(over="ignore"):  # as GDAL, in the type of the pixels; NaN is none as it is
+        code = image.dtype.type(nodata) if image.dtype.kind == "f" else nodata
+    return np.ma.masked_where(image == code, image) if (image == code).any() else image
+
+
+def _tiff_tags(data: bytes, where: str) -> dict[int, Any]:
+    """The tags of a TIFF's (or BigTIFF's) first page."""
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+    stream = io.BytesIO(data)
+    try:
+        with warnings.catch_warnings(action="error"):  # so Pillow tells what is cut off
+            tags = ImageFileDirectory_v2(data[: 16 if b"+" in data[2:4] else 8])
+            stream.seek(tags.next)
+            tags.load(stream)
+            return dict(tags)
+    except Exception:
+        raise BadImage(f"{where}: the TIFF is cut off or damaged") from None
+
+
+def parse_npy(data: bytes, where: str) -> np.ndarray:
+    """An array from its header and bytes: nothing is unpickled, nothing allocated on its word.
+
+    Raises:
+      BadImage: not a whole NPY, or one that does not hold numbers.
+    """
+    stream = io.BytesIO(data)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            version = np.lib.format.read_magic(stream)
+            if version == (1, 0):
+                shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+            else:
+                shape, fortran, dtype = np.lib.format.read_array_header_2_0(stream)
+    except Exception as problem:  # NumPy promises no type here: a header is parsed as Python
+        raise BadImage(f"{where}: not a readable NPY: {one_line(problem)}") from None
+    if dtype.hasobject:
+        raise BadImage(f"{where}: the NPY holds Python objects, which are never loaded")
+    if dtype.fields is not None or dtype.kind not in "fiub":
+        raise BadImage(
+            f"{where}: the NPY holds {dtype}; expected float (metres) or uint16 (counts)"
+        )
+    if len(shape) > 32 or any(type(side) is not int or side < 0 for side in shape):
+        raise BadImage(f"{where}: not a readable NPY: its shape is {one_line(shape, 60)}")
+    count = int(np.prod(shape, dtype=object)) if shape else 1
+    if count == 0:
+        raise BadImage(f"{where}: the image is empty (shape {shape})")
+    start = stream.tell()
+    if len(data) - start < count * dtype.itemsize:
+        raise BadImage(f"{where}: the NPY is cut off: {count:,} numbers expected")
+    flat = np.frombuffer(data, dtype, count, start)
+    return flat.reshape(shape, order="F" if fortran else "C").astype(dtype.newbyteorder("="))
+
+
+def _read_exr(data: bytes, where: str) -> np.ndarray:
+    """An EXR of one channel, which is called Y for OpenCV: it returns noise for a lone Z."""
+    cut = BadImage(f"{where}: the EXR is cut off or damaged")
+    at, channels, whole = data.find(b"channels\0chlist\0") + 16, [], False
+    if at < 16 or at + 4 > len(data):
+        raise cut
+    first = at + 4
+    at, end = first, min(first + struct.unpack_from("<i", data, at)[0], len(data))
+    while at < end and data[at] != 0:
+        stop = data.find(b"\0", at, end)
+        if stop < 0:
+            raise cut
+        channels.append(data[at:stop].decode("latin-1"))
+        whole = whole or data[stop + 1 : stop + 5] == b"\0\0\0\0"
+        at = stop + 17
+    if len(channels) != 1:
+        raise BadImage(
+            f"{where}: the EXR has {len(channels)} channels ({', '.join(channels[:6])}); "
+            "a depth image has one"
+        )
+    if whole:  # OpenCV makes 8 bits of them
+        raise BadImage(
+            f"{where}: the EXR holds whole numbers (UINT); depth is float or half, metres"
+        )
+    if len(channels[0]) != 1:
+        raise BadImage(
+            f"{where}: the EXR's channel is called {quoted(channels[0])}; rename it Z or Y"
+        )
+    size = data.find(b"dataWindow\0box2i\0") + 21
+    if 21 <= size < len(data) - 20:
+        left, top, right, bottom = struct.unpack_from("<4i", data, size)
+        _check_size(where, right - left + 1, bottom - top + 1)
+    return _decode(data[:first] + b"Y" + data[first + 1 :], where, "EXR")
+
+
+def _decode(data: bytes, where: str, kind: str) -> np.ndarray:
+    # OpenCV reads this once, when it meets its first EXR; importing cv2 earlier does no harm.
+    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
+    import cv2
+
+    log: Any = cv2.utils.logging
+    level = log.getLogLevel()
+    log.setLogLevel(log.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        image = None
+    finally:
+        log.setLogLevel(level)
+    if image is None:
+        built = cv2.getBuildInformation().splitlines()
+        if kind == "EXR" and not any("OpenEXR:" in line and "NO" not in line for line in built):
+            raise BadImage(
+                f"{where}: this build of OpenCV cannot read EXR; convert it to TIFF or NPY"
+            )
+        raise BadImage(f"{where}: the {kind} is cut off, damaged or of a type that is not read")
+    return image
+
+
+_READERS: dict[bytes, Callable[[bytes, str], np.ndarray]] = {
+    _PNG: read_png,
+    b"\x93NUMPY": parse_npy,
+    b"v/1\x01": _read_exr,
+    **dict.fromkeys(_TIFF, _read_tiff),
+}
+"""The reader of each format, by the bytes that its files start with."""

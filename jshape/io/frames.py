@@ -1,0 +1,141 @@
+"""Depth images that commands read: of which camera they are, and as frames in metres."""
+
+import os
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jshape.camera import PRESETS, Camera, check_camera, differing, window_of
+from jshape.data.depth import check_depth
+from jshape.data.view import middle_depth
+from jshape.errors import BadCamera, BadImage
+from jshape.io import cameras, formats, images, points
+from jshape.io.cameras import described
+from jshape.models.bank import Bank
+
+
+class Source(NamedTuple):
+    """Where frames come from, as far as it was said or could be guessed."""
+
+    camera: Camera
+    depth_unit: float
+    """Metres per count."""
+    said: str
+    """How we know, for people."""
+    stated: bool
+    """Somebody described the camera; False: it was guessed."""
+
+
+def source_of(
+    initial: Path,
+    shape: tuple[int, ...],
+    given: str | None,
+    bank: Bank,
+    depth_unit: float | None = None,
+) -> Source:
+    """The camera of the images: named, found beside them, or guessed from their size.
+
+    Its unit is `depth_unit`, else what its camera.json says; only a guess or a preset needs none.
+
+    Raises:
+      BadCamera: neither a preset nor a camera.json.
+      BadImage: nothing says whose size this is.
+    """
+    assumed = "" if depth_unit else f", {cameras.DEPTH_UNIT:g} m per count (--depth-unit)"
+    if given is not None:
+        camera, unit, stated = described(given, depth_unit)
+        return Source(camera, unit, given if stated else f"preset {given}{assumed}", stated)
+    beside = initial.parent / cameras.CAMERA
+    if os.path.lexists(beside):  # one that is no file is refused, not passed over
+        return Source(*cameras.read_camera(beside, depth_unit), str(beside), True)
+    for name, camera in {"the bank's own": bank.camera, **PRESETS}.items():
+        if shape == camera.shape and window_of(bank.camera, camera) is not None:
+            said = f"{name}, guessed from the size {shape[1]}x{shape[0]}; --camera says otherwise"
+            return Source(camera, depth_unit or cameras.DEPTH_UNIT, said + assumed, False)
+    raise BadImage(
+        f"{initial}: has {shape} (rows, columns); the bank's camera makes {bank.camera.shape}; "
+        "describe your camera in a camera.json beside the image, or name one with --camera"
+    )
+
+
+def goal_source(path: Path, now: Source, folder: Path | None) -> Source:
+    """The camera of a frame that is wanted: what its own folder says, else that of the frame now.
+
+    Args:
+      path: of the frame; a point cloud is seen by the camera of the frame now.
+      now: where the frame now comes from.
+      folder: of the frame now, which `now` speaks for; None: of no file.
+
+    Raises:
+      BadCamera, BadFile: a camera.json that is none.
+    """
+    beside = path.parent / cameras.CAMERA
+    here = folder is not None and beside.parent.resolve() == folder.resolve()
+    if path.suffix.lower() in points.SUFFIXES or here or not os.path.lexists(beside):
+        return now
+    return Source(*cameras.read_camera(beside), str(beside), True)
+
+
+def frame_of(
+    path: Path,
+    source: Source,
+    *,
+    reproject: bool = False,
+    raw: np.ndarray | None = None,
+    left_out: Counter[str] | None = None,
+) -> np.ndarray:
+    """A depth image or point cloud as a frame (H, W) of its camera, metres; NaN: no reading.
+
+    Args:
+      path: the file.
+      source: its camera.
+      reproject: a guessed camera's range says nothing of a bed at another height; a stated one's
+        does, and it is what tells a wrong unit.
+      raw: what is in the file, where it was read already.
+      left_out: adds up why pixels of an image are no readings.
+
+    Raises:
+      BadFile, BadImage, BadCamera: it cannot be read, or is no depth image of this camera.
+    """
+    camera, check = check_camera(source.camera), source.stated or not reproject
+    if path.suffix.lower() in points.SUFFIXES:
+        return points.read_goal(path, camera, check_range=check)
+    raw = formats.read_array(path) if raw is None else raw
+    unit = source.depth_unit
+    depth = images.depth_of_array(
+        raw, str(path), camera=camera, depth_unit=unit, check_range=False, left_out=left_out
+    )
+    if check:
+        hint = f"; if the bed is there, z_min and z_max of {source.said} must say so"
+        counts = unit if raw.dtype == np.uint16 else None
+        check_depth(depth, camera, str(path), counts, hint=hint if source.stated else None)
+    return depth
+
+
+def bank_over(bank: Bank, part: Camera, frame: np.ndarray, whole: Camera) -> Bank:
+    """The bank for a part of a camera's frames, as they are: a bed of any size and distance.
+
+    Args:
+      bank: of a kind that is not bound to its camera.
+      part: the camera of the part.
+      frame: (H, W) metres of the bed.
+      whole: the camera that took it.
+
+    Raises:
+      BadBank: a bank that is bound to its camera.
+      BadCamera: the bed is not within its range, or an action is larger than the part.
+      BadImage: the part has no reading.
+    """
+    left, top = (round(float(getattr(whole, n)) - float(getattr(part, n))) for n in ("u0", "v0"))
+    inside = frame[top : top + part.height, left : left + part.width]
+    if not differing(bank.camera, part, ""):
+        return bank
+    bank = bank.seen_by(part, middle_depth(inside))
+    for name, (w, h) in bank.rois.items():
+        if w > part.width or h > part.height:
+            raise BadCamera(
+                f"the window has {part.width}x{part.height} pixels; {name} changes {w}x{h} there"
+            )
+    return bank

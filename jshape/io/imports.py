@@ -1,0 +1,126 @@
+"""Folders of frames before and after each action, as people keep them.
+
+`camera.json`, and `NAME_before.png` beside `NAME_after.png` or `before/NAME.png` and
+`after/NAME.png`: 16-bit counts, 0 = no reading (TIFF, NPY and 8-bit luminance are read as well).
+"""
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jshape.camera import Camera
+from jshape.data.annotate import Box, find_effect
+from jshape.data.missing import only_readings
+from jshape.data.segment import provisional_box
+from jshape.errors import BadDataset
+from jshape.io.cameras import read_camera
+from jshape.io.formats import SUFFIXES, read_array
+from jshape.io.images import depth_of_array, to_counts
+from jshape.io.recordings import by_number
+from jshape.io.tables import as_dataset
+
+STATES = ("before", "after")
+
+
+class BeforeAfter(NamedTuple):
+    """Two frames of one name."""
+
+    name: str
+    prior: np.ndarray
+    posterior: np.ndarray
+    box: Box
+    """Around all that changed, to start from; the whole image where nothing did."""
+
+
+def before_after_files(source: str | os.PathLike) -> dict[str, tuple[Path, Path]]:
+    """The two files of every name, in order of their names and the numbers in them.
+
+    Raises:
+      BadDataset: no such folder, no frames, a name with one frame only or with two of a kind.
+    """
+    source = Path(source)
+    if not source.is_dir():
+        raise BadDataset(f"{source}: no such folder")
+    found: dict[str, dict[str, Path]] = {}
+    for state in STATES:
+        within = source / state
+        if within.is_dir():
+            files = [(p.stem, p) for p in sorted(within.iterdir())]
+        else:
+            end = f"_{state}"
+            files = [(p.stem.removesuffix(end), p) for p in sorted(source.iterdir())
+                     if p.stem.endswith(end)]  # fmt: skip
+        for name, path in files:
+            if path.suffix.lower() not in SUFFIXES or not path.is_file() or name.startswith("."):
+                continue
+            other = found.setdefault(name, {}).setdefault(state, path)
+            if other != path:
+                raise BadDataset(f"{path}: {other.name} is there as well; keep one of them")
+    for paths in found.values():
+        if len(paths) == 1:
+            ((state, path),) = paths.items()
+            lacking = STATES[1 - STATES.index(state)]
+            raise BadDataset(f"{path}: has no frame {lacking} the action")
+    if not found:
+        raise BadDataset(
+            f"{source}: holds no frames; expected NAME_before.png and NAME_after.png, or "
+            "before/NAME.png and after/NAME.png"
+        )
+    names = sorted(found, key=by_number)
+    return {name: (found[name]["before"], found[name]["after"]) for name in names}
+
+
+def before_after_camera(
+    source: str | os.PathLike, camera: str | os.PathLike | None = None
+) -> tuple[Camera, float]:
+    """The camera and depth unit of such a folder: of `camera`, or of its own camera.json.
+
+    Raises:
+      BadDataset: neither is there.
+      BadCamera: it makes no sense.
+    """
+    path = Path(source) / "camera.json" if camera is None else Path(camera)
+    if not path.is_file():
+        raise BadDataset(f"{path}: no such file; it (or --camera FILE) says what the frames mean")
+    with as_dataset():
+        return read_camera(path)
+
+
+def before_after_pairs(
+    files: dict[str, tuple[Path, Path]],
+    camera: Camera,
+    depth_unit: float,
+    left_out: Counter[str] | None = None,
+) -> Iterator[BeforeAfter]:
+    """The frames of every name, one pair at a time; why pixels are no readings adds to `left_out`.
+
+    Raises:
+      BadDataset: a frame that cannot be read, has another size than the camera, or no reading.
+    """
+    for name, (before, after) in files.items():
+        prior, posterior = (_counts(path, camera, depth_unit, left_out) for path in (before, after))
+        effect = find_effect(prior, posterior, depth_unit)
+        box = provisional_box(effect, camera.shape) if effect.box else (
+            0, 0, camera.width, camera.height
+        )  # fmt: skip
+        yield BeforeAfter(name, prior, posterior, box)
+
+
+def _counts(
+    path: Path, camera: Camera, depth_unit: float, left_out: Counter[str] | None
+) -> np.ndarray:
+    with as_dataset():
+        raw, where = read_array(path), str(path)
+        depth = depth_of_array(
+            raw,
+            where,
+            depth_unit=depth_unit,
+            camera=camera,
+            check_range=False,
+            left_out=left_out,
+        )
+        return only_readings(raw) if raw.dtype == np.uint16 else to_counts(depth, depth_unit, where)

@@ -1,0 +1,177 @@
+"""What the predictors of each kind of bank are on disk: named arrays.
+
+Parameters of networks are in the bank's one NPZ, with ΔI and B, not in Orbax's format: an Orbax
+folder is a dozen files with names of its own, and hands a flipped bit on without noticing.  One
+file with one checksum is checked before a byte of it is read.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape.camera import Camera
+from jshape.errors import BadBank
+from jshape.models.difference import Difference
+from jshape.models.imprint import Pressed
+from jshape.models.network import Network
+from jshape.models.orthographic import Ground
+from jshape.models.refined import Refined
+from jshape.models.sequential import After
+
+Arrays = Mapping[str, np.ndarray]
+LARGEST_GRID = 4096
+"""Most nodes of a ground's grid that are read, per side."""
+_MAPS = ("reference", "tool", "give", "rest", "swell", "follow")
+_LATER = ("deep", "stroke")
+"""What banks of f_P that were made for one strength only do not have."""
+WIDEST = 256
+"""Largest width of a U-Net that is read: 0.5 billion parameters."""
+
+
+class Kind(NamedTuple):
+    """How the predictors of one kind become arrays and come back."""
+
+    pack: Callable[[Any], dict[str, np.ndarray]]
+    """Predictor -> its arrays by name."""
+    unpack: Callable[[Arrays, tuple[int, int], Camera], Any]
+    """Arrays by name, ROI size (w, h) and camera -> predictor.  A missing array is a KeyError."""
+
+
+def checked(array: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
+    """A float32 array of that shape, all finite.
+
+    Raises:
+      BadBank: it is not.
+    """
+    if array.shape != shape:
+        raise BadBank(f"{name} has shape {array.shape}; the manifest's ROI needs {shape}")
+    if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+        raise BadBank(f"{name} holds NaN, infinity or something that is not a number")
+    return array.astype(np.float32)
+
+
+def _pack_difference(predictor: Difference) -> dict[str, np.ndarray]:
+    return {"delta": np.asarray(predictor.delta, np.float32)}
+
+
+def _unpack_difference(arrays: Arrays, roi: tuple[int, int]) -> Difference:
+    return Difference(jnp.asarray(checked(arrays["delta"], (roi[1], roi[0]), "delta")))
+
+
+def _pack_network(predictor: Network) -> dict[str, np.ndarray]:
+    leaves, _ = jax.tree_util.tree_flatten_with_path(predictor.params)
+    return {_network_name(path): np.asarray(leaf, np.float32) for path, leaf in leaves}
+
+
+def _unpack_network(arrays: Arrays, roi: tuple[int, int]) -> Network:
+    from jshape.models import unet
+
+    output = arrays["network.output.kernel"]
+    width = output.shape[-2] if output.ndim == 4 else 0
+    if not 1 <= width <= WIDEST:
+        raise BadBank(f"network.output.kernel has shape {output.shape}; expected (1, 1, width, 1)")
+    leaves, structure = jax.tree_util.tree_flatten_with_path(unet.shapes(width))
+    found = []
+    for path, leaf in leaves:
+        name = _network_name(path)
+        if arrays[name].shape != leaf.shape:
+            raise BadBank(
+                f"{name} has shape {arrays[name].shape}; width {width} needs {leaf.shape}"
+            )
+        found.append(jnp.asarray(checked(arrays[name], leaf.shape, name)))
+    return Network(jax.tree.unflatten(structure, found), roi)
+
+
+def _network_name(path: tuple[Any, ...]) -> str:
+    return ".".join(("network", *(str(entry.key) for entry in path)))
+
+
+def _pack_after(predictor: After) -> dict[str, np.ndarray]:
+    return _pack_difference(predictor.first) | _pack_network(predictor.second)
+
+
+def _unpack_after(arrays: Arrays, roi: tuple[int, int]) -> After:
+    return After(_unpack_difference(arrays, roi), _unpack_network(arrays, roi))
+
+
+def _pack_refined(predictor: Refined) -> dict[str, np.ndarray]:
+    inside = predictor.inside
+    network = inside.second if isinstance(inside, After) else inside
+    return {
+        **_pack_difference(predictor.outside),
+        "mask": np.asarray(predictor.mask, np.uint8),
+        "offset": np.asarray(predictor.offset, np.float32),
+        **_pack_network(network),
+    }
+
+
+def _refined(arrays: Arrays, roi: tuple[int, int], after_difference: bool) -> Refined:
+    outside, network = _unpack_difference(arrays, roi), _unpack_network(arrays, roi)
+    mask = checked(arrays["mask"], (roi[1], roi[0]), "mask")
+    if not np.isin(mask, (0, 1)).all():
+        raise BadBank("mask holds something else than 0 and 1")
+    offset = checked(arrays["offset"], (), "offset")
+    inside = After(outside, network) if after_difference else network
+    return Refined(inside, outside, jnp.asarray(mask), jnp.asarray(offset))
+
+
+def _pack_pressed(predictor: Pressed) -> dict[str, np.ndarray]:
+    ground = np.array([predictor.ground.depth, predictor.ground.pitch], np.float32)
+    maps = {name: np.asarray(getattr(predictor, name), np.float32) for name in (*_MAPS, *_LATER)}
+    return {"ground": ground, **maps}
+
+
+def _unpack_pressed(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Pressed:
+    depth, pitch = checked(arrays["ground"], (2,), "ground")
+    shape = arrays[_MAPS[0]].shape
+    if len(shape) != 2 or not 0 < max(shape) <= LARGEST_GRID or min(shape) == 0:
+        raise BadBank(f"{_MAPS[0]} has shape {shape}; expected up to {LARGEST_GRID} a side")
+    if not (depth > 0 and pitch > 0):
+        raise BadBank(f"ground is at {depth} m with nodes {pitch} m apart; both must be positive")
+    maps = {name: jnp.asarray(checked(arrays[name], shape, name)) for name in _MAPS}
+    shapes = {"deep": shape, "stroke": ()}
+    later = {
+        name: jnp.asarray(checked(arrays[name], shapes[name], name))
+        for name in _LATER
+        if name in arrays
+    }
+    maps = {"deep": jnp.zeros(shape), "stroke": jnp.float32(0), **maps, **later}
+    found = Pressed(Ground(camera, jnp.asarray(depth), jnp.asarray(pitch), shape, roi), **maps)
+    # Without it the tool goes as much deeper as the greatest lowering.
+    return found if "stroke" in later else replace(found, stroke=found.deepest)
+
+
+_INSTEAD = "instead"
+"""The mean difference that a bank of networks holds for an action: never named as in one of f_D, so
+that a manifest with another kind than the arrays' is refused."""
+
+
+def _or_difference(kind: Kind) -> Kind:
+    """A kind of which some actions hold the mean difference: it was better for them."""
+
+    def pack(one: Any) -> dict[str, np.ndarray]:
+        if isinstance(one, Difference):
+            return {_INSTEAD: np.asarray(one.delta, np.float32)}
+        return kind.pack(one)
+
+    def unpack(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Any:
+        if set(arrays) == {_INSTEAD}:
+            return Difference(jnp.asarray(checked(arrays[_INSTEAD], (roi[1], roi[0]), _INSTEAD)))
+        return kind.unpack(arrays, roi, camera)
+
+    return Kind(pack, unpack)
+
+
+KINDS: dict[str, Kind] = {
+    "D": Kind(_pack_difference, lambda arrays, roi, _: _unpack_difference(arrays, roi)),
+    "C": _or_difference(Kind(_pack_network, lambda arrays, roi, _: _unpack_network(arrays, roi))),
+    "CR": _or_difference(Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, False))),
+    "DC": _or_difference(Kind(_pack_after, lambda arrays, roi, _: _unpack_after(arrays, roi))),
+    "DCR": _or_difference(Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, True))),
+    "P": Kind(_pack_pressed, _unpack_pressed),
+}
+"""The kinds of bank that can be saved and loaded.  Another kind is one more entry."""

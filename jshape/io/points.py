@@ -1,0 +1,233 @@
+"""Point clouds and meshes on disk, and goals: either of them, or a depth image.
+
+Points are (P, 3) float32 in metres, in the camera's frame where they become an image: X along the
+columns, Y along the rows, Z along the optical axis.
+"""
+
+import io
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape._typing import Float, Int
+from jshape.camera import Camera
+from jshape.errors import BadFile, BadImage, one_line, quoted
+from jshape.io.cameras import DEPTH_UNIT
+from jshape.io.files import read_bytes
+from jshape.io.images import read_depth
+from jshape.io.mesh import depth_of_faces
+from jshape.io.pcd import parse_pcd
+
+FILE_LIMIT = 512 * 2**20
+"""Largest point cloud file that is read, bytes."""
+SUFFIXES = (".ply", ".pcd")
+"""Files that are read as point clouds; everything else is taken for an image."""
+SOLIDS = (*SUFFIXES, ".stl", ".obj")
+"""Files that `read_mesh` reads."""
+
+_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+_VERTEX = re.compile(
+    rb"^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.IGNORECASE | re.MULTILINE
+)
+_GROUPS = re.compile(rb"^[ \t]*(?:usemtl|mtllib|o|g|s)\b[^\n]*$", re.MULTILINE)
+
+
+def read_goal(
+    path: str | os.PathLike,
+    camera: Camera,
+    depth_unit: float = DEPTH_UNIT,
+    *,
+    check_range: bool = True,
+    left_out: Counter[str] | None = None,
+) -> Float[np.ndarray, "H W"]:
+    """The depth image that is wanted, from an image or from a point cloud or mesh.
+
+    Points are in the camera's frame; the nearest wins a pixel.  The faces of a mesh count, not
+    only its vertices.  What lies beyond the camera's range has the depth that it has.
+
+    Args:
+      path: .ply or .pcd, else an image as for `read_depth`.
+      camera: the camera that is to see it.
+      depth_unit: metres per count, for images.
+      check_range: False asks only that something is in view, not that any of it is in range.
+      left_out: adds up why pixels of an image are no readings.
+
+    Returns:
+      (H, W) float32, metres; NaN where no point falls, or where an image has no reading.
+
+    Raises:
+      BadFile: the file cannot be read.
+      BadImage: it is not a depth image of this camera, or no point is in view and within range.
+      BadCamera: depth_unit is not a positive number.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        return read_depth(
+            path, depth_unit=depth_unit, camera=camera, check_range=check_range, left_out=left_out
+        )
+    points, faces = read_mesh(path, SUFFIXES)
+    if faces is None or not len(faces):
+        return depth_of_points(points, camera, str(path), check_range=check_range)
+    depth = depth_of_faces(points, faces, camera, path)
+    low, high = _range(camera, check_range)
+    if not ((depth >= low) & (depth <= high)).any():
+        raise BadImage(_out_of_view(points, camera, str(path), check_range))
+    return depth
+
+
+def depth_of_points(
+    points: Float[np.ndarray, "P 3"],
+    camera: Camera,
+    where: str = "points",
+    *,
+    check_range: bool = True,
+) -> Float[np.ndarray, "H W"]:
+    """The depth image of points in the camera's frame: (H, W) metres, NaN where none falls.
+
+    As `Camera.project` in metres, except that a pixel which no point reaches is missing and not
+    black, and that a depth beyond the camera's range stays what it is.
+
+    Raises:
+      BadImage: no point is in view and, if `check_range`, within the camera's range.
+    """
+    depth = _nearest(points, camera)
+    low, high = _range(camera, check_range)
+    ahead = points[(points[:, 2] >= low) & (points[:, 2] <= high)]
+    if np.isnan(_nearest(ahead, camera)).all():
+        raise BadImage(_out_of_view(points, camera, where, check_range))
+    return depth
+
+
+def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
+    """Depth of the nearest point at every pixel, (H, W) float32, NaN where there is none."""
+    x, y, z = points[points[:, 2] > 0].T
+    # Far to the side of a point at the lens a quotient overflows: infinity is not in the image.
+    with np.errstate(over="ignore"):
+        u = np.rint(np.float32(camera.fx) * (x / z) + np.float32(camera.u0))
+        v = np.rint(np.float32(camera.fy) * (y / z) + np.float32(camera.v0))
+    seen = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    depth = np.full(camera.shape, np.float32(np.inf))
+    np.minimum.at(depth, (v[seen].astype(int), u[seen].astype(int)), z[seen])
+    return np.where(np.isfinite(depth), depth, np.float32(np.nan))
+
+
+def _range(camera: Camera, check_range: bool) -> tuple[float, float]:
+    """The camera's depth range, and a little more for rounding, metres; else all before it."""
+    if not check_range:
+        return 0.0, np.inf
+    low, high = float(camera.z_min), float(camera.z_max)
+    slack = 1e-4 * (high - low)
+    return low - slack, high + slack
+
+
+def _out_of_view(points: np.ndarray, camera: Camera, where: str, check_range: bool) -> str:
+    low, high = float(camera.z_min), float(camera.z_max)
+    within = f" within {low:g} to {high:g} m" if check_range else ""
+    span = ", ".join(
+        f"{axis} {points[:, k].min():.3g} to {points[:, k].max():.3g}"
+        for k, axis in enumerate("XYZ")
+    )
+    return (
+        f"{where}: no point is in view of the camera{within}; the points span {span} m "
+        "(camera frame: Z along the optical axis)"
+    )
+
+
+def read_mesh(
+    path: str | os.PathLike, allowed: Sequence[str] = SOLIDS
+) -> tuple[Float[np.ndarray, "P 3"], Int[np.ndarray, "F 3"] | None]:
+    """Points in the file's own unit, and the faces of a mesh (None: the file has none).
+
+    Points with a coordinate that is not finite are dropped.
+
+    Args:
+      path: PLY, PCD, STL or OBJ.
+      allowed: endings of the name.
+
+    Raises:
+      BadFile: the file cannot be read, is of another kind, damaged, or holds no point.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in allowed:
+        kinds = f"{', '.join(allowed[:-1])} or {allowed[-1]}"
+        raise BadFile(
+            f"{path}: point clouds are {kinds}, not {quoted(suffix) if suffix else 'this'}"
+        )
+    points, faces = _READERS[suffix](path, read_bytes(path, limit=FILE_LIMIT))
+    points = np.asarray(points)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise BadFile(f"{path}: holds no points")
+    with np.errstate(over="ignore"):
+        points = points.astype(np.float32)
+    finite = np.isfinite(points).all(1)
+    if not finite.any():
+        raise BadFile(f"{path}: none of its {len(points):,} points is finite")
+    if finite.all():
+        return points, faces
+    if faces is not None:
+        whole = np.take(finite, faces).all(1)
+        faces = np.take(np.cumsum(finite) - 1, faces[whole])
+    return points[finite], faces
+
+
+def _stl(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Corners and faces of an STL: of all its solids; bytes may follow (not in trimesh)."""
+    count = int.from_bytes(data[80:84], "little")
+    if 0 < 50 * count <= len(data) - 84:  # a text's bytes 80 to 84 would say half a billion faces
+        corners = np.frombuffer(data, _FACE, count, 84)["corners"].reshape(-1, 3)
+    else:
+        words = _VERTEX.findall(data) if data.lstrip()[:5].lower() == b"solid" else []
+        if not words or len(words) % 3:
+            raise BadFile(
+                f"{path}: the STL is damaged, cut off or holds no points (it has no face)"
+            )
+        try:
+            corners = np.array(words).astype(np.float64)
+        except ValueError:
+            raise BadFile(f"{path}: the STL is damaged: a corner is not a number") from None
+    return corners, np.arange(len(corners)).reshape(-1, 3)
+
+
+def _ply_or_obj(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray | None]:
+    """Points and faces of a PLY or OBJ."""
+    kind = path.suffix.lower()[1:]
+    name = kind.upper()
+    try:
+        import trimesh
+    except ImportError:
+        raise BadFile(f"{path}: reading {name} needs trimesh: pip install 'jshape[mesh]'") from None
+    if kind == "ply" and not data.startswith(b"ply"):
+        raise BadFile(f"{path}: is not a PLY file")
+    if kind == "obj":  # one mesh: trimesh makes one of each material, of thousands in minutes
+        data = _GROUPS.sub(b"", data)
+    try:
+        # From memory and without a resolver: a texture that the file names is not looked for.
+        found: Any = trimesh.load(
+            io.BytesIO(data), file_type=kind, process=False, skip_materials=True
+        )
+        if isinstance(found, trimesh.Scene):
+            raise BadFile("it has no face")
+        points, faces = np.asarray(found.vertices), getattr(found, "faces", None)
+        faces = None if faces is None else np.asarray(faces)
+    except Exception as problem:  # trimesh promises no type for a damaged file
+        kind = "" if isinstance(problem, BadFile) else f"{type(problem).__name__}: "
+        reason = one_line(f"{kind}{problem}", 100)
+        raise BadFile(f"{path}: the {name} is damaged or holds no points ({reason})") from None
+    if faces is not None and len(faces) and not 0 <= faces.min() <= faces.max() < len(points):
+        raise BadFile(f"{path}: a face of the {name} names a point that is not there")
+    return points, faces
+
+
+_READERS: dict[str, Callable[[Path, bytes], tuple[np.ndarray, np.ndarray | None]]] = {
+    ".ply": _ply_or_obj,
+    ".obj": _ply_or_obj,
+    ".stl": _stl,
+    ".pcd": lambda path, data: (parse_pcd(path, data), None),
+}
+"""The reader of each format: points, and faces if it has any."""

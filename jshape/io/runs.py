@@ -1,0 +1,189 @@
+"""Runs on disk: a folder with `run.json`, depth frames, and `steps.jsonl`, one line a step.
+
+A step is on disk, frame first and line last, before `append` returns; after a crash the run opens
+with all steps that were complete and goes on from there.
+"""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape._typing import Float
+from jshape.data.depth import to_metres
+from jshape.errors import BadFile, quoted
+from jshape.io.cameras import check_depth_unit
+from jshape.io.files import append, inside, json_text, read_json, refuse, write_atomic, write_json
+from jshape.io.folders import atomic_folder
+from jshape.io.images import read_counts, write_depth_png
+from jshape.io.journal import read_lines
+
+FORMAT = "jshape-run"
+VERSION = 1
+DESCRIPTION = "run.json"
+STEPS = "steps.jsonl"
+FRAMES = "frames"
+CONTENTS = (DESCRIPTION, STEPS, FRAMES)
+"""What a run's folder holds, at the top."""
+DEPTH_UNIT = 0.0001
+"""Default metres per count of a run's frames: 0.1 mm, up to 6.5 m."""
+
+_RESERVED = ("index", "frame")
+
+
+class Run:
+    """A recording that grows by one step at a time.  Made by `create` or `open`, not directly."""
+
+    def __init__(
+        self,
+        folder: Path,
+        meta: dict[str, Any],
+        depth_unit: float,
+        steps: list[dict],
+        size: tuple[int, int],
+    ):
+        """Use `create` or `open`."""
+        self.folder = folder
+        """Where it is."""
+        self.meta = meta
+        """What was said of the run when it was made."""
+        self.depth_unit = depth_unit
+        """Metres per count of its frames."""
+        self._steps = steps
+        self._size, self._end = size  # bytes of the complete lines of steps.jsonl, and of all
+
+    @classmethod
+    def create(
+        cls,
+        folder: str | os.PathLike,
+        meta: Mapping[str, Any] | None = None,
+        *,
+        depth_unit: float = DEPTH_UNIT,
+        overwrite: bool = False,
+        contents: Sequence[str] = (),
+        more: Mapping[str, bytes] | None = None,
+    ) -> "Run":
+        """Start a run in a new folder.
+
+        Args:
+          folder: where; it must not hold anything unless `overwrite`.
+          meta: what to say of the run; anything that JSON can hold.
+          depth_unit: metres per count of its frames.
+          overwrite: replace the run that is there.
+          contents: names of what the caller puts beside the run, and that goes with an old one;
+            a folder that holds anything else is not replaced.
+          more: files that are there from the start, by name.
+
+        Raises:
+          BadFile: the folder exists or cannot be written, or JSON cannot hold `meta`.
+          BadCamera: depth_unit is not a positive number.
+        """
+        folder = Path(folder)
+        unit = check_depth_unit(depth_unit, str(folder))
+        content = {
+            "format": FORMAT, "version": VERSION, "depth_unit": unit, "meta": dict(meta or {})
+        }  # fmt: skip
+        own = (*CONTENTS, *contents)
+        with atomic_folder(folder, overwrite, contents=own) as temp:
+            write_json(temp / DESCRIPTION, content)
+            write_atomic(temp / STEPS, "")
+            for name, data in (more or {}).items():
+                write_atomic(temp / name, data)
+        return cls.open(folder)
+
+    @classmethod
+    def open(cls, folder: str | os.PathLike) -> "Run":
+        """Open a run to read it or to go on with it.  A last line cut off by a crash is left out.
+
+        Raises:
+          BadFile: not a run, from a newer version, or damaged before its last line.
+        """
+        folder = Path(folder)
+        content = read_json(folder / DESCRIPTION)
+        where = str(folder / DESCRIPTION)
+        if content.get("format") != FORMAT:
+            raise BadFile(
+                f"{where}: format is {quoted(content.get('format'))}; expected {FORMAT!r}"
+            )
+        version = content.get("version")
+        if type(version) is not int or version < 1 or version > VERSION:
+            raise BadFile(
+                f"{where}: version is {quoted(version)}; this program reads up to {VERSION}"
+            )
+        meta = content.get("meta")
+        if not isinstance(meta, dict):
+            raise BadFile(f"{where}: meta is a {type(meta).__name__}; expected an object")
+        unit = check_depth_unit(content.get("depth_unit"), where)
+        steps, size = read_lines(folder / STEPS)
+        for number, step in enumerate(steps):
+            if step.get("index") != number:
+                raise BadFile(f"{folder / STEPS}: line {number + 1}: index is not {number}")
+        return cls(folder, meta, unit, steps, (size, (folder / STEPS).stat().st_size))
+
+    @property
+    def steps(self) -> tuple[dict[str, Any], ...]:
+        """The steps so far: what was appended, with `index` and, where there is one, `frame`."""
+        return tuple(dict(step) for step in self._steps)
+
+    def __len__(self) -> int:
+        """How many steps there are."""
+        return len(self._steps)
+
+    def append(self, step: Mapping[str, Any], depth: np.ndarray | None = None) -> int:
+        """Add a step, and the depth image that belongs to it; both are on disk afterwards.
+
+        Args:
+          step: anything that JSON can hold, except the names `index` and `frame`.
+          depth: (H, W), metres; 0, NaN and infinity mean "no reading".
+
+        Returns:
+          The step's number, from 0.
+
+        Raises:
+          BadFile: it cannot be written, or another program has written to the run meanwhile.
+          BadImage: a depth that 16 bits cannot hold in the run's unit.
+        """
+        path = self.folder / STEPS
+        taken = [name for name in _RESERVED if name in step]
+        if taken:
+            raise BadFile(f"{path}: a step must not set {', '.join(taken)}")
+        index = len(self._steps)
+        record: dict[str, Any] = {"index": index, **step}
+        if depth is not None:
+            record["frame"] = f"{FRAMES}/{index:03d}.png"
+        line = json_text(record, str(path), indent=None)
+        if depth is not None:
+            write_depth_png(self.folder / record["frame"], depth, self.depth_unit)
+        self._write(path, line.encode() + b"\n")
+        # As it will be read again: a tuple is a list by then, an array too.
+        self._steps.append(json.loads(line))
+        return index
+
+    def depth(self, index: int) -> Float[np.ndarray, "H W"]:
+        """The depth image of a step, metres, NaN = no reading.
+
+        Raises:
+          BadFile: there is no such step, or it has no frame, or the file cannot be read.
+          BadImage: the frame is not a 16-bit depth image.
+        """
+        if not 0 <= index < len(self):
+            raise BadFile(f"{self.folder}: no step {index}; it has {len(self)}")
+        name = self._steps[index].get("frame")
+        if name is None:
+            raise BadFile(f"{self.folder}: step {index} has no frame")
+        path = inside(self.folder, name)
+        return to_metres(read_counts(path), self.depth_unit, str(path))
+
+    def _write(self, path: Path, line: bytes) -> None:
+        """Put a line after the complete ones; a torn one behind them is cut off first."""
+        try:
+            if path.stat().st_size != self._end:
+                raise BadFile(f"{path}: has changed; another program is writing to the run")
+            self._end = self._size
+            append(path, line, self._size)
+        except (OSError, ValueError) as problem:
+            refuse(path, "cannot be written", problem)
+        self._size = self._end = self._size + len(line)

@@ -1,0 +1,316 @@
+"""Fitting f_P: the maps of a pressed tool from the ground before and after."""
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape._typing import Array, Float, Key
+from jshape.camera import Camera
+from jshape.data.missing import fill_nan
+from jshape.data.pairs import Examples
+from jshape.errors import BadDataset, UnknownName
+from jshape.models.imprint import Pressed
+from jshape.models.orthographic import Ground
+
+PIXELS = 2.0
+"""Pitch of the grid in pixels at the depth of the places.  Half the camera's resolution costs 0.02
+mm of 0.5 and makes a sweep four times as fast."""
+STEPS, PER_PAIR, PER_MANY, STEP = (100, 600), 12, 6, 3e-3
+"""From nothing: least and most steps, steps per pair, those per pair where that is more than the
+most, and the length of the first (Adam, in units of `SCALES`).  Few pairs are learned by heart when
+they are gone over more often; 240 of many strengths gain 3 % by the longer way."""
+ADAPT_STEPS, ADAPT_STEP = 50, 2e-3
+"""The same from another bank's predictor: few, so that few pairs do not undo what it knows."""
+TRUST = 12.0
+"""With this many pairs, half of what all are off by is taken to be the bank's error."""
+BATCH = 16
+"""Pairs per step, at most."""
+CONTACT = 0.3
+"""The tool is first taken to touch where the mean change exceeds this share of its greatest."""
+LOWERS = 0.1
+"""An action whose mean change lowers nothing by this share of what it raises has no tool: a handful
+that is poured displaces 0.1 mm and raises 18.  `swell` goes with what a tool displaces on flat
+ground, and against next to nothing it predicted 14 mm off where the mean difference was 2.3."""
+DEPTHS = range(-10, 11, 2)
+"""How far from the median depth of the ground the depth of the places is looked for, mm."""
+DOUBT = 4.0
+"""How much more alike they must look per metre off the median: 0.4 % per millimetre."""
+SCALES = {
+    "reference": 10.0, "tool": 1e-2, "give": 1.0, "rest": 1e-2, "swell": 1e-2, "follow": 1.0,
+    "deep": 1e-2, "stroke": 1e-2,
+}  # fmt: skip
+"""What is fitted, and what 1 is to the optimiser."""
+INGREDIENTS = (
+    "depth",
+    "descent",
+    "absolute",
+    "tool",
+    *(n for n in SCALES if n not in ("tool", "give")),
+)
+"""What a fit can do without, to see what it brings.  "depth": looking for the depth of the places,
+else it is the median; "descent": fitting, else it is the first guess; "absolute": the absolute
+error, else its square; "tool": what levels, `tool` and `give`, else all is `rest`, and there is no
+`swell` either, which goes with what the tool displaces; and each of the other maps, which then
+stays 0, or for "reference" and "stroke" as first guessed."""
+EDGE = 2e-4
+"""A surface this near to the end of the camera's range may lie beyond it, metres."""
+
+
+class Shown(NamedTuple):
+    """What n pairs show on a grid of the ground."""
+
+    before: Float[Array, "n rows columns"]
+    """Surfaces as depth, metres."""
+    after: Float[Array, "n rows columns"]
+    counted: Float[Array, "n rows columns"]
+    """1 where the node was seen before and after, else 0."""
+    strength: Float[Array, "n"]
+
+
+def fit_pressed(
+    examples: Examples,
+    camera: Camera,
+    start: Pressed | None = None,
+    *,
+    seed: int = 0,
+    without: Collection[str] = (),
+    view: type[Ground] = Ground,
+) -> Pressed:
+    """f_P of one action from its pairs, or from another bank's f_P and few pairs.
+
+    Lowers the mean |predicted - true| / √strength over the grid's nodes that were seen before and
+    after: plans mostly use shallow strokes, and deep ones would outweigh them.  From nothing and
+    with pairs of strength 1 only, other strengths are a guess: the tool goes as much deeper as its
+    greatest lowering, and all beside it grows in proportion.
+
+    Args:
+      examples: ROIs of the pairs, of one strength or several.
+      camera: theirs.
+      start: what to adapt; None fits from nothing.
+      seed: of the order of the pairs.
+      without: those of `INGREDIENTS` that are to be left out of a fit from nothing.
+      view: how a fit from nothing brings ROIs onto its grid and back.
+
+    Raises:
+      UnknownName: `without` has what is none of them.
+      BadDataset: no pairs, one without any pixel seen before and after, or pixels that no pair has
+        seen.
+    """
+    for name in without:
+        if name not in INGREDIENTS:
+            raise UnknownName("ingredient", name, INGREDIENTS)
+    if "tool" in without:
+        without = {*without, "swell"}
+    if len(examples.prior) == 0:
+        raise BadDataset("no pairs to fit to")
+    seen = np.isfinite(examples.prior) & np.isfinite(examples.posterior)
+    if not seen.any((1, 2)).all():
+        blind = int(np.argmin(seen.any((1, 2)))) + 1
+        raise BadDataset(f"pair {blind} of {len(seen)} has no pixel seen before and after")
+    unseen = ~seen.any(0)
+    if unseen.any():
+        raise BadDataset(
+            f"{int(unseen.sum())} of {unseen.size} ROI pixels have no depth reading in any of the "
+            f"{len(seen)} pairs"
+        )
+    prior, posterior = (
+        np.stack([fill_nan(roi) for roi in rois]).astype(np.float32) for rois in examples[:2]
+    )
+    strengths = np.asarray(examples.strengths, np.float32)
+    filled = Examples(prior, posterior, examples.place, strengths)
+    if start is not None:
+        ground = start.ground
+    else:
+        ground = _ground(filled, camera, view, DEPTHS if "depth" not in without else (0,))
+    counted = jnp.asarray(_at_nodes(seen, ground), jnp.float32)
+    before, after = _surfaces(ground, filled)
+    shown = Shown(before, after, counted, jnp.asarray(filled.strengths))
+    if start is None and "tool" not in without:
+        mean = _mean_change(shown)
+        if float(mean.max()) < LOWERS * float(-mean.min()):
+            without = {*without, "tool", "swell"}
+    first = _first_guess(ground, shown, without) if start is None else _corrected(start, shown)
+    steps, step = max(int(np.clip(PER_PAIR * len(seen), *STEPS)), PER_MANY * len(seen)), STEP
+    if start is not None:
+        steps, step = ADAPT_STEPS, ADAPT_STEP
+    if "descent" in without:
+        return first
+    free = None
+    if without:  # as numbers, so that each thing that is left out does not compile anew
+        free = {name: float(name not in without) for name in SCALES}
+        free["give"] = free["tool"]
+    key = jax.random.key(seed)
+    found = _descend(first, shown, key, steps, step, free, "absolute" in without)
+    if start is None and (filled.strengths == 1.0).all():
+        found = replace(found, stroke=found.deepest)  # pairs of one strength say nothing about it
+    return found
+
+
+def _ground(
+    examples: Examples, camera: Camera, view: type[Ground], depths: Collection[int]
+) -> Ground:
+    """A grid over the ROI, at the depth where places are meant.
+
+    That is not known: of depths around the median of what was seen, it is the one from which the
+    changes of all pairs look most alike, per strength.  On flat ground all do, and the median is
+    right.
+    """
+    h, w = examples.prior.shape[1:]
+    blank = view(camera, 1.0, 1.0, (1, 1), (w, h))
+    per_metre = np.stack([blank.per_metre(place) for place in jnp.asarray(examples.place)])
+    middle = float(camera.z_max) - float(np.median(examples.prior / per_metre))
+    rows = h * float(camera.fx) / float(camera.fy) / PIXELS
+    shape = (int(np.ceil(rows)), int(np.ceil(w / PIXELS)))
+
+    def at(depth: float) -> Ground:
+        pitch = jnp.float32(PIXELS * depth / float(camera.fx))
+        return replace(blank, depth=jnp.float32(depth), pitch=pitch, shape=shape)
+
+    strength = examples.strengths[:, None, None]
+
+    def unlike(depth: float) -> float:
+        before, after = _surfaces(at(depth), examples)
+        change = np.asarray(after - before)
+        return float(np.abs(change - strength * np.median(change / strength, 0)).mean())
+
+    found = {1e-3 * mm: unlike(middle + 1e-3 * mm) for mm in depths}
+    least = max(found[0.0], 1e-9)  # one pair is like itself from everywhere
+    return at(middle + min(found, key=lambda off: found[off] / least + DOUBT * abs(off)))
+
+
+@jax.jit
+def _surfaces(
+    ground: Ground, examples: Examples
+) -> tuple[Float[Array, "n rows columns"], Float[Array, "n rows columns"]]:
+    """The ground below ROIs of I before and after; one pair after the other, to spare memory."""
+
+    def one(pair):
+        prior, posterior, place = pair
+        per_metre = ground.per_metre(place)
+        before, after = (ground.camera.z_max - roi / per_metre for roi in (prior, posterior))
+        return ground.from_roi(before, place), ground.from_roi(after, place)
+
+    return jax.lax.map(one, tuple(map(jnp.asarray, examples[:3])))
+
+
+def _at_nodes(seen: np.ndarray, ground: Ground) -> np.ndarray:
+    """Of masks (n, h, w), the pixel below each node (n, rows, columns), parallax left out."""
+    camera = ground.camera
+    picked = []
+    for count, size, focal in zip(
+        ground.shape, seen.shape[1:], (camera.fy, camera.fx), strict=True
+    ):
+        step = float(ground.pitch) / float(ground.depth) * float(focal)
+        pixel = np.rint((np.arange(count) - count // 2) * step + size // 2)
+        picked.append(np.clip(pixel, 0, size - 1).astype(int))
+    return seen[:, picked[0]][:, :, picked[1]]
+
+
+def _first_guess(ground: Ground, shown: Shown, without: Collection[str] = ()) -> Pressed:
+    """A tool as deep as the mean change, which is the prediction on flat ground.
+
+    Without a tool all of the mean change is `rest`.
+    """
+    mean = _mean_change(shown)
+    touched = mean > CONTACT * jnp.maximum(mean.max(), 1e-9)
+    if "tool" in without:
+        touched = jnp.zeros_like(touched)
+    rest = jnp.where(touched, 0.0, mean)
+    none = jnp.zeros_like(mean)
+    return Pressed(
+        ground,
+        reference=jnp.where(jnp.abs(mean) > 0.5 * jnp.abs(mean).max(), jnp.float32(0.0), -6.0),
+        # Below the ground beside the tool by 3 mm: it is felt by hills, not by the flat.
+        tool=mean - 3e-3,
+        give=touched.astype(jnp.float32),
+        rest=none if "rest" in without else rest,
+        swell=none if "swell" in without else rest,
+        follow=none,
+        deep=none,
+        stroke=mean.max(),
+    )
+
+
+def _mean_change(shown: Shown) -> Float[Array, "rows columns"]:
+    """The change that is nearest to all, each being its strength times as much, metres."""
+    weight = shown.counted * shown.strength[:, None, None]
+    whole = (weight * shown.strength[:, None, None]).sum(0)
+    return ((shown.after - shown.before) * weight).sum(0) / jnp.where(whole > 0, whole, 1.0)
+
+
+def mean_pressed(examples: Examples, camera: Camera) -> Pressed:
+    """The mean change of the ground as an f_P without a tool: what f_D is, seen from above."""
+    return fit_pressed(examples, camera, without=("tool", "descent"))
+
+
+def _corrected(start: Pressed, shown: Shown) -> Pressed:
+    """`start` with what it is wrong by on all pairs alike, as far as they are many."""
+    left = -_gap(start, shown) / shown.strength[:, None, None]
+    left = jnp.where(shown.counted > 0, left, jnp.nan)
+    share = len(left) / (len(left) + TRUST)
+    return replace(start, rest=start.rest + share * jnp.nan_to_num(jnp.nanmedian(left, 0)))
+
+
+def _gap(predictor: Pressed, shown: Shown) -> Float[Array, "n rows columns"]:
+    """Predicted minus true surfaces, metres.
+
+    Where the true one is at the end of the camera's range, all that lies beyond is right: a knock
+    of twice the depth leaves the paper's range over a tenth of its ROI.
+    """
+    gap = shown.before + predictor.change(shown.before, shown.strength) - shown.after
+    camera = predictor.ground.camera
+    gap = jnp.where(shown.after > camera.z_max - EDGE, jnp.minimum(gap, 0.0), gap)
+    return jnp.where(shown.after < camera.z_min + EDGE, jnp.maximum(gap, 0.0), gap)
+
+
+@jax.jit(static_argnames=["squared"])
+def _descend(
+    start: Pressed,
+    shown: Shown,
+    key: Key[Array, ""],
+    steps: int | Array,
+    step: float | Array,
+    free: dict[str, float | Array] | None,
+    squared: bool,
+) -> Pressed:
+    """`start` after `steps` steps of Adam, the first of length `step`, falling by half a cosine.
+
+    `free` is 1 for what is fitted and 0 for what stays, None for all; `squared` lowers the squares
+    of the errors.
+    """
+    import optax
+
+    count = shown.before.shape[0]
+    adam = optax.scale_by_adam()
+    zero = {name: jnp.zeros_like(getattr(start, name)) for name in SCALES}
+
+    def moved(shift):
+        maps = {name: getattr(start, name) + SCALES[name] * shift[name] for name in SCALES}
+        return replace(start, **maps)
+
+    def loss(shift, chosen):
+        some = Shown(*(part[chosen] for part in shown))
+        weight = some.counted / jnp.sqrt(some.strength)[:, None, None]
+        # In units of 10 mm, that of the maps: Adam's epsilon is then far below the gradients.
+        if squared:
+            gap = 1e4 * _gap(moved(shift), some) ** 2 * weight
+            return gap.sum() / jnp.maximum(some.counted.sum(), 1.0)
+        gap = jnp.abs(_gap(moved(shift), some)) * weight
+        return 100.0 * gap.sum() / jnp.maximum(some.counted.sum(), 1.0)
+
+    def one(number, state):
+        shift, memory = state
+        order = jax.random.permutation(jax.random.fold_in(key, number), count)
+        slope = jax.grad(loss)(shift, order[: min(BATCH, count)])
+        if free is not None:
+            slope = {name: free[name] * part for name, part in slope.items()}
+        updates, memory = adam.update(slope, memory)
+        length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * jnp.float32(number) / steps))
+        return jax.tree.map(lambda x, dx: x - length * dx, shift, updates), memory
+
+    shift, _ = jax.lax.fori_loop(0, steps, one, (zero, adam.init(zero)))
+    return moved(shift)

@@ -1,0 +1,190 @@
+"""f_P: a tool learned per action, pressed into the ground to a depth set by what lies below it.
+
+The paper closes with a coarse physical model refined by data; this is one.  On a metric grid seen
+from above (`predict.ground`), with surfaces s as depth (positive is lower):
+
+    r      = s - Σ reference·s              relief against the mean of the ground below the tool
+    cut    = max(tool + (x - 1)·stroke - r, 0), softly    what stands above the tool's underside
+    change = give·cut + x·rest + (x - 1)·min(x, 1)·deep + swell·(volume - x) + min(x, 1)·follow·r
+
+where x is the strength: how many times as deep as the trained action.  `tool`, `give`, `rest`,
+`deep`, `swell` and `follow` are maps over the grid, fitted to pairs together with the number
+`stroke` and the weights of the reference.  f_D is the special case tool = -infinity, deep = swell =
+follow = 0; what it misses is that a tool levels the ground below it: where it presses, the surface
+after does not depend on the one before.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape._typing import Array, Float, Int
+from jshape.camera import Camera
+from jshape.models.orthographic import Ground
+from jshape.models.turn import namespace, square, turn
+
+SOFT = 1e-3
+"""How softly the tool's edge meets the ground, metres: contact fades over about this height."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """f_P of one action: maps over a metric grid, and where the grid lies."""
+
+    ground: Ground
+    """The grid, and the camera that sees it."""
+    reference: Float[Array, "rows columns"]
+    """Logarithms of the weights of the ground's reference depth; softmax makes them sum to 1."""
+    tool: Float[Array, "rows columns"]
+    """How far the tool's underside is below the reference, metres."""
+    give: Float[Array, "rows columns"]
+    """Share of what stands above the underside that gives way.  Signed: beside the tool it may be
+    below 0, where hills are felt by rising further."""
+    rest: Float[Array, "rows columns"]
+    """Change on ground of any shape, metres; negative is raised: the rims."""
+    swell: Float[Array, "rows columns"]
+    """Change when twice as much is displaced as on flat ground, metres."""
+    follow: Float[Array, "rows columns"]
+    """Change per metre of relief."""
+    deep: Float[Array, "rows columns"]
+    """How much more than in proportion `rest` grows with strength, metres: a hand that closes
+    heaps up more than twice as much when it is twice as deep."""
+    stroke: Float[Array, ""]
+    """How much farther down the underside is at a strength of 2, metres."""
+
+    @property
+    def roi(self) -> tuple[int, int]:
+        """ROI size (w, h), pixels."""
+        return self.ground.roi
+
+    def seen_by(self, camera: Camera, depth: float) -> "Pressed":
+        """The same action below another camera, with places `depth` metres from it."""
+        return replace(self, ground=self.ground.seen_by(camera, depth))
+
+    def __call__(
+        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
+    ) -> Float[Array, "*B h w"]:
+        """ROIs after the action, not yet clipped to [0, 1].  Replaces Eq. Doutput.
+
+        A stronger action lowers the tool by `stroke` times (strength - 1): one deeper knock, not
+        several.  Below a strength of 0.2 all of it fades to nothing.
+        """
+        one = jnp.vectorize(self._of_one, signature="(h,w),(n),()->(h,w)")
+        return one(roi, jnp.asarray(place), jnp.asarray(strength, jnp.float32))
+
+    def _of_one(
+        self, roi: Float[Array, "h w"], place: Int[Array, "2"], strength: Float[Array, ""]
+    ) -> Float[Array, "h w"]:
+        per_metre = self.ground.per_metre(place)
+        before = self.ground.from_roi(self.ground.camera.z_max - roi / per_metre, place)
+        after = before + self.change(before, strength)
+        # The change as the camera sees it: what both looks blur alike drops out.
+        seen_before, seen_after = self.ground.to_roi(jnp.stack([before, after]), place)
+        return roi - (seen_after - seen_before) * per_metre
+
+    def turned(self, yaw: float | Array | np.floating) -> "Pressed":
+        """The same hand turned by `yaw` radians from u towards v; its ROI becomes a square."""
+        shape = square(self.ground.shape)
+        xp = namespace(self, yaw)
+        fields = xp.stack([xp.asarray(getattr(self, name)) for name in _OUTSIDE])
+        turned = turn(fields, yaw, shape, np.array(list(_OUTSIDE.values()), np.float32))
+        maps = {name: jnp.asarray(one) for name, one in zip(_OUTSIDE, turned, strict=True)}
+        return replace(self, ground=replace(self.ground, shape=shape, roi=square(self.roi)), **maps)
+
+    def change(
+        self, surface: Float[Array, "*B rows columns"], strength: float | Array = 1.0
+    ) -> Float[Array, "*B rows columns"]:
+        """How much lower the ground is after the action, metres."""
+        return self.ready().change(surface, strength)
+
+    @property
+    def deepest(self) -> Float[Array, ""]:
+        """Greatest lowering of flat ground at strength 1, metres: a stroke where none is known."""
+        return (jnp.maximum(self.give, 0.0) * _soft(self.tool) + self.rest).max()
+
+    def ready(self) -> "Press":
+        """What of a change does not depend on the ground, computed once for many grounds."""
+        xp = namespace(self)
+        give, least = xp.asarray(self.give), np.float32(1e-6 * self.give.size)
+        weights = xp.exp(xp.asarray(self.reference) - xp.asarray(self.reference).max())
+        # 1 µm over the grid against 0 / 0.
+        volume = _sum(xp.maximum(give, np.float32(0)) * _soft(xp.asarray(self.tool))) + least
+        return Press(
+            weights=jnp.asarray(weights / weights.sum()),
+            tool=self.tool,
+            give=self.give,
+            rest=self.rest,
+            swell=self.swell,
+            follow=self.follow,
+            deep=self.deep,
+            stroke=self.stroke,
+            volume=jnp.asarray(volume),
+            least=jnp.asarray(least),
+        )
+
+
+_OUTSIDE = {
+    "reference": -50.0, "tool": -0.1, "give": 0.0, "rest": 0.0, "swell": 0.0, "follow": 0.0,
+    "deep": 0.0,
+}  # fmt: skip
+"""Beyond a turned map: not below the tool, 100 mm above all ground, no change."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Press:
+    """f_P ready for use: its maps, and what follows from them alone."""
+
+    weights: Float[Array, "rows columns"]
+    tool: Float[Array, "rows columns"]
+    give: Float[Array, "rows columns"]
+    rest: Float[Array, "rows columns"]
+    swell: Float[Array, "rows columns"]
+    follow: Float[Array, "rows columns"]
+    deep: Float[Array, "rows columns"]
+    stroke: Float[Array, ""]
+    volume: Float[Array, "1 1"]
+    """Displaced on flat ground at strength 1, metres times nodes."""
+    least: Float[Array, ""]
+
+    def __call__(
+        self, surface: Float[Array, "rows columns"], first: Array, strength: float | Array
+    ) -> Float[Array, "rows columns"]:
+        """The ground after the action, metres: the same wherever its first node is."""
+        return surface + self.change(surface, strength)
+
+    def change(
+        self, surface: Float[Array, "*B rows columns"], strength: float | Array = 1.0
+    ) -> Float[Array, "*C rows columns"]:
+        """How much lower the ground is after the action, metres; batched over both arguments."""
+        strength = jnp.asarray(strength)[..., None, None]
+        shallow = jnp.minimum(strength, 1.0)
+        relief = surface - _sum(surface * self.weights)
+        cut = _soft(self.tool + (strength - 1.0) * self.stroke - relief)
+        # Rims hold what was displaced: more of it, higher rims.
+        volume = (_sum(jnp.maximum(self.give, 0.0) * cut) + self.least) / self.volume
+        beside = strength * self.rest + (strength - 1.0) * shallow * self.deep
+        swell = self.swell * (volume - strength)
+        whole = self.give * cut + beside + swell + shallow * self.follow * relief
+        return jnp.clip(5.0 * strength, 0.0, 1.0) * whole
+
+
+def _soft(height: Any) -> Any:
+    """max(height, 0) with a soft corner, metres: SOFT * softplus(height / SOFT) to 0.2 µm.
+
+    The rational function takes a third of the time of exponential and logarithm in a sweep.
+    """
+    xp = namespace(height)
+    t = xp.abs(height) / np.float32(SOFT)
+    corner = 1.0 + t * (0.18072232 + t * (0.03586025 + t * 0.0029687))
+    corner = corner * corner
+    return xp.maximum(height, np.float32(0)) + np.float32(SOFT * 0.6931472) / (corner * corner)
+
+
+def _sum(field: Any) -> Any:
+    """Over the grid, kept as two axes of 1."""
+    return field.sum((-2, -1), keepdims=True)

@@ -1,1 +1,0 @@
-"""Networks from images to images; nothing here knows what the images mean."""

@@ -1,0 +1,1 @@
+"""Planning: which actions, where, in which order."""

@@ -1,0 +1,313 @@
+"""The main job: an image and a goal in, a plan out.
+
+Thin host wrappers: they check what came, turn names into arrays, call one compiled search and
+read its answer.  Nothing is compiled anew for another image, goal, least gain or tolerance, nor for
+other positions, strengths or reachable masks that fit into the same storage (`evaluate.PLACES`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jshape._typing import ArrayLike
+from jshape.camera import Camera, unmasked
+from jshape.data.depth import check_unit, to_metres
+from jshape.data.view import View, image_of_depth, view_beside, view_of
+from jshape.errors import BadBank, BadCamera, BadImage, JShapeError, UnknownName, quoted
+from jshape.models.bank import Bank
+from jshape.planning import candidates as places
+from jshape.planning import problem as tasks
+from jshape.planning.evaluate import ONE_BY_ONE, How, candidates_at
+from jshape.planning.options import (
+    DEFAULT_BANK,
+    GROUPS,
+    Constraints,
+    SearchBudget,
+    SearchSpace,
+    StopCriteria,
+    hinted,
+)
+from jshape.planning.plan import Plan
+from jshape.planning.rollout import Act, check_acts, predict_acts
+from jshape.planning.search import PLANNERS
+from jshape.planning.search.base import Found, Status, Task
+from jshape.planning.state import on_images, prepared
+
+
+@hinted
+def plan(
+    I0: ArrayLike,
+    Istar: ArrayLike,
+    *,
+    bank: Bank | str | Path | None = None,
+    planner: str = "greedy",
+    space: SearchSpace = SearchSpace(),
+    constraints: Constraints = Constraints(),
+    stop: StopCriteria = StopCriteria(),
+    budget: SearchBudget = SearchBudget(),
+    start: Plan | None = None,
+    execution: How = ONE_BY_ONE,
+) -> Plan:
+    """The sequence of actions that molds image I0 into Istar, as the bank predicts it.
+
+    Single fields of the four records: `plan(I0, Istar, **jshape.options(max_steps=4, yaws=1))`;
+    the paper's search: `plan(I0, Istar, **jshape.PAPER)`.
+
+    Args:
+      I0: (H, W) weighed image I of the bed now (see `jshape.weigh`), floats in [0, 1].
+      Istar: (H, W) the image wanted.
+      bank: a `Bank`, the name of a bundled one or a folder; None is the bundled default.
+      planner: which search (docs/planning.md says which when).
+      space: what is tried.
+      constraints: what is allowed.
+      stop: when the sequence ends.
+      budget: what the search may spend.
+      start: an earlier plan for about the same images, which `refine` and `improve` begin with if
+        it is better than greedy's.
+      execution: chunks and devices to evaluate candidates with; changes no result.
+
+    Raises:
+      BadImage: wrong shape, type, range, or pixels without a reading.
+      BadPosition: a ROI leaves the image.
+      BadBank: several yaws for a bank whose predictors cannot be turned; an error margin with one
+        that does not know its errors.
+      UnknownName: no such planner, bank or action.
+      BadOption: a keyword that there is not.
+      JShapeError: a number that makes no sense.
+    """
+    bank = _as_bank(bank)
+    first = check_image(I0, bank.camera, "I0")
+    goal = check_image(Istar, bank.camera, "Istar")
+    if planner not in tuple(PLANNERS):
+        raise UnknownName("planner", planner, PLANNERS)
+    if start is not None and not isinstance(start, Plan):
+        raise JShapeError(f"start is a {type(start).__name__}; it must be a Plan")
+    for (name, kind), record in zip(
+        GROUPS.items(), (space, constraints, stop, budget), strict=True
+    ):  # fmt: skip
+        if not isinstance(record, kind):
+            raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
+    limits = tasks.limits(bank, stop, constraints.max_uses)
+    seed, max_steps = tasks.seed(budget.seed), int(stop.max_steps)
+    free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
+    turned = tasks.directions(bank, space.yaws)
+    moves = prepared(bank, [(a, np.float32(yaw) if yaw else None) for a, yaw in turned])
+    terrain = _terrain(bank, first, goal, *moves)
+    stride = places.usual_stride(bank) if space.stride is None else space.stride
+    if space.positions is None:
+        where = tasks.at_nodes(terrain, bank, places.dense_positions(bank, stride))
+    else:
+        where = places.placed_positions(bank, space.positions, space.out_of_bounds)
+    task = Task(
+        terrain=terrain,
+        candidates=candidates_at(terrain, bank, where, tasks.strengths(space.strengths), free),
+        limits=limits,
+        max_steps=max_steps,
+        budget=tasks.budget(budget),
+        fine=tasks.rounds(terrain, stride) if space.positions is None else 0,
+        key=jax.random.key(seed),
+        start=None if start is None else tasks.as_found(start, terrain, bank, max_steps),
+        how=execution,
+    )
+    found = jax.device_get(PLANNERS[planner](task))
+    spent = task.budget.elapsed
+    # The search's own distances are sums of changes, which drift by rounding, and on the ground.
+    planned = predict_acts(
+        bank, first, goal, _acts(found, task), Status(int(found.status)), float(limits.tolerance),
+        int(found.evaluations),
+    )  # fmt: skip
+    return replace(planned, seconds=spent)
+
+
+def _acts(found: Found, task: Task) -> list[Act]:
+    """The moves that a search found, at their exact places."""
+    candidates, acts = task.candidates, []
+    first, pixels = np.asarray(candidates.first), np.asarray(candidates.pixels)
+    usable, of = np.asarray(candidates.open), np.asarray(candidates.move)
+    mine = [usable & (of == number) for number in range(len(task.terrain.moves))]
+    for k in range(int(found.steps)):
+        number = int(found.move[k])
+        move = task.terrain.moves[number]
+        exact = task.terrain.pixel(found.node[k])[::-1]
+        known = first[mine[number]] + move.middle
+        same = np.flatnonzero((known == found.node[k]).all(1))
+        if same.size:  # a given place, not the node beside it
+            exact = pixels[mine[number]][same[0]]
+        acts.append(Act(move.action, np.asarray(exact), found.strength[k], float(move.yaw)))
+    return acts
+
+
+def rollout(
+    I0: ArrayLike,
+    Istar: ArrayLike,
+    actions: Sequence[str],
+    positions: ArrayLike,
+    *,
+    strengths: ArrayLike | None = None,
+    yaws: ArrayLike | None = None,
+    bank: Bank | str | Path | None = None,
+) -> Plan:
+    """What a given sequence of actions brings, as the bank predicts it.  Eq. predStep1 to 3.
+
+    Args:
+      I0: (H, W) weighed image I of the bed now, floats in [0, 1].
+      Istar: (H, W) the image wanted.
+      actions: K names, in their order.
+      positions: (K, 2) of (u, v), pixels, fractions allowed; a ROI that leaves the image is moved
+        inwards, the place stays.
+      strengths: (K,) how many times as deep as trained; None is 1.
+      yaws: (K,) turns of the hand from u towards v, radians; None is 0.
+      bank: as for `plan`.
+
+    Raises:
+      BadImage, UnknownName, BadPosition, BadBank, JShapeError: as for `plan`.
+    """
+    bank = _as_bank(bank)
+    first = check_image(I0, bank.camera, "I0")
+    goal = check_image(Istar, bank.camera, "Istar")
+    acts = check_acts(bank, actions, positions, strengths, yaws)
+    return predict_acts(bank, first, goal, acts, Status.PLAN_ENDED)
+
+
+_terrain = jax.jit(on_images)
+
+
+@hinted
+def plan_depth(
+    z0: ArrayLike,
+    zstar: ArrayLike,
+    *,
+    camera: Camera | tuple[Camera, Camera] | None = None,
+    depth_unit: float = 0.001,
+    bank: Bank | str | Path | None = None,
+    planner: str = "greedy",
+    space: SearchSpace = SearchSpace(),
+    constraints: Constraints = Constraints(),
+    stop: StopCriteria = StopCriteria(),
+    budget: SearchBudget = SearchBudget(),
+) -> Plan:
+    """`plan` from raw depth images: metres as floats, or uint16 counts of `depth_unit` metres.
+
+    Depth 0, NaN or infinity is "no reading": such pixels are filled from their surroundings, and
+    the plan's `filled` says how many.  The luminance keeps fractions of a level, so that a bed
+    seen in 16 bits is not rounded to the 256 levels of the paper's camera.
+
+    Args:
+      z0: (H, W) depth of the bed now.
+      zstar: (H, W) the depth wanted.
+      camera: that took the frames, or (that of z0, that of zstar); None is the bank's own.  If the
+        bank's image is a window of this camera's, it is cut out.  With `constraints.reproject` the
+        frames of any other camera are seen as the bank's would see them; `plan.camera_positions`
+        are the positions in the camera's own pixels, and of two cameras the middles of both beds
+        are taken to be equally high.
+      depth_unit: metres per count of integer images.
+      bank: as for `plan`, like all below.
+      planner: which search.
+      space: what is tried.
+      constraints: what is allowed, `max_missing` and `reproject` among it.
+      stop: when the sequence ends.
+      budget: what the search may spend.
+
+    Raises:
+      MissingDepth: too many pixels without a reading.
+      BadCamera: the bank is for another camera.
+      BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
+      JShapeError: as for `plan`.
+    """
+    return plan_frames(
+        z0, zstar, camera=camera, depth_unit=depth_unit, bank=bank, planner=planner, space=space,
+        constraints=constraints, stop=stop, budget=budget,
+    )  # fmt: skip
+
+
+def plan_frames(
+    z0: ArrayLike,
+    zstar: ArrayLike,
+    *,
+    camera: Camera | tuple[Camera, Camera] | None = None,
+    depth_unit: float = 0.001,
+    bank: Bank | str | Path | None = None,
+    constraints: Constraints = Constraints(),
+    names: tuple[str, str] = ("z0", "zstar"),
+    **more: Any,
+) -> Plan:
+    """`plan_depth` where errors name the two frames, and with all keywords of `plan`."""
+    bank = _as_bank(bank)
+    reproject = constraints.reproject
+    views: tuple[View | None, View | None] = (None, None)
+    if camera is not None:
+        pair = camera if isinstance(camera, tuple) else (camera, camera)
+        for one in pair:
+            if not isinstance(one, Camera):
+                raise BadCamera(f"camera is {quoted(one)}; expected a Camera or two of them")
+        first, last = (
+            check_unit(to_metres(depth, depth_unit, name), one, name)
+            for depth, one, name in zip((z0, zstar), pair, names, strict=True)
+        )
+        view = view_of(pair[0], bank.camera, first, reproject=reproject, where=names[0])
+        seen = view.depth(first, names[0])
+        beside = view_beside(view, seen, pair[1], last, reproject=reproject, where=names[1])
+        views = view, beside
+    now, wanted = (
+        image_of_depth(
+            depth,
+            bank.camera,
+            view=view,
+            depth_unit=depth_unit,
+            max_missing=constraints.max_missing,
+            where=name,
+        )
+        for name, depth, view in zip(names, (z0, zstar), views, strict=True)
+    )
+    return replace(
+        plan(now.image, wanted.image, bank=bank, constraints=constraints, **more),
+        filled=(now.filled, wanted.filled),
+        clamped=(now.clamped, wanted.clamped),
+        view=views[0],
+    )
+
+
+def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:
+    """`image` as (H, W) float32 if it is a weighed image of the camera (a host check).
+
+    Raises:
+      BadImage: naming what came and what is allowed.
+    """
+    array = np.asarray(unmasked(image))
+    if array.dtype.kind != "f":
+        raise BadImage(
+            f"{where} has type {array.dtype}; a weighed image I has floats in [0, 1] "
+            "(see jshape.weigh; for raw depth call jshape.plan_depth)"
+        )
+    if array.shape != camera.shape:
+        raise BadImage(
+            f"{where} has shape {array.shape}; the bank's camera makes {camera.shape} "
+            "(rows, columns)"
+        )
+    bad = int(np.count_nonzero(~np.isfinite(array)))
+    if bad:
+        raise BadImage(
+            f"{where} has {bad} pixels that are NaN or infinite; fill them first "
+            "(jshape.plan_depth does)"
+        )
+    low, high = float(array.min()), float(array.max())
+    if low < 0 or high > 1 + 1e-5:
+        raise BadImage(f"{where} has values from {low:g} to {high:g}; a weighed image is in [0, 1]")
+    return np.ascontiguousarray(array, np.float32)
+
+
+def _as_bank(bank: Bank | str | Path | None) -> Bank:
+    if isinstance(bank, Bank):
+        if not bank.actions or len(bank.actions) != len(bank.predictors):
+            raise BadBank(
+                f"the bank has {len(bank.actions)} actions and {len(bank.predictors)} predictors; "
+                "it must have one per action"
+            )
+        return bank
+    from jshape.io.banks import load_bank
+
+    return load_bank(DEFAULT_BANK if bank is None else bank)

@@ -1,0 +1,320 @@
+"""Every move at every place with every strength, in compiled calls that read windows only.
+
+A candidate is one move at one place with one strength.  Candidates are numbered move by move,
+place by place, strength by strength, as Algorithm 1 visits them.  What is computed is by how much
+each changes d, from its window alone.
+
+Places and strengths lie in storage of a few sizes, with masks: another grid, another reachable
+mask or other strengths compile nothing anew.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.sharding import Mesh, PartitionSpec
+
+from jshape import actions
+from jshape._typing import Array, Bool, Float, Int
+from jshape.models.bank import Bank
+from jshape.planning.state import Terrain
+
+PLACES = 256, 16
+"""Least storage for places, and how many times as large the next is."""
+STRENGTHS = 8, 8
+"""Likewise for strengths."""
+SPARE = 108
+"""Places left free at the end: a local search puts its own there."""
+
+
+@dataclass(frozen=True)
+class How:
+    """How candidates are evaluated (static).  Changes no result, only memory and time."""
+
+    chunk: int = 1
+    """Places evaluated together.  1 is best on a CPU, some hundreds on a GPU."""
+    mesh: Mesh | None = None
+    """Devices that share the places; None is one."""
+
+
+ONE_BY_ONE = How()
+"""One device, one place after the other."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Candidates:
+    """The candidates of all moves, in padded storage: N places, S strengths."""
+
+    first: Int[Array, "N 2"]
+    """First node (v, u) of each place's window, move by move; fillers at the end."""
+    move: Int[Array, "N"]
+    """Number of each place's move."""
+    start: Int[Array, "_"]
+    """Where each move's places begin; last, where all end."""
+    open: Bool[Array, "N"]
+    """Places at which a hand may be placed; False for fillers."""
+    pixels: Int[Array, "N 2"]
+    """The places as (u, v) pixels."""
+    strengths: Float[Array, "S"]
+    """How many times as deep as the trained action, weakest first; the last is repeated."""
+    tried: Int[Array, ""]
+    """How many strengths there are."""
+    reach: Bool[Array, "R C"]
+    """Nodes at which a hand may be placed."""
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Places of each move (host)."""
+        mine = np.asarray(self.move)[np.asarray(self.open)]
+        return tuple(np.bincount(mine, minlength=len(self.start) - 1).tolist())
+
+    def __len__(self) -> int:
+        return int(np.count_nonzero(self.open)) * int(self.tried)
+
+    def locate(self, index: int) -> tuple[int, int, int]:
+        """(move number, place number, strength number) of a candidate (host)."""
+        place, strength = divmod(index, int(self.tried))
+        for number, count in enumerate(self.counts):
+            if place < count:
+                return number, place, strength
+            place -= count
+        raise IndexError(index)
+
+    def of_move(self, number: int, values: Array | None = None) -> np.ndarray:
+        """One move's places: their rows of `first`, or of other values of all places (host)."""
+        mine = np.asarray(self.open) & (np.asarray(self.move) == number)
+        return np.asarray(self.first if values is None else values)[mine]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Board:
+    """What is known of the candidates."""
+
+    changes: Float[Array, "N S"]
+    """Change of d by each place and strength; 0 where not yet evaluated."""
+    stale: Bool[Array, "N"]
+    """Places whose values are not those of the map as it is."""
+
+
+def candidates_at(
+    terrain: Terrain,
+    bank: Bank,
+    positions: Mapping[str, np.ndarray],
+    strengths: Sequence[float] = (1.0,),
+    reach: np.ndarray | None = None,
+) -> Candidates:
+    """Candidates at positions (N_a, 2) of (u, v) per action, already inside the image (host).
+
+    On the ground a place is the nearest node: at most half its pitch away, 1 mm.
+
+    Args:
+      terrain: where.
+      bank: whose actions.
+      positions: per action; a turned hand, whose ROI is larger, leaves out those near the edge.
+      strengths: to try.
+      reach: (H, W) pixels at which a hand may be placed; None: all.
+    """
+    shape = terrain.now.shape
+    firsts, pixels, counts = [], [], [0]
+    for move in terrain.moves:
+        name = bank.actions[move.action]
+        centres = positions.get(name, np.zeros((0, 2), np.int32))
+        inside = actions.fits(bank.camera, centres, move.roi)  # a turned hand needs more room
+        node = terrain.node(centres[inside][:, ::-1])
+        firsts.append(np.clip(node - move.middle, 0, np.array(shape) - move.shape))
+        pixels.append(centres[inside])
+        counts.append(len(node))
+    start = np.cumsum(counts, dtype=np.int32)
+    room = _storage(int(start[-1]) + SPARE, *PLACES)
+
+    def padded(rows: list[np.ndarray]) -> np.ndarray:
+        whole = np.zeros((room, 2), np.int32)
+        whole[: start[-1]] = np.concatenate([np.zeros((0, 2), np.int32), *rows])
+        return whole
+
+    move = np.zeros(room, np.int32)
+    move[: start[-1]] = np.repeat(np.arange(len(terrain.moves)), counts[1:])
+    usable = np.arange(room) < start[-1]
+    nodes = np.ones(shape, bool)
+    where = padded(pixels)
+    if reach is not None:
+        usable &= reach[where[:, 1], where[:, 0]]
+        at = np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 2)
+        v, u = np.clip(np.rint(terrain.pixel(at)).astype(int), 0, np.array(reach.shape) - 1).T
+        nodes = reach[v, u].reshape(shape)
+    deep = np.pad(
+        np.asarray(strengths, np.float32),
+        (0, _storage(len(strengths), *STRENGTHS) - len(strengths)),
+        mode="edge",
+    )
+    tried = np.int32(len(strengths))
+    # All in one transfer: one by one they take as long as a small search.
+    return Candidates(
+        *jax.device_put((padded(firsts), move, start, usable, where, deep, tried, nodes))
+    )
+
+
+def _storage(count: int, least: int, times: int) -> int:
+    """The storage that holds so many."""
+    while least < count:
+        least *= times
+    return least
+
+
+def fresh_board(candidates: Candidates) -> Board:
+    """A board on which nothing is known."""
+    sizes = len(candidates.first), len(candidates.strengths)
+    return Board(jnp.zeros(sizes, jnp.float32), jnp.asarray(candidates.open))
+
+
+def touch(
+    board: Board, candidates: Candidates, terrain: Terrain, first: Array, shape: Array
+) -> Board:
+    """The board after the window at `first` of `shape` has changed: what overlaps it is stale."""
+    shapes = jnp.asarray(terrain.shapes)[candidates.move]
+    apart = (candidates.first >= first + shape) | (first >= candidates.first + shapes)
+    return replace(board, stale=board.stale | (candidates.open & ~apart.any(-1)))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Work:
+    """What is to be evaluated: places of each move, with the strengths of each."""
+
+    first: Int[Array, "N 2"]
+    """First nodes of windows."""
+    order: Int[Array, "N"]
+    """Rows of `first` to be evaluated, move by move."""
+    start: Int[Array, "_"]
+    """Where each move's begin in `order`; last, where all end."""
+    strengths: Float[Array, "A S"]
+    """Per move."""
+    count: Int[Array, ""]
+    """How many of the strengths."""
+
+
+def evaluate(
+    terrain: Terrain,
+    now: Float[Array, "R C"],
+    work: Work,
+    changes: Float[Array, "N S"],
+    how: How = ONE_BY_ONE,
+) -> Float[Array, "N S"]:
+    """`changes` with the rows of `work` computed anew; the others are neither read nor computed.
+
+    A loop over moves and in it one over places: each step is a slice, on a CPU 2.5 times as fast as
+    one gather over all places, and the loop's length is what there is to do.
+    """
+    if how.mesh is None:
+        return _evaluate(terrain, now, work, changes, how.chunk)
+    axis, devices = how.mesh.axis_names[0], how.mesh.size
+
+    def mine(terrain, now, work, changes):
+        begin, count = work.start[:-1], jnp.diff(work.start)
+        rank = lax.axis_index(axis).astype(jnp.int32)
+        part = begin + count * rank // devices, begin + count * (rank + 1) // devices
+        new = _evaluate(terrain, now, work, jnp.zeros_like(changes), how.chunk, part)
+        new = lax.psum(new, axis)
+        row = jnp.arange(len(changes), dtype=jnp.int32)
+        done = jnp.zeros(len(changes), bool)
+        done = done.at[jnp.where(row < work.start[-1], work.order, len(changes))].set(
+            True, mode="drop"
+        )
+        return jnp.where(done[:, None], new, changes)
+
+    whole = PartitionSpec()
+    return jax.shard_map(mine, mesh=how.mesh, in_specs=(whole,) * 4, out_specs=whole,
+                         check_vma=False)(terrain, now, work, changes)  # fmt: skip
+
+
+def _evaluate(terrain, now, work, changes, chunk, part=None):
+    begins, ends = part or (work.start[:-1], work.start[1:])
+
+    def of_move(number, changes):
+        def of_kernel(kernel, effect, changes, begin, end, strengths):
+            def one(first):
+                return terrain.change(kernel, effect, now, first, strengths, work.count)
+
+            def some(i, changes):
+                if chunk == 1:
+                    row = work.order[begin + i]
+                    return changes.at[row].set(one(work.first[row]))
+                at = begin + i * chunk + jnp.arange(chunk, dtype=jnp.int32)
+                row = work.order[jnp.minimum(at, len(work.order) - 1)]
+                new = jax.vmap(one)(work.first[row])
+                return changes.at[jnp.where(at < end, row, len(changes))].set(new, mode="drop")
+
+            return lax.fori_loop(0, -(-(end - begin) // chunk), some, changes)
+
+        operands = changes, begins[number], ends[number], work.strengths[number]
+        return terrain.with_kernel(number, of_kernel, *operands)
+
+    return lax.fori_loop(0, len(terrain.moves), of_move, changes)
+
+
+def stale_work(
+    terrain: Terrain, candidates: Candidates, board: Board, room: int | Array | None = None
+) -> tuple[Work, Bool[Array, "N"]]:
+    """The stale places of a board as work; and which they are.
+
+    Args:
+      terrain: the moves.
+      candidates: where.
+      board: what is known.
+      room: at most about this many candidates are evaluated, of each move in proportion; None is
+        all.
+    """
+    moves, places = len(terrain.moves), len(candidates.first)
+    number = jnp.arange(places, dtype=jnp.int32)
+    before = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(board.stale, dtype=jnp.int32)])
+    until = before[candidates.start]  # stale places before each move's first
+    due = board.stale
+    if room is not None:
+        waiting = until[-1]
+        fit = jnp.minimum(jnp.asarray(room, jnp.int32) / candidates.tried, waiting)
+        portion = (fit / jnp.maximum(waiting, 1)).astype(jnp.float32)
+        # Rounded up for the moves so far together: in all, by less than one place.
+        most = jnp.diff(jnp.ceil(until.astype(jnp.float32) * portion)).astype(jnp.int32)
+        due &= before[:-1] - until[candidates.move] < most[candidates.move]
+    ends = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(due, dtype=jnp.int32)])
+    order = jnp.zeros(places, jnp.int32)
+    order = order.at[jnp.where(due, ends[:-1], places)].set(number, mode="drop")
+    strengths = jnp.broadcast_to(candidates.strengths, (moves, len(candidates.strengths)))
+    return Work(candidates.first, order, ends[candidates.start], strengths, candidates.tried), due
+
+
+def refresh(
+    terrain: Terrain,
+    now: Float[Array, "R C"],
+    candidates: Candidates,
+    board: Board,
+    room: int | Array | None = None,
+    how: How = ONE_BY_ONE,
+) -> tuple[Board, Int[Array, ""]]:
+    """The board with stale candidates computed anew.  See `stale_work`.
+
+    Returns:
+      The board, in which places for which there was no room are still stale, and the evaluations.
+    """
+    work, due = stale_work(terrain, candidates, board, room)
+    changes = evaluate(terrain, now, work, board.changes, how)
+    return Board(changes, board.stale & ~due), work.start[-1] * candidates.tried
+
+
+@jax.jit(static_argnames=["how"])
+def _sweep(terrain: Terrain, candidates: Candidates, how: How) -> Float[Array, "N S"]:
+    return refresh(terrain, terrain.now, candidates, fresh_board(candidates), how=how)[0].changes
+
+
+def sweep(terrain: Terrain, candidates: Candidates, how: How = ONE_BY_ONE) -> tuple[Array, ...]:
+    """Change of d by every candidate: per move (N, S), negative where the goal comes nearer."""
+    if not terrain.moves:
+        return ()
+    changes = _sweep(terrain, candidates, how)[:, : int(candidates.tried)]
+    start = np.asarray(candidates.start)
+    return tuple(changes[a:b] for a, b in zip(start[:-1], start[1:], strict=True))

@@ -1,0 +1,170 @@
+"""What a plan may try, must keep to, ends at and may spend.
+
+`jshape.plan`, `jshape.plan_depth`, `mold`, the command line, jshape.toml and the studio all take
+these four records, and the defaults of all of them stand here alone.  They suit goals that the
+trained hand did not make: dense positions, gentle and deep strengths, turned hands, and no action
+that gains less than half of its usual error.  `PAPER` is the paper's own search.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import wraps
+from typing import Any
+
+from jshape._typing import ArrayLike
+from jshape.errors import BadOption, did_you_mean, quoted
+
+DEFAULT_BANK = "pressed-flour-robot"
+YAWS = 4
+"""Of the hand, where the bank's predictors can be turned and nothing else is said.  A stroke 40 mm
+wide and 140 mm long, 15 mm deep: 0.288 mm become 0.078 in 3 actions, with one yaw 0.179 in 8."""
+STRIDE = 12
+"""Pixels between positions, where the ROIs are not small and nothing else is said."""
+ERROR_MARGIN = 0.5
+"""Where the bank knows its errors and nothing else is said."""
+
+
+def hinted(function: Callable) -> Callable:
+    """A function that says what may have been meant by a keyword it does not have."""
+    known = inspect.signature(function).parameters
+
+    @wraps(function)
+    def call(*args: Any, **keywords: Any) -> Any:
+        for name in keywords:
+            if name not in known:
+                raise BadOption(f"{function.__qualname__}: {_unknown(name, list(known))}")
+        return function(*args, **keywords)
+
+    return call
+
+
+def _unknown(name: str, known: Sequence[str]) -> str:
+    for group, kind in GROUPS.items():
+        if name in _names(kind):
+            where = f"{group}={kind.__name__}({name}=...)"
+            return f"unknown option {quoted(name)}; it is a field of {group}: {where}"
+    near = did_you_mean(name, [*known, *(one for kind in GROUPS.values() for one in _names(kind))])
+    return f"unknown option {quoted(name)}{near or '; allowed: ' + ', '.join(known)}"
+
+
+def _names(kind: type) -> list[str]:
+    return [one.name for one in fields(kind)]
+
+
+@dataclass(frozen=True)
+class SearchSpace:
+    """What is tried: where, how deep and with which yaws."""
+
+    positions: ArrayLike | Mapping[str, ArrayLike] | str | None = None
+    """(N, 2) of (u, v) ROI centres for all actions, a mapping of action to such, a grid "21x15"
+    (columns x rows) that spans the image for each action, or "paper": the paper's 15, the same for
+    all actions.  None: every `stride` pixels, the best of them refined by a local search."""
+    stride: int | None = None
+    """Pixels along u and v between positions, where none are given.  None: 12, or a quarter of the
+    smallest ROI's shorter side where that is less."""
+    strengths: Sequence[float] = (0.2, 0.5, 1.0, 1.6, 2.3)
+    """How many times as deep as trained each action is tried."""
+    yaws: int | Mapping[str, int] | None = None
+    """Number of yaw angles of the hand in [0, pi), for all actions or each; 1 disables rotation.
+    None: 4 where the bank's predictors can be turned."""
+    out_of_bounds: str = "refuse"
+    """What to do with given positions whose ROI leaves the image: "refuse", "shift" or "drop"."""
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """What is allowed."""
+
+    reachable: ArrayLike | None = None
+    """(H, W), not 0 where the hand may be placed; None is everywhere."""
+    clearance_mm: float = 0.0
+    """Least distance of positions to the image's edge and to what `reachable` leaves out."""
+    max_uses: Mapping[str, int] | None = None
+    """How often each action may be used."""
+    max_missing: float = 0.1
+    """Largest share of a depth image's pixels without a reading that may be filled."""
+    reproject: bool = False
+    """Frames of another camera, or from another distance, may be resampled to the bank's view."""
+
+
+@dataclass(frozen=True)
+class StopCriteria:
+    """When the sequence ends."""
+
+    max_steps: int = 16
+    """Most actions."""
+    min_gain_mm: float = 0.005
+    """An action must lower the distance by more than this; below it the camera's noise decides."""
+    tolerance_mm: float = 0.0
+    """The goal is reached when the distance is at most this."""
+    error_margin: float | None = None
+    """An action must also gain more than this many times the usual error of its prediction.
+    None: 0.5 where the bank knows its errors, else 0."""
+
+
+@dataclass(frozen=True)
+class SearchBudget:
+    """What the search may spend; it returns the best plan found until then."""
+
+    seconds: float | None = None
+    """Time, compiling not counted."""
+    evaluations: int | None = None
+    """Predictions."""
+    seed: int = 0
+    """Of searches that draw (`mcts`)."""
+
+
+GROUPS: dict[str, type] = {
+    "space": SearchSpace,
+    "constraints": Constraints,
+    "stop": StopCriteria,
+    "budget": SearchBudget,
+}
+"""The records by the keyword that takes each."""
+for _kind in GROUPS.values():
+    setattr(_kind, "__init__", hinted(_kind.__init__))  # noqa: B010 - pyright allows only this
+
+PAPER: dict[str, Any] = {
+    "bank": "flour-robot",
+    "space": SearchSpace(positions="paper", strengths=(1.0,), yaws=1),
+    "stop": StopCriteria(min_gain_mm=0.0, error_margin=0.0),
+}
+"""The paper's search, as keywords of `jshape.plan`: f_D, 15 positions, one strength, no margin."""
+
+
+def options(base: Mapping[str, Any] | None = None, /, **named: Any) -> dict[str, Any]:
+    """Keywords of `jshape.plan` from single fields, such as `options(PAPER, max_steps=4)`.
+
+    Args:
+      base: keywords to begin with; None is none of them, hence the defaults.
+      **named: fields of any of the records, or other keywords of `jshape.plan` as they are.  A
+        stride alone takes the place of positions.
+
+    Raises:
+      BadOption: neither a field nor such a keyword.
+    """
+    found = dict(base or {})
+    if "stride" in named:
+        named = {"positions": None} | named
+    for group, kind in GROUPS.items():
+        mine = {name: named.pop(name) for name in _names(kind) if name in named}
+        if mine:
+            found[group] = replace(found.get(group) or kind(), **mine)
+    for name in named:
+        if name not in (*GROUPS, *OTHERS):
+            raise BadOption(f"options: {_unknown(name, [*GROUPS, *OTHERS])}")
+    return found | named
+
+
+OTHERS = ("bank", "planner", "start", "execution", "camera", "depth_unit")
+"""Keywords of `plan` and `plan_depth` that are no records."""
+
+
+def fields_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """All fields of the records among some keywords, by name."""
+    found: dict[str, Any] = {}
+    for group, kind in GROUPS.items():
+        record = keywords.get(group) or kind()
+        found |= {name: getattr(record, name) for name in _names(kind)}
+    return found

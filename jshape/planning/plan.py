@@ -1,0 +1,167 @@
+"""A plan: what to do, what is predicted to come out, and how to keep it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jshape import actions as places
+from jshape import metric
+from jshape.camera import Camera
+from jshape.data.view import View
+from jshape.errors import JShapeError
+from jshape.planning import plan_file
+from jshape.planning.search.base import Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan:
+    """Which actions to apply, where, in which order, and what is predicted to come out."""
+
+    camera: Camera
+    """The camera of the images."""
+    actions: tuple[str, ...]
+    """K names, in the order to apply them."""
+    positions: np.ndarray
+    """(K, 2) of (u, v) pixels: ROI centres; the ROI starts at (u - w // 2, v - h // 2)."""
+    rois: np.ndarray
+    """(K, 2) ROI sizes (w, h), pixels.  A turned hand's are squares."""
+    distances: np.ndarray
+    """(K+1,) predicted d to the goal before and after each action, recomputed on whole images."""
+    status: Status
+    """Why the plan ends."""
+    evaluations: int = 0
+    """Predictions made by the search."""
+    seconds: float = 0.0
+    """Time of the search; compiling is not counted."""
+    strengths: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
+    """(K,) how many times as deep as the trained action; 1 for all unless given."""
+    yaws: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
+    """(K,) turn of the hand from u towards v, radians; 0 for all unless given."""
+    offsets: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    """(K, 2) of (u, v): exact places minus `positions`, pixels; 0 for all unless given."""
+    clipped: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
+    """(K,) share of each predicted ROI that had to be clipped to [0, 1]."""
+    filled: tuple[int, int] = (0, 0)
+    """Pixels without a depth reading that were filled: in the initial image, in the goal."""
+    clamped: tuple[int, int] = (0, 0)
+    """Pixels beyond the camera's depth range, taken for its end: likewise."""
+    view: View | None = None
+    """How the camera's frames became those of `camera`; None: they were its own."""
+    initial: np.ndarray | None = None
+    """(H, W) the image I0 that was planned from."""
+    goal: np.ndarray | None = None
+    """(H, W) the image wanted."""
+    patches: tuple[np.ndarray, ...] = ()
+    """K predicted ROIs (h, w) of I, one per action."""
+
+    def __post_init__(self) -> None:
+        count, fill = len(self.actions), object.__setattr__
+        for name, shape, value in (
+            ("strengths", (count,), 1.0), ("yaws", (count,), 0.0), ("offsets", (count, 2), 0.0),
+        ):  # fmt: skip
+            if len(getattr(self, name)) != count:
+                fill(self, name, np.full(shape, value, np.float32))
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def __repr__(self) -> str:
+        actions = "1 action" if len(self) == 1 else f"{len(self)} actions"
+        mm = self.distances_mm
+        return f"Plan({actions}, {mm[0]:.3f} -> {mm[-1]:.3f} mm, {self.status.name})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the summary, the figure and the actions."""
+        from jshape.viz.display import plan_html
+
+        return plan_html(self)
+
+    def show(self) -> "Figure | None":
+        """Show the plan's figure: in the notebook, or in a window.
+
+        Returns:
+          None; or the figure, where there is no notebook and no display.
+
+        Raises:
+          JShapeError: the plan was stored without its images.
+        """
+        from jshape.viz.display import shown
+        from jshape.viz.pictures import plan_figure
+
+        return shown(plan_figure(self))
+
+    @property
+    def distances_mm(self) -> np.ndarray:
+        """`distances` as the mean 3-D distance of matched points, mm."""
+        return np.asarray(metric.to_mm(self.distances, self.camera))
+
+    @property
+    def exact_positions(self) -> np.ndarray:
+        """(K, 2) of (u, v): `positions` with their offsets, whole numbers where there are none."""
+        return self.positions + self.offsets if self.offsets.any() else self.positions
+
+    def rest(self, done: int) -> "Plan":
+        """What is left of the plan after its first `done` actions."""
+        return replace(
+            self,
+            actions=self.actions[done:],
+            distances=self.distances[done:],
+            initial=None if self.initial is None else self.images[min(done, len(self))],
+            **{
+                name: getattr(self, name)[done:]
+                for name in (
+                    "positions", "rois", "strengths", "yaws", "offsets", "clipped", "patches"
+                )
+            },
+        )  # fmt: skip
+
+    @property
+    def camera_positions(self) -> np.ndarray:
+        """(K, 2) of (u, v): `positions` in the own pixels of the camera that took the frames."""
+        if self.view is None:
+            return self.positions
+        return self.view.pixels(self.positions)
+
+    @cached_property
+    def images(self) -> np.ndarray:
+        """(K+1, H, W) predicted I: I0, then the image after each action.  Eq. predStep3."""
+        if self.initial is None:
+            raise JShapeError("this plan was stored without its images")
+        firsts = places.first_pixels(self.positions, self.rois)
+        return np.stack([i.copy() for i in successive(self.initial, self.patches, firsts)])
+
+    def to_json(self, path: str | Path, *, images: bool = True) -> None:
+        """Write the plan to a file, with I0 and the predicted ROIs unless `images` is False.
+
+        Raises:
+          BadFile: the file cannot be written.
+        """
+        plan_file.write_plan(path, self, images=images)
+
+    @staticmethod
+    def from_json(path: str | Path) -> "Plan":
+        """Read a plan that `to_json` wrote.
+
+        Raises:
+          BadFile: the file is not a plan.
+        """
+        return Plan(**plan_file.read_plan(path))
+
+
+def successive(
+    initial: np.ndarray, patches: tuple[np.ndarray, ...], firsts: np.ndarray
+) -> Iterator[np.ndarray]:
+    """I0 and the image after each patch; one buffer, so copy what you keep."""
+    image = np.array(initial)
+    yield image
+    for (left, top), patch in zip(firsts, patches, strict=True):
+        h, w = patch.shape
+        image[top : top + h, left : left + w] = patch
+        yield image

@@ -1,0 +1,169 @@
+"""The options of a search as numbers and arrays: checked, with one clear error each (host)."""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jshape import actions as rectangles
+from jshape import metric
+from jshape.errors import BadBank, JShapeError, UnknownName, quoted
+from jshape.models.bank import Bank
+from jshape.planning.options import ERROR_MARGIN, YAWS, SearchBudget, StopCriteria
+from jshape.planning.plan import Plan
+from jshape.planning.search.base import EVER, Budget, Found, Limits, room_for
+from jshape.planning.state import Terrain
+
+DEEPEST = 100
+"""Greatest strength that is tried."""
+MAX_STEPS = 1000
+"""Most actions of a plan: the predicted ROI of each has its place in memory from the start."""
+
+
+def directions(bank: Bank, yaws: int | Mapping[str, int] | None) -> list[tuple[int, float]]:
+    """(action number, yaw) of every move, the trained direction first."""
+    if yaws is None:
+        yaws = YAWS if bank.turns else 1
+    if not isinstance(yaws, Mapping):
+        yaws = dict.fromkeys(bank.actions, yaws)
+    for name, count in yaws.items():
+        if name not in bank.actions:
+            raise UnknownName("action", name, bank.actions)
+        whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
+        if not whole or not 1 <= count <= 64:
+            raise JShapeError(f"yaws is {quoted(count)}; it must be a whole number from 1 to 64")
+        if count > 1 and not bank.turns:
+            raise BadBank(
+                f"a bank of kind {quoted(bank.kind)} cannot turn the hand; yaws must be 1"
+            )
+    moves = []
+    for number, name in enumerate(bank.actions):
+        count = yaws.get(name, 1)
+        if max(bank.turned_roi(name)) > min(bank.camera.shape):
+            count = 1  # a turned hand's square does not fit into the image
+        angles = [math.pi * k / count for k in range(count)]
+        moves += [(number, a if a <= math.pi / 2 else a - math.pi) for a in angles]
+    return moves
+
+
+def at_nodes(
+    terrain: Terrain, bank: Bank, where: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Places moved to the nearest nodes, if their ROIs stay inside."""
+    found = {}
+    for name, at in where.items():
+        moved = np.rint(terrain.pixel(terrain.node(at[:, ::-1]))).astype(np.int32)[:, ::-1]
+        inside = rectangles.fits(bank.camera, moved, bank.roi(name))
+        found[name] = np.where(inside[:, None], moved, at)
+    return found
+
+
+def rounds(terrain: Terrain, stride: int) -> int:
+    """Rounds of local search that lead from a stride of pixels down to one node."""
+    return max(math.ceil(math.log2(max(stride / float(min(terrain.pitch)), 1.0))), 0)
+
+
+def strengths(strengths: Sequence[float | int]) -> list[float]:
+    """Strengths to try, each once, weakest first."""
+    try:
+        values = np.asarray(strengths)
+    except ValueError:
+        values = np.zeros((0, 0))
+    if values.ndim != 1 or not values.size or values.dtype.kind not in "iuf":
+        raise JShapeError(
+            f"strengths is {quoted(strengths)}; it must be numbers above 0, at least one"
+        )
+    if not (np.isfinite(values).all() and (values > 0).all() and (values <= DEEPEST).all()):
+        raise JShapeError(
+            f"strengths is {quoted(strengths)}; each must be above 0, at most {DEEPEST}"
+        )
+    if values.size > 64:
+        raise JShapeError(f"{values.size} strengths; at most 64 are tried")
+    return sorted({float(value) for value in values})
+
+
+def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -> Limits:
+    """What a search must gain and may use, the bank's own errors times the margin among it."""
+    if not isinstance(stop.max_steps, int | np.integer) or not 0 <= stop.max_steps <= MAX_STEPS:
+        raise JShapeError(
+            f"max_steps is {quoted(stop.max_steps)}; it must be a whole number to {MAX_STEPS}"
+        )
+    margin = stop.error_margin
+    if margin is None:
+        margin = 0.0 if bank.errors_mm is None else ERROR_MARGIN
+    numbers = {
+        "min_gain_mm": stop.min_gain_mm, "tolerance_mm": stop.tolerance_mm, "error_margin": margin
+    }  # fmt: skip
+    for name, value in numbers.items():
+        if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
+            raise JShapeError(f"{name} is {quoted(value)}; it must be a number from 0")
+    if margin and bank.errors_mm is None:
+        raise BadBank(
+            f"error_margin is {quoted(margin)}, but the bank does not know how wrong it is; 0 is "
+            "allowed (jshape train measures it)"
+        )
+    if max_uses is not None and not isinstance(max_uses, Mapping):
+        raise JShapeError(
+            f"max_uses is {quoted(max_uses)}; it must be a mapping of action to count"
+        )
+    allowed = np.full(len(bank.actions), EVER, np.int32)
+    for name, count in (max_uses or {}).items():
+        if name not in bank.actions:
+            raise UnknownName("action", name, bank.actions)
+        if not isinstance(count, int | np.integer) or isinstance(count, bool) or count < 0:
+            raise JShapeError(
+                f"max_uses of {name} is {quoted(count)}; it must be a whole number from 0"
+            )
+        allowed[bank.actions.index(name)] = min(count, EVER)
+    per_mm = 1.0 / float(metric.to_mm(1.0, bank.camera))
+    return Limits(
+        min_gain=float(stop.min_gain_mm) * per_mm,
+        tolerance=float(stop.tolerance_mm) * per_mm,
+        # On the host: sent with the search, not each with a transfer of its own.
+        errors=np.asarray(margin * bank.error_of_d()) if margin else np.zeros(len(allowed), "f4"),
+        most=allowed,
+    )
+
+
+def seed(value: int) -> int:
+    """A seed, checked."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < 2**32:
+        raise JShapeError(
+            f"seed is {quoted(value)}; it must be a whole number from 0 to {2**32 - 1}"
+        )
+    return int(value)
+
+
+def budget(spent: SearchBudget) -> Budget:
+    """A budget that starts now."""
+    seconds, evaluations = spent.seconds, spent.evaluations
+    for name, value in (("seconds", seconds), ("evaluations", evaluations)):
+        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        if value is not None and not (number and 0 < value < np.inf):
+            raise JShapeError(f"{name} is {quoted(value)}; it must be a number above 0")
+    whole = None if evaluations is None else math.ceil(evaluations)
+    return Budget(seconds, whole, time.monotonic)
+
+
+def as_found(plan: Plan, terrain: Terrain, bank: Bank, max_steps: int) -> Found | None:
+    """An earlier plan as a sequence on this terrain; None if it has nothing to begin with."""
+    steps = min(len(plan), max_steps)
+    if not steps or any(name not in bank.actions for name in plan.actions):
+        return None
+    room = room_for(max_steps)
+    move, node = np.full(room, -1, np.int32), np.zeros((room, 2), np.float32)
+    strength = np.zeros(room, np.float32)
+    for k in range(steps):
+        action, yaw = bank.actions.index(plan.actions[k]), float(plan.yaws[k])
+        mine = [m for m, one in enumerate(terrain.moves) if one.action == action]
+        if not mine:
+            return None
+        move[k] = min(mine, key=lambda m: abs(float(terrain.moves[m].yaw) - yaw))
+        exact = plan.positions[k] + plan.offsets[k]
+        node[k] = (exact[::-1] - np.asarray(terrain.origin)) / np.asarray(terrain.pitch)
+        strength[k] = plan.strengths[k]
+    return Found(
+        steps=np.int32(steps), move=move, node=node, strength=strength,
+        distance=np.float32(np.inf), status=np.int32(-1), evaluations=np.int32(0),
+    )  # fmt: skip

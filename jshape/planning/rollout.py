@@ -1,0 +1,145 @@
+"""What a sequence of actions brings, predicted: a plan that somebody else made (host)."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jshape import actions as rectangles
+from jshape import metric
+from jshape._typing import ArrayLike
+from jshape.errors import BadBank, BadPosition, JShapeError, UnknownName, quoted
+from jshape.models.bank import Bank
+from jshape.planning.apply import after_action
+from jshape.planning.plan import Plan, successive
+from jshape.planning.problem import DEEPEST
+from jshape.planning.search.base import Status
+
+
+class Act(NamedTuple):
+    """One action of a sequence."""
+
+    action: int
+    """Number of the action in the bank."""
+    exact: np.ndarray
+    """(2,) the place (u, v), pixels."""
+    strength: float = 1.0
+    """How many times as deep as the trained action."""
+    yaw: float = 0.0
+    """Turn of the hand from u towards v, radians."""
+
+
+def predict_acts(
+    bank: Bank,
+    image: np.ndarray,
+    goal: np.ndarray,
+    acts: Sequence[Act],
+    status: Status,
+    tolerance: float = 0.0,
+    evaluations: int = 0,
+) -> Plan:
+    """The plan of a sequence: each action predicted on what the ones before it left.
+
+    ROIs are moved inwards where they would leave the image, the exact places stay.
+
+    Args:
+      bank: predicts.
+      image: (H, W) weighed image I before.
+      goal: (H, W) the image wanted.
+      acts: in their order.
+      status: why the sequence ends, unless the distance left is at most `tolerance`.
+      tolerance: see `status`.
+      evaluations: of the search that found it.
+    """
+    first, image = image, image.copy()
+    centres, rois, offsets, patches, clipped = [], [], [], [], []
+    for act in acts:
+        name, turned = bank.actions[act.action], act.yaw != 0
+        roi = w, h = bank.turned_roi(name) if turned else bank.roi(name)
+        low = np.array([w // 2, h // 2])
+        room = np.array([bank.camera.width - w, bank.camera.height - h])
+        centre = np.clip(np.rint(act.exact).astype(np.int32), low, low + room)
+        offset = (act.exact - centre).astype(np.float32)
+        offset[np.abs(offset) < 1e-3] = 0
+        top, left = corner = (centre - low)[::-1].astype(np.int32)
+        after = after_action(
+            bank, image, corner, act.strength, act.yaw, offset[::-1].copy(),
+            action=act.action, turned=turned, moved=bool(offset.any()),
+        )  # fmt: skip
+        patch, share = jax.device_get(after)
+        image[top : top + h, left : left + w] = patch
+        centres.append(centre)
+        rois.append(roi)
+        offsets.append(offset)
+        patches.append(patch)
+        clipped.append(float(share))
+    positions = np.array(centres, np.int32).reshape(-1, 2)
+    sizes = np.array(rois, np.int32).reshape(-1, 2)
+    images = successive(first, tuple(patches), rectangles.first_pixels(positions, sizes))
+    distances = np.array([metric.distance(image, goal) for image in images], np.float32)
+    return Plan(
+        camera=bank.camera,
+        actions=tuple(bank.actions[act.action] for act in acts),
+        positions=positions,
+        rois=sizes,
+        distances=distances,
+        status=Status.CONVERGED if distances[-1] <= tolerance else status,
+        evaluations=evaluations,
+        strengths=np.array([act.strength for act in acts], np.float32),
+        yaws=np.array([act.yaw for act in acts], np.float32),
+        offsets=np.array(offsets, np.float32).reshape(-1, 2),
+        clipped=np.array(clipped, np.float32),
+        initial=first,
+        goal=goal,
+        patches=tuple(patches),
+    )
+
+
+def check_acts(
+    bank: Bank,
+    actions: Sequence[str],
+    positions: ArrayLike,
+    strengths: ArrayLike | None = None,
+    yaws: ArrayLike | None = None,
+) -> list[Act]:
+    """A sequence as people give it.
+
+    Raises:
+      UnknownName: an action that the bank does not have.
+      BadPosition: a place outside the image, or not as many as actions.
+      BadBank: a turned hand for a bank whose predictors cannot be turned.
+      JShapeError: strengths or yaws that make no sense.
+    """
+    count = len(actions)
+    for name in actions:
+        if name not in bank.actions:
+            raise UnknownName("action", name, bank.actions)
+    where = np.asarray(positions, np.float64).reshape(-1, 2) if count else np.zeros((0, 2))
+    if len(where) != count:
+        raise BadPosition(f"{len(where)} positions for {count} actions; one (u, v) each is needed")
+    height, width = bank.camera.shape
+    for u, v in where.tolist():
+        if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
+            raise BadPosition(f"position ({u:g}, {v:g}) is outside the {width}x{height} image")
+    deep, turns = np.ones(count), np.zeros(count)
+    if strengths is not None:
+        deep = np.asarray(strengths, np.float64).ravel()
+    if yaws is not None:
+        turns = np.asarray(yaws, np.float64).ravel()
+    if deep.size != count or not ((deep > 0) & (deep <= DEEPEST)).all():
+        raise JShapeError(
+            f"strengths are {deep.tolist()}; {count} numbers above 0, at most {DEEPEST}, are needed"
+        )
+    if turns.size != count or not np.isfinite(turns).all():
+        raise JShapeError(f"yaws are {turns.tolist()}; {count} numbers in radians are needed")
+    if turns.any() and not bank.turns:
+        raise BadBank(f"a bank of kind {quoted(bank.kind)} cannot turn the hand; yaws must be 0")
+    for name, turn in zip(actions, turns, strict=True):
+        w, h = bank.turned_roi(name) if turn else bank.roi(name)
+        if w > width or h > height:
+            raise BadPosition(f"{name}: ROI {w}x{h} is larger than the {width}x{height} image")
+    return [
+        Act(bank.actions.index(name), at, float(strength), float(yaw))
+        for name, at, strength, yaw in zip(actions, where, deep, turns, strict=True)
+    ]

@@ -1,0 +1,17 @@
+"""Searches for the best sequence of actions: siblings with one signature.
+
+    search(task: Task) -> Found
+
+A new planner is one file beside `greedy.py` and one row here.
+"""
+
+from jshape.planning.search import beam, greedy, improve, mcts, refine
+
+PLANNERS = {
+    "greedy": greedy.search,
+    "beam": beam.search,
+    "improve": improve.search,
+    "refine": refine.search,
+    "mcts": mcts.search,
+}
+"""By name."""

@@ -1,0 +1,204 @@
+"""Coarse to fine: the best candidates moved and weakened or deepened by ever smaller steps."""
+
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jshape._typing import Array, Bool, Float, Int
+from jshape.planning.evaluate import SPARE, Board, Candidates, Work, evaluate
+from jshape.planning.search.base import EVER, Limits
+from jshape.planning.state import Terrain
+
+WIDTH = 3
+"""How many moves' best candidates greedy improves."""
+
+AROUND = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)], np.int32)
+"""The place and its eight neighbours."""
+
+DEEPER = np.array([0.0, -0.5, 0.5], np.float32)
+"""The strength and its two neighbours, in units of their distance."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Local:
+    """A local search in progress: `E` entries, one of each move."""
+
+    round: Int[Array, ""]
+    """Rounds done; -1: there is none in progress."""
+    move: Int[Array, "E"]
+    first: Int[Array, "E 2"]
+    """First nodes of their windows."""
+    strength: Float[Array, "E"]
+    gain: Float[Array, "E"]
+    """By how much d falls, best first as they began; 0 where not worth it."""
+    worth: Bool[Array, "E"]
+    """Entries that are improved."""
+
+
+def no_local(terrain: Terrain, width: int = WIDTH) -> Local:
+    """None in progress."""
+    count = min(width, len(terrain.moves))
+    return Local(
+        round=jnp.int32(-1),
+        move=jnp.zeros(count, jnp.int32),
+        first=jnp.zeros((count, 2), jnp.int32),
+        strength=jnp.zeros(count, jnp.float32),
+        gain=jnp.zeros(count, jnp.float32),
+        worth=jnp.zeros(count, bool),
+    )
+
+
+def begin_local(
+    terrain: Terrain,
+    candidates: Candidates,
+    board: Board,
+    used: Int[Array, "A"],
+    limits: Limits,
+    rounds: int | Array,
+    width: int = WIDTH,
+    left: int | Array = EVER,
+) -> tuple[Local, Int[Array, ""]]:
+    """The best known candidate of each of the best `width` moves; of equals the first.
+
+    No more than `left` evaluations are made: what they do not suffice for stays as it is.
+
+    Returns:
+      The entries, and how many evaluations all rounds of them take.
+    """
+    actions = jnp.asarray(terrain.actions)[candidates.move]
+    needed = limits.needed(actions, candidates.strengths)
+    gains = jnp.where(-board.changes > needed, -board.changes, 0.0)
+    gains = jnp.where((candidates.open & limits.allowed(actions, used))[:, None], gains, 0.0)
+    deepest, gain = jnp.argmax(gains, 1), gains.max(1)
+
+    def next_best(gain, _):
+        row = jnp.argmax(gain)
+        move = candidates.move[row]
+        entry = move, candidates.first[row], candidates.strengths[deepest[row]], gain[row]
+        return jnp.where(candidates.move == move, -1.0, gain), entry
+
+    count = min(width, len(terrain.moves))
+    _, (move, first, strength, gain) = lax.scan(next_best, gain, length=count)
+    gain = jnp.maximum(gain, 0.0)
+    rounds = jnp.asarray(rounds, jnp.int32)
+    each = len(AROUND) * _strengths(candidates) * rounds
+    worth = (gain > 0) & (each * jnp.arange(1, count + 1, dtype=jnp.int32) <= left) & (rounds > 0)
+    began = jnp.where(worth.any(), 0, rounds)
+    return Local(began, move, first, strength, gain, worth), worth.sum(dtype=jnp.int32) * each
+
+
+def local_work(terrain: Terrain, candidates: Candidates, local: Local, rounds: int | Array) -> Work:
+    """What the next round evaluates, in the candidates' spare rows.
+
+    Every round tries the 3 x 3 places around with 3 strengths, at steps of half the size of the
+    round before: places from 2^(rounds-1) nodes down to one, strengths from half of the distance
+    between the candidates' own, inside their range.  The candidates' own boundaries are kept;
+    where there is one strength it stays.
+    """
+    around, trial = _trials(terrain, candidates, local, rounds)
+    places, tried = len(candidates.first), len(AROUND) * len(local.move)
+    assert tried <= SPARE
+    moves = jnp.arange(len(terrain.moves) + 1, dtype=jnp.int32)
+    mine = jnp.where(local.worth, local.move, len(terrain.moves))
+    start = (mine < moves[:, None]).sum(1, dtype=jnp.int32) * len(AROUND)
+    rows = jnp.arange(tried, dtype=jnp.int32).reshape(-1, len(AROUND)) + (places - tried)
+    order = jnp.zeros(places, jnp.int32).at[:tried].set(rows[jnp.argsort(mine)].reshape(-1))
+    strengths = jnp.zeros((len(terrain.moves), len(candidates.strengths)), jnp.float32)
+    return Work(
+        first=candidates.first.at[-tried:].set(around.reshape(-1, 2)),
+        order=order,
+        start=start,
+        strengths=strengths.at[local.move, : len(DEEPER)].set(trial),
+        count=_strengths(candidates),
+    )
+
+
+def next_local(
+    terrain: Terrain,
+    candidates: Candidates,
+    local: Local,
+    changes: Float[Array, "N S"],
+    limits: Limits,
+    rounds: int | Array,
+) -> Local:
+    """The entries after a round whose work was evaluated."""
+    around, trial = _trials(terrain, candidates, local, rounds)
+    count, tried = len(local.move), len(AROUND) * len(local.move)
+    change = changes[-tried:, : len(DEEPER)].reshape(count, len(AROUND), len(DEEPER))
+    needed = limits.needed(jnp.asarray(terrain.actions)[local.move], trial)
+    gains = jnp.where(-change > needed[:, None], -change, 0.0)
+    row, column = jnp.moveaxis(
+        around + (jnp.asarray(terrain.shapes) // 2)[local.move][:, None], 2, 0
+    )
+    made = jnp.arange(len(DEEPER), dtype=jnp.int32) < _strengths(candidates)
+    gains = jnp.where(candidates.reach[row, column][..., None] & made, gains, 0.0)
+    best = jnp.argmax(gains.reshape(count, -1), 1).astype(jnp.int32)
+    place, deeper = jnp.divmod(best, jnp.int32(len(DEEPER)))
+    entry = jnp.arange(count, dtype=jnp.int32)
+    gain = gains[entry, place, deeper]
+    better = local.worth & (gain > local.gain)
+    return replace(
+        local,
+        round=local.round + 1,
+        first=jnp.where(better[:, None], around[entry, place], local.first),
+        strength=jnp.where(better, trial[entry, deeper], local.strength),
+        gain=jnp.where(better, gain, local.gain),
+    )
+
+
+def _strengths(candidates: Candidates) -> Int[Array, ""]:
+    """How many strengths a round tries."""
+    return jnp.where(candidates.tried > 1, len(DEEPER), 1).astype(jnp.int32)
+
+
+def _trials(
+    terrain: Terrain, candidates: Candidates, local: Local, rounds: int | Array
+) -> tuple[Int[Array, "E P 2"], Float[Array, "E D"]]:
+    """First nodes of the places, and the strengths, that a round tries."""
+    low, high = bounds(terrain, candidates)
+    coarser = jnp.maximum(jnp.asarray(rounds, jnp.int32) - 1 - local.round, 0)
+    step = jnp.left_shift(jnp.int32(1), coarser)
+    around = local.first[:, None] + jnp.asarray(AROUND, jnp.int32) * step
+    around = jnp.clip(around, low[local.move][:, None], high[local.move][:, None])
+    known = candidates.strengths
+    spacing = (known.max() - known.min()) / jnp.maximum(candidates.tried - 1, 1).astype(known.dtype)
+    trial = local.strength[:, None] + jnp.asarray(DEEPER, jnp.float32) * spacing / (
+        jnp.float32(2.0) ** local.round.astype(jnp.float32)
+    )
+    return around, jnp.clip(trial, known.min(), known.max())
+
+
+def bounds(terrain: Terrain, candidates: Candidates) -> tuple[Int[Array, "A 2"], Int[Array, "A 2"]]:
+    """Least and greatest first node (v, u) of each move's candidates; 0 where it has none."""
+    count = len(terrain.moves)
+    move = jnp.where(candidates.open, candidates.move, count)
+    low = jax.ops.segment_min(candidates.first, move, count + 1)[:count]
+    high = jax.ops.segment_max(candidates.first, move, count + 1)[:count]
+    some = high >= low
+    return jnp.where(some, low, 0), jnp.where(some, high, 0)
+
+
+def improved_locally(
+    terrain: Terrain,
+    now: Float[Array, "R C"],
+    candidates: Candidates,
+    board: Board,
+    used: Int[Array, "A"],
+    limits: Limits,
+    rounds: int | Array,
+    width: int = WIDTH,
+    left: int | Array = EVER,
+) -> tuple[Local, Int[Array, ""]]:
+    """The best candidates of the best `width` moves after all rounds; and the evaluations."""
+    local, spent = begin_local(terrain, candidates, board, used, limits, rounds, width, left)
+
+    def one_round(local):
+        work = local_work(terrain, candidates, local, rounds)
+        changes = evaluate(terrain, now, work, jnp.zeros_like(board.changes))
+        return next_local(terrain, candidates, local, changes, limits, rounds)
+
+    return lax.while_loop(lambda local: local.round < rounds, one_round, local), spent

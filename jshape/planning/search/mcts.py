@@ -1,0 +1,168 @@
+"""Monte Carlo tree search (mctx, the extra `search`) over a short list of candidates.
+
+The list is made anew for every action: the polished best candidate of each move as the bed is.
+A node of the tree is the history of what
+was taken; its map is made again from that, which is cheaper than keeping a map per node.  Priors
+are the greedy gains in the node: without them tree search does poorly at this branching.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jshape._typing import Array, Float, Int
+from jshape.errors import JShapeError
+from jshape.planning.search import greedy
+from jshape.planning.search.base import Found, Status, Task, better, compiled, ended
+from jshape.planning.search.beam import best_candidates, look
+from jshape.planning.search.greedy import State
+from jshape.planning.state import Terrain
+
+LISTED = 12
+"""Candidates on the list, at most: one of each move."""
+SIMULATIONS = 32
+"""Simulations per action."""
+DEPTH = 6
+"""Actions that the tree looks ahead, at most."""
+SHARP = 8.0
+"""Prior logits over the greedy gains: the best gain is worth this, no gain 0."""
+
+
+def search(task: Task) -> Found:
+    """The best of greedy's sequence and the one that tree search takes action by action.
+
+    Raises:
+      JShapeError: mctx is not installed.
+    """
+    _mctx()
+    best = greedy.search(task)
+    state = greedy.begin(task.terrain, task.candidates, task.max_steps)
+    key = task.key
+    while int(state.found.steps) < task.max_steps:
+        listed, state = _list(task, state)
+        if listed is None:
+            break
+        key, mine = jax.random.split(key)
+        work = SIMULATIONS * (LISTED + DEPTH + 1)
+        if task.budget.over or not task.budget.holds(work):
+            return ended(task, best, Status.BUDGET)
+        choice = task.budget.call(
+            _policy, mine, task.terrain, state.now, state.found.distance, *listed
+        )
+        task.budget.spend(work)
+        moves, firsts, strengths = listed
+        state = task.budget.call(
+            greedy.take, state, task.terrain, task.candidates,
+            moves[choice], firsts[choice], strengths[choice],
+        )  # fmt: skip
+        best = better(best, replace(state.found, status=best.status))
+        if float(best.distance) <= float(task.limits.tolerance):
+            return ended(task, best, Status.CONVERGED)
+    return ended(task, best, Status.BUDGET if task.budget.over else None)
+
+
+def _mctx() -> Any:
+    try:
+        import mctx
+    except ImportError:
+        raise JShapeError(
+            "planner mcts needs mctx, which is not installed: pip install 'jshape[search]'"
+        ) from None
+    return mctx
+
+
+def _list(task: Task, state: State) -> tuple[tuple[Array, Array, Array] | None, State]:
+    """Moves, first nodes and strengths to choose from; None if none is worth it."""
+    while True:
+        state, waiting, spent = task.budget.call(
+            look, state, task.terrain, task.candidates, jnp.int32(task.budget.room()), how=task.how
+        )
+        task.budget.spend(int(spent))
+        if not bool(waiting):
+            break
+        if task.budget.over:
+            return None, state
+    best, more = task.budget.call(
+        best_candidates, state, task.terrain, task.candidates, task.limits,
+        jnp.int32(task.fine), jnp.int32(task.budget.left), width=LISTED,
+    )  # fmt: skip
+    task.budget.spend(int(more))
+    if not float(best.gain.max()) > 0:
+        return None, state
+    # What is not worth its action stands in for the best, so that the list keeps its length.
+    order = jnp.where(best.gain > 0, jnp.arange(len(best.gain)), jnp.argmax(best.gain))
+    return (best.move[order], best.first[order], best.strength[order]), state
+
+
+@compiled
+def _policy(
+    key: Array,
+    terrain: Terrain,
+    now: Float[Array, "R C"],
+    distance: Array,
+    moves: Int[Array, "L"],
+    firsts: Int[Array, "L 2"],
+    strengths: Float[Array, "L"],
+) -> Int[Array, ""]:
+    """The number on the list that tree search would take first."""
+    mctx = _mctx()
+    unit = distance + 1e-9
+
+    def acted(m: Array, k: Array) -> Array:
+        return terrain.act(moves[k], m, firsts[k], strengths[k])
+
+    def gain(m: Array, k: Array) -> Array:
+        def one(kernel, effect, m, first, strength):
+            return terrain.change(kernel, effect, m, first, strength[None], jnp.int32(1))[0]
+
+        return -terrain.with_kernel(moves[k], one, m, firsts[k], strengths[k]) / unit
+
+    def map_after(history: Int[Array, "D"]) -> Array:
+        def one(m, entry):
+            return lax.cond(entry >= 0, lambda m: acted(m, entry), lambda m: m, m), None
+
+        return lax.scan(one, now, history)[0]
+
+    def gains_on(m: Array) -> Array:
+        return lax.map(lambda k: gain(m, k), jnp.arange(len(moves)))
+
+    def judged(gains: Array) -> tuple[Array, Array]:
+        """Prior logits, and the value: what the best single action would still gain."""
+        most = jnp.maximum(gains.max(), 1e-9)
+        return SHARP * gains / most, jnp.maximum(gains.max(), 0.0)
+
+    def recurrent(_, key, action, embedding):
+        history, depth = embedding
+
+        def one(history, depth, action):
+            before = map_after(history)
+            reward = gain(before, action)
+            logits, value = judged(gains_on(acted(before, action)))
+            history = history.at[jnp.minimum(depth, DEPTH - 1)].set(action)
+            ended = depth + 1 >= DEPTH
+            return reward, jnp.where(ended, 0.0, 1.0), logits, value, history, depth + 1
+
+        # One by one: under vmap every branch of a switch would be computed.
+        reward, discount, logits, value, history, depth = lax.map(
+            lambda entry: one(*entry), (history, depth, action)
+        )
+        output = mctx.RecurrentFnOutput(
+            reward=reward, discount=discount, prior_logits=logits, value=value
+        )
+        return output, (history, depth)
+
+    logits, value = judged(gains_on(now))
+    root = mctx.RootFnOutput(
+        prior_logits=logits[None],
+        value=value[None],
+        embedding=(jnp.full((1, DEPTH), -1, jnp.int32), jnp.zeros(1, jnp.int32)),
+    )
+    policy = mctx.gumbel_muzero_policy(
+        params=None, rng_key=key, root=root, recurrent_fn=recurrent,
+        num_simulations=SIMULATIONS, max_num_considered_actions=min(LISTED, len(moves)),
+        max_depth=DEPTH, gumbel_scale=1.0,
+    )  # fmt: skip
+    return policy.action[0]

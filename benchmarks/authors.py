@@ -19,7 +19,7 @@ from jshape.planning.candidates import dense_positions
 from jshape.planning.evaluate import candidates_at, sweep
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.plan import Plan
-from jshape.planning.state import terrain_of
+from jshape.planning.state import search_state
 
 SPREAD = (0.6, 1.4)
 """How deep the goals' actions are: no two gain alike, so that rounding decides nothing."""
@@ -69,12 +69,12 @@ def rounding_cannot_decide(problem: Problem, image: np.ndarray, wrong: np.ndarra
     both are as wrong.  So neither passes the other if their d differ by more than twice the sum of
     `wrong` over both windows, divided by the image's pixels.  One choice is to stop: no window.
     """
-    terrain = terrain_of(problem.bank, jnp.asarray(image), jnp.asarray(problem.images[1]))
-    candidates = candidates_at(terrain, problem.bank, problem.places)
-    changes = [np.zeros(1), *(np.asarray(change).ravel() for change in sweep(terrain, candidates))]
+    state = search_state(problem.bank, jnp.asarray(image), jnp.asarray(problem.images[1]))
+    candidates = candidates_at(state, problem.bank, problem.places)
+    changes = [np.zeros(1), *(np.asarray(change).ravel() for change in sweep(state, candidates))]
     total = np.pad(wrong.cumsum(0, dtype=np.float64).cumsum(1), ((1, 0), (1, 0)))
     inside = [np.zeros(1)]
-    for number, move in enumerate(terrain.moves):
+    for number, move in enumerate(state.moves):
         first = candidates.of_move(number)
         (top, left), (bottom, right) = first.T, (first + move.shape).T
         sums = total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left]

@@ -22,8 +22,8 @@ from jshape.planning.candidates import dense_positions
 from jshape.planning.evaluate import Candidates, candidates_at, sweep
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Limits
-from jshape.planning.state import Terrain, terrain_of
+from jshape.planning.search.base import SearchLimits
+from jshape.planning.state import SearchState, search_state
 
 
 def smooth_bank(rois: dict[str, tuple[int, int]], camera: jshape.Camera = jshape.PAPER_BOX) -> Bank:
@@ -109,7 +109,7 @@ def run(report: Report, out: Path) -> None:
 
 def _on_a_grid(report: Report, bank: Bank, now, goal, at: dict[str, np.ndarray]) -> None:
     """One sweep and a few steps at given places: f_D, then f_P."""
-    image = terrain_of(bank, now, goal)
+    image = search_state(bank, now, goal)
     candidates = candidates_at(image, bank, at)
     count = len(candidates)
     time = seconds(lambda: sweep(image, candidates))
@@ -117,16 +117,18 @@ def _on_a_grid(report: Report, bank: Bank, now, goal, at: dict[str, np.ndarray])
     report.add(f"{count} candidates, one sweep against copying as many floats",
                time / _copying(candidates), "times")  # fmt: skip
     for steps in (1, 3):
-        time = seconds(lambda s=steps: greedy.run(image, candidates, Limits(), max_steps=s).status)
+        time = seconds(
+            lambda s=steps: greedy.run(image, candidates, SearchLimits(), max_steps=s).status
+        )
         report.add(f"greedy, {count} candidates, {steps} steps: per step", 1e3 * time / steps, "ms",
                    goal=3)  # fmt: skip
-    found = greedy.run(image, candidates, Limits(), max_steps=3)
+    found = greedy.run(image, candidates, SearchLimits(), max_steps=3)
     later = (int(found.evaluations) - count) / int(found.steps) / count
     report.add("candidates evaluated again after a step, of all", later, "", tolerance=1.001)
 
     pressed = jshape.load_bank(DEFAULT_BANK)
-    ground = jax.jit(terrain_of)(pressed, now, goal)
-    time = seconds(lambda: jax.jit(terrain_of)(pressed, now, goal), repeats=5)
+    ground = jax.jit(search_state)(pressed, now, goal)
+    time = seconds(lambda: jax.jit(search_state)(pressed, now, goal), repeats=5)
     report.add("f_P, the ground of image and goal seen from above", 1e3 * time, "ms")
     places = candidates_at(ground, pressed, at)
     time = seconds(lambda: sweep(ground, places))
@@ -143,21 +145,21 @@ def _on_a_grid(report: Report, bank: Bank, now, goal, at: dict[str, np.ndarray])
 def _dense(report: Report, bank: Bank, now, goal) -> None:
     """Sweeps of all places, at several strides."""
     pressed = jshape.load_bank(DEFAULT_BANK)
-    image, ground = terrain_of(bank, now, goal), jax.jit(terrain_of)(pressed, now, goal)
+    image, ground = search_state(bank, now, goal), jax.jit(search_state)(pressed, now, goal)
     rows = []
     for stride in (4, 8, 12, 16):
         cells = []
-        for model, terrain in ((bank, image), (pressed, ground)):
-            every = candidates_at(terrain, model, dense_positions(model, stride))
-            time = seconds(lambda t=terrain, c=every: sweep(t, c), least=0.3, repeats=3)
-            cells += [f"{1e3 * time:.3g}", f"{1e9 * time / _pixels(terrain, every):.2g}"]
+        for model, state in ((bank, image), (pressed, ground)):
+            every = candidates_at(state, model, dense_positions(model, stride))
+            time = seconds(lambda t=state, c=every: sweep(t, c), least=0.3, repeats=3)
+            cells += [f"{1e3 * time:.3g}", f"{1e9 * time / _pixels(state, every):.2g}"]
             if stride == 4 and model is bank:
                 report.add(f"f_D, every 4th pixel: {len(every)} candidates, one sweep", 1e3 * time,
                            "ms", goal=500)  # fmt: skip
                 report.add("every 4th pixel, one sweep against copying as many floats",
                            time / _copying(every), "times")  # fmt: skip
                 report.add("every 4th pixel, pixels of image and goal compared",
-                           2 * _pixels(terrain, every), "", tolerance=1.001)  # fmt: skip
+                           2 * _pixels(state, every), "", tolerance=1.001)  # fmt: skip
         rows.append((f"{stride}", f"{len(every)}", *cells))
     head = ("every ... pixel", "candidates", "f_D, ms", "ns a pixel", "f_P, ms", "ns a node")
     report.table("All places in one sweep, five actions, one strength.", head, rows)
@@ -167,8 +169,8 @@ def _networks(report: Report) -> None:
     """A sweep of the paper's U-Nets beside as many of their forward passes alone."""
     bank = network_bank(PAPER_ROIS, "C", 32)
     now, goal, positions = problem(bank, (5, 3), [("grasp", 0), ("knock", 4)])
-    terrain = terrain_of(bank, now, goal)
-    candidates = candidates_at(terrain, bank, dict.fromkeys(bank.actions, positions))
+    state = search_state(bank, now, goal)
+    candidates = candidates_at(state, bank, dict.fromkeys(bank.actions, positions))
     forward = jax.jit(lambda network, roi: network(roi, jnp.zeros(2, jnp.int32)))
     windows = [jnp.full((h, w), 0.6) for w, h in bank.rois.values()]
 
@@ -176,7 +178,7 @@ def _networks(report: Report) -> None:
         passes = zip(bank.predictors, windows, candidates.counts, strict=True)
         return [forward(f, roi) for f, roi, count in passes for _ in range(count)]
 
-    calls = {"sweep": lambda: sweep(terrain, candidates), "alone": alone}
+    calls = {"sweep": lambda: sweep(state, candidates), "alone": alone}
     took = in_turns(calls, rounds=3)
     report.add("f_C (width 32), 45 candidates, one sweep", 1e3 * took["sweep"], "ms")
     report.add("the same against 45 forward passes alone", took["sweep"] / took["alone"], "times",
@@ -185,10 +187,10 @@ def _networks(report: Report) -> None:
 
 def _many_goals(report: Report, bank: Bank, now, goal, at: dict[str, np.ndarray]) -> None:
     """Plans of several goals in one compiled call."""
-    where = candidates_at(terrain_of(bank, now, goal), bank, at)
+    where = candidates_at(search_state(bank, now, goal), bank, at)
 
     def one(goal):
-        found = greedy.run(terrain_of(bank, now, goal), where, Limits(), max_steps=4)
+        found = greedy.run(search_state(bank, now, goal), where, SearchLimits(), max_steps=4)
         return found.move, found.node
 
     together = jax.jit(jax.vmap(one))
@@ -213,11 +215,11 @@ def _many_goals(report: Report, bank: Bank, now, goal, at: dict[str, np.ndarray]
                  ("goals", "ms per goal"), rows)  # fmt: skip
 
 
-def _pixels(terrain: Terrain, candidates: Candidates) -> int:
+def _pixels(state: SearchState, candidates: Candidates) -> int:
     """Pixels, or nodes, of the windows of all candidates."""
-    sizes = [np.prod(move.shape) for move in terrain.moves]
+    sizes = [np.prod(move.shape) for move in state.moves]
     places = sum(n * size for n, size in zip(candidates.counts, sizes, strict=True))
-    return int(places) * int(candidates.tried)
+    return int(places) * int(candidates.num_strengths)
 
 
 def _copying(candidates: Candidates) -> float:

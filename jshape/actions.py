@@ -64,7 +64,7 @@ PAPER_Z = 0.45
 """Depth of all action positions in the paper, metres (Hypothesis 3)."""
 
 
-class Box(NamedTuple):
+class Cuboid(NamedTuple):
     """An axis-aligned box in the camera frame, metres.  Eq. bbox."""
 
     x_min: float
@@ -84,13 +84,13 @@ class Roi(NamedTuple):
     bottom: int
 
 
-def box_of(action: Action, position: Sequence[float]) -> Box:
+def box_of(action: Action, position: Sequence[float]) -> Cuboid:
     """The box an action can change at a position (X, Y, Z) in metres.  Below Eq. bbox."""
     (x, y, z), (dx, dy, dz) = position, action.half_size
-    return Box(x - dx, x + dx, y - dy, y + dy, z - dz, z + dz)
+    return Cuboid(x - dx, x + dx, y - dy, y + dy, z - dz, z + dz)
 
 
-def roi_from_box(camera: Camera, box: Box) -> Roi:
+def roi_from_box(camera: Camera, box: Cuboid) -> Roi:
     """The pixels that hold the image of a box, clamped to the image.  Table RoiCorners.
 
     A box seen off-centre shows its near face on the side away from the optical axis and its far

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from jshape import D435_BAZAR, PAPER_ACTIONS, PAPER_BOX
 from jshape.actions import (
     PAPER_Z,
-    Box,
+    Cuboid,
     box_of,
     first_pixels,
     fits,
@@ -41,7 +41,7 @@ def corners(box):
 )
 def test_the_roi_is_the_bounding_rectangle_of_the_projected_corners(x, y, z):
     """All sign cases of Table RoiCorners at once, against the eight corners projected."""
-    box = Box(x[0], sum(x), y[0], sum(y), z[0], sum(z))
+    box = Cuboid(x[0], sum(x), y[0], sum(y), z[0], sum(z))
     camera, cloud = D435_BAZAR, corners(box)
     u = np.clip(np.rint(camera.fx * cloud[:, 0] / cloud[:, 2] + camera.u0), 0, 847)
     v = np.clip(np.rint(camera.fy * cloud[:, 1] / cloud[:, 2] + camera.v0), 0, 479)
@@ -58,7 +58,7 @@ def test_the_roi_is_the_bounding_rectangle_of_the_projected_corners(x, y, z):
 )
 def test_each_sign_case_of_the_table(box, corner_depths):
     depth = {"near": 0.40, "far": 0.50}
-    roi = roi_from_box(D435_BAZAR, Box(*box, 0.0, 0.05, 0.40, 0.50))
+    roi = roi_from_box(D435_BAZAR, Cuboid(*box, 0.0, 0.05, 0.40, 0.50))
     left, right = (
         np.rint(433 * x / depth[d] + 421) for x, d in zip(box, corner_depths, strict=True)
     )
@@ -67,7 +67,7 @@ def test_each_sign_case_of_the_table(box, corner_depths):
 
 def test_a_box_behind_the_camera_is_refused():
     with pytest.raises(BadPosition, match="-0.01"):
-        roi_from_box(D435_BAZAR, Box(0, 1, 0, 1, -0.01, 0.5))
+        roi_from_box(D435_BAZAR, Cuboid(0, 1, 0, 1, -0.01, 0.5))
 
 
 @pytest.mark.parametrize("action", PAPER_ACTIONS, ids=lambda a: a.name)

@@ -225,7 +225,7 @@ def test_a_window_is_molded_in_as_the_robots_camera_sees_it(tmp_path):
     _, robot, _, goal, bank, known = goal_for(tmp_path, camera, given, **window)
     assert known == {"bed_m": pytest.approx(0.56, abs=1e-4)} and goal.shape == camera.shape
     assert robot.camera is bank.camera and bank.camera.fx == 350.0
-    trained = float(given.predictor("knock").ground.depth)
+    trained = float(given.predictor("knock").grid.depth)
     smaller = given.roi("knock")[0] * 350 / 433 * trained / 0.56
     assert bank.roi("knock")[0] == pytest.approx(smaller, abs=1)  # whole pixels
 

@@ -13,10 +13,10 @@ from jshape.data.pairs import Pairs
 from jshape.errors import UnknownName
 from jshape.io import datasets
 from jshape.learn import imprint as learning
-from jshape.learn.imprint import INGREDIENTS, fit_pressed
+from jshape.learn.imprint import INGREDIENTS, fit_imprint
 from jshape.learn.measure import Trial
 from jshape.models.difference import fit_difference
-from tests.test_pressed import CAMERA, examples_of, tool
+from tests.test_imprint import CAMERA, examples_of, tool
 
 
 @pytest.fixture(scope="module")
@@ -57,10 +57,10 @@ def pairs():
 
 
 def test_what_is_left_out_stays_as_it_was_and_the_rest_is_fitted(examples, short):
-    guess = fit_pressed(examples, CAMERA, without=("descent",))
+    guess = fit_imprint(examples, CAMERA, without=("descent",))
     maps = ("reference", "tool", "give", "rest", "swell", "follow")
     for left in ((), ("swell",), ("rest",), ("follow",), ("reference",), ("tool",)):
-        found = fit_pressed(examples, CAMERA, without=left)
+        found = fit_imprint(examples, CAMERA, without=left)
         still = set(left) | ({"tool", "give", "swell"} if "tool" in left else set())
         for name in maps:
             same = np.array_equal(getattr(found, name), getattr(guess, name))
@@ -74,15 +74,15 @@ def test_what_is_left_out_stays_as_it_was_and_the_rest_is_fitted(examples, short
 
 
 def test_without_a_tool_the_first_guess_is_the_mean_change(examples):
-    off = fit_pressed(examples, CAMERA, without=("tool", "descent", "absolute"))
-    flat = jnp.full(off.tool.shape, off.ground.depth)
+    off = fit_imprint(examples, CAMERA, without=("tool", "descent", "absolute"))
+    flat = jnp.full(off.tool.shape, off.grid.depth)
     assert float(off.deepest) == pytest.approx(float(off.rest.max()))
     np.testing.assert_allclose(off.change(flat), off.rest, atol=1e-7)
 
 
 def test_an_ingredient_that_is_none_is_refused(examples):
     with pytest.raises(UnknownName, match="swell"):
-        fit_pressed(examples, CAMERA, without=("salt",))
+        fit_imprint(examples, CAMERA, without=("salt",))
 
 
 def test_squares_are_lowered_if_absolute_errors_are_not(examples, monkeypatch):
@@ -91,7 +91,7 @@ def test_squares_are_lowered_if_absolute_errors_are_not(examples, monkeypatch):
     true = np.asarray(examples.posterior)
     errors = {}
     for left in ((), ("absolute",)):
-        found = fit_pressed(examples, CAMERA, without=left)
+        found = fit_imprint(examples, CAMERA, without=left)
         after = found(jnp.asarray(examples.prior), jnp.asarray(examples.place))
         errors[left] = np.asarray(after) - true
     mean = {left: float(np.abs(gap).mean()) for left, gap in errors.items()}
@@ -103,7 +103,7 @@ def test_the_image_itself_knows_no_place(examples):
     roi = jnp.asarray(examples.prior[0])
 
     def changes(**options):
-        found = fit_pressed(examples, CAMERA, without=("tool", "descent"), **options)
+        found = fit_imprint(examples, CAMERA, without=("tool", "descent"), **options)
         places = jnp.array([[0, 0], [300, 400]], jnp.int32)
         return [np.asarray(found(roi, place) - roi) for place in places]
 

@@ -19,8 +19,8 @@ from jshape.errors import BadBank, BadDataset, BadFile, UnknownName
 from jshape.planning.evaluate import candidates_at
 from jshape.planning.plan import Plan
 from jshape.planning.search import PLANNERS
-from jshape.planning.search.base import Limits, Status, Task
-from jshape.planning.state import terrain_of
+from jshape.planning.search.base import SearchLimits, SearchProblem, Status
+from jshape.planning.state import search_state
 from tests.conftest import paper
 
 SMALL = {
@@ -234,15 +234,15 @@ def test_families_and_intervals():
 
 @pytest.fixture
 def bumpy(bank):
-    """A task on a level bed with a bump of knock's size and a higher one of poke's."""
+    """A problem on a level bed with a bump of knock's size and a higher one of poke's."""
     now = np.full(bank.camera.shape, 0.5, np.float32)
     now[60:140, 50:150] += 0.1
     now[280:325, 300:340] += 0.2
     goal = np.full(bank.camera.shape, 0.5, np.float32)
-    terrain = terrain_of(bank, jax.numpy.asarray(now), jax.numpy.asarray(goal))
+    state = search_state(bank, jax.numpy.asarray(now), jax.numpy.asarray(goal))
     places = {"knock": [[100, 100], [320, 302], [400, 100]], "poke": [[100, 100], [320, 302]]}
     where = {name: np.array(at, np.int32) for name, at in places.items()}
-    return Task(terrain, candidates_at(terrain, bank, where), max_steps=4)
+    return SearchProblem(state, candidates_at(state, bank, where), max_steps=4)
 
 
 def test_the_surplus_is_removed_where_it_is(bank, bumpy):
@@ -252,20 +252,20 @@ def test_the_surplus_is_removed_where_it_is(bank, bumpy):
              zip(found.move[:2].tolist(), found.node[:2].tolist(), strict=True)]  # fmt: skip
     assert steps == [("poke", (320, 302)), ("knock", (100, 100))]
     assert int(found.steps) == 2 and int(found.status) == Status.NO_IMPROVEMENT
-    size = bumpy.terrain.now.size
+    size = bumpy.state.now.size
     for least, steps in ((0.19 * 40 * 45 / size, 2), (0.21 * 40 * 45 / size, 1), (0.5, 0)):
-        task = replace(bumpy, limits=Limits(min_gain=least))
-        assert int(baselines.surplus(task).steps) == steps
-    level = replace(bumpy.terrain, now=bumpy.terrain.goal)
-    assert int(baselines.surplus(replace(bumpy, terrain=level)).steps) == 0
+        problem = replace(bumpy, limits=SearchLimits(min_gain=least))
+        assert int(baselines.surplus(problem).steps) == steps
+    level = replace(bumpy.state, now=bumpy.state.goal)
+    assert int(baselines.surplus(replace(bumpy, state=level)).steps) == 0
     with pytest.raises(BadBank, match="images"):
-        ground = replace(bumpy.terrain, weight=bumpy.terrain.now)
-        baselines.surplus(replace(bumpy, terrain=ground))
+        ground = replace(bumpy.state, weight=bumpy.state.now)
+        baselines.surplus(replace(bumpy, state=ground))
 
 
 def test_random_draws_from_the_candidates(bumpy):
     found = baselines.random(bumpy)
-    known = {(m, *(first + bumpy.terrain.moves[m].middle).tolist())
+    known = {(m, *(first + bumpy.state.moves[m].middle).tolist())
              for m in (0, 1) for first in bumpy.candidates.of_move(m)}  # fmt: skip
     drawn = list(zip(found.move[:4].tolist(), *found.node[:4].astype(int).T.tolist(), strict=True))
     assert int(found.steps) == 4 and set(drawn) <= known

@@ -10,7 +10,7 @@ from jshape.errors import BadDataset, JShapeError, UnknownName
 from jshape.learn.evaluate import cross_validate, evaluate, roi_errors_mm
 from jshape.learn.held_out import held_out
 from jshape.models.difference import Difference, fit_difference
-from jshape.models.imprint import Pressed
+from jshape.models.imprint import Imprint
 
 UNIT = 1e-5
 
@@ -167,7 +167,7 @@ def test_a_fit_that_went_wrong_is_not_kept(pairs, monkeypatch, tmp_path, kind):
     ]
     np.testing.assert_allclose(bank.errors_mm[1], row.difference_mm, rtol=1e-6)
     if kind == "P":  # the mean difference from above: the hand can be turned
-        assert isinstance(bank.predictor("poke"), Pressed)
+        assert isinstance(bank.predictor("poke"), Imprint)
         error, change = roi_errors_mm(bank, pairs, "poke")
         assert error.mean() < 0.5 * change.mean()
         return

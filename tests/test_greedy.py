@@ -14,11 +14,11 @@ from jshape.actions import grid
 from jshape.models.bank import Bank
 from jshape.models.difference import Difference
 from jshape.planning.apply import after_action
-from jshape.planning.evaluate import Board, candidates_at, fresh_board, refresh, sweep
+from jshape.planning.evaluate import CandidateCache, candidates_at, empty_cache, refresh, sweep
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Limits, Task
+from jshape.planning.search.base import SearchLimits, SearchProblem
 from jshape.planning.search.sequence import measured
-from jshape.planning.state import terrain_of
+from jshape.planning.state import search_state
 from tests.reference import greedy as twin
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
@@ -64,15 +64,15 @@ def problem(seed, exact=True):
 
 
 def ready(bank, image, goal, positions, strengths=(1.0,)):
-    """(terrain, candidates)."""
-    terrain = terrain_of(bank, jnp.asarray(image, jnp.float32), jnp.asarray(goal, jnp.float32))
+    """(state, candidates)."""
+    state = search_state(bank, jnp.asarray(image, jnp.float32), jnp.asarray(goal, jnp.float32))
     where = dict(zip(bank.actions, positions, strict=True))
-    return terrain, candidates_at(terrain, bank, where, strengths)
+    return state, candidates_at(state, bank, where, strengths)
 
 
 def run(bank, image, goal, positions, max_steps=6, strengths=(1.0,), **limits):
-    terrain, candidates = ready(bank, image, goal, positions, strengths)
-    return greedy.run(terrain, candidates, Limits(**limits), max_steps=max_steps)
+    state, candidates = ready(bank, image, goal, positions, strengths)
+    return greedy.run(state, candidates, SearchLimits(**limits), max_steps=max_steps)
 
 
 def steps_of(found):
@@ -93,13 +93,13 @@ def placed(steps, positions, strengths=(1.0,)):
 def test_greedy_equals_the_transcription(seed, max_steps):
     bank, deltas, image, goal, positions = problem(seed)
     steps, distances, status = twin.greedy(image, goal, deltas, positions, max_steps)
-    terrain, candidates = ready(bank, image, goal, positions)
-    found = greedy.search(Task(terrain, candidates, max_steps=max_steps))
+    state, candidates = ready(bank, image, goal, positions)
+    found = greedy.search(SearchProblem(state, candidates, max_steps=max_steps))
     assert steps_of(found) == placed(steps, positions)
     assert Status(int(found.status)).name == status
     assert (found.move[len(steps) :] == -1).all()
     np.testing.assert_allclose(found.distance, distances[-1], atol=1e-7)
-    again = measured(terrain, found)[2]
+    again = measured(state, found)[2]
     np.testing.assert_allclose(again[: len(steps) + 1], distances, atol=1e-7)
 
 
@@ -151,8 +151,8 @@ def test_prediction_is_clipped_when_it_is_put_back():
     after, share = after_action(bank, ones, first, action=0)
     np.testing.assert_array_equal(after, np.minimum(1 + delta, 1))
     assert float(share) == pytest.approx((delta > 0).mean())
-    terrain = terrain_of(bank, ones, ones)
-    np.testing.assert_array_equal(terrain.act(0, ones, first, 1.0)[2:8, 3:10], after)
+    state = search_state(bank, ones, ones)
+    np.testing.assert_array_equal(state.act(0, ones, first, 1.0)[2:8, 3:10], after)
     clipped = np.asarray(bank.predict("a0", np.ones((2, 6, 7), np.float32)))
     assert clipped.shape == (2, 6, 7) and clipped.max() <= 1
 
@@ -173,13 +173,13 @@ def test_untouched_candidates_are_not_evaluated_again():
 
 def test_refresh_leaves_fresh_values_alone():
     bank, _, image, goal, positions = problem(3)
-    terrain, candidates = ready(bank, image, goal, positions)
-    every = sweep(terrain, candidates)
+    state, candidates = ready(bank, image, goal, positions)
+    every = sweep(state, candidates)
     stale = [np.arange(5) % 3 == number % 3 for number in range(3)]
-    board = fresh_board(candidates)
-    waits = jnp.zeros_like(board.stale).at[:15].set(np.concatenate(stale))
-    board = Board(jnp.full_like(board.changes, 7.0), waits)
-    mixed, spent = refresh(terrain, terrain.now, candidates, board)
+    cache = empty_cache(candidates)
+    waits = jnp.zeros_like(cache.stale).at[:15].set(np.concatenate(stale))
+    cache = CandidateCache(jnp.full_like(cache.changes, 7.0), waits)
+    mixed, spent = refresh(state, state.now, candidates, cache)
     assert int(spent) == sum(mine.sum() for mine in stale)
     for number in range(3):
         expected = np.where(stale[number][:, None], every[number], 7.0)
@@ -207,10 +207,10 @@ def test_each_action_is_used_as_often_as_allowed():
     free = run(bank, image, 1 - image, positions, max_steps=12)
     used = np.bincount([step[0] for step in steps_of(free)], minlength=3)
     most = np.maximum(used - 1, 0)
-    found = run(bank, image, 1 - image, positions, max_steps=12, most=jnp.asarray(most))
+    found = run(bank, image, 1 - image, positions, max_steps=12, max_uses=jnp.asarray(most))
     assert used.max() > 1
     assert (np.bincount([step[0] for step in steps_of(found)], minlength=3) <= most).all()
-    none = run(bank, image, 1 - image, positions, most=jnp.zeros(3, jnp.int32))
+    none = run(bank, image, 1 - image, positions, max_uses=jnp.zeros(3, jnp.int32))
     assert (int(none.steps), Status(int(none.status))) == (0, Status.NO_IMPROVEMENT)
 
 
@@ -231,10 +231,10 @@ def test_no_candidates_is_an_empty_plan(there_is):
 def test_vmap_over_goals_equals_a_loop():
     bank, _, image, _, positions = problem(11)
     goals = jnp.asarray(np.stack([problem(s)[3] for s in range(11, 16)]), jnp.float32)
-    terrain, candidates = ready(bank, image, goals[0], positions)
+    state, candidates = ready(bank, image, goals[0], positions)
 
     def one(goal):
-        return greedy.run(replace(terrain, goal=goal), candidates, Limits(), max_steps=6)
+        return greedy.run(replace(state, goal=goal), candidates, SearchLimits(), max_steps=6)
 
     many = jax.vmap(one)(goals)
     for k, goal in enumerate(goals):

@@ -95,6 +95,17 @@ def test_the_numerical_core_has_no_side_doors():
     assert not doors
 
 
+def test_a_class_name_means_one_thing():
+    """No two public classes of one name, wherever they lie."""
+    places: dict[str, list[str]] = {}
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(inside(path))
+    assert len(places) > 100  # the package was read
+    assert not {name: where for name, where in places.items() if len(where) > 1}
+
+
 def test_no_pickle_anywhere():
     for path in FILES:
         modules = {name.split(".")[0] for name in imported(path)}

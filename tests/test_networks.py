@@ -20,9 +20,9 @@ from jshape.models import unet
 from jshape.models.difference import Difference
 from jshape.models.network import Network
 from jshape.models.refined import Refined
-from jshape.models.sequential import After
+from jshape.models.sequential import Sequential
 from jshape.planning.evaluate import candidates_at, sweep
-from jshape.planning.state import terrain_of
+from jshape.planning.state import search_state
 
 W, H = 20, 18
 PLACE = jnp.zeros(2, jnp.int32)
@@ -46,7 +46,7 @@ def parts(delta):
     first = Difference(jnp.asarray(delta))
     mask = jnp.asarray(changed_most(delta, "erode"), jnp.float32)
     offset = jnp.asarray(0.04, jnp.float32)
-    inside = After(first, network(1))
+    inside = Sequential(first, network(1))
     return {
         "C": network(),
         "CR": Refined(network(), first, mask, offset),
@@ -115,8 +115,8 @@ def test_the_planner_sweeps_a_network(parts):
     image = np.full(PAPER_BOX.shape, 0.5, np.float32)
     goal = image + 0.01
     places = {name: np.array([[100, 90], [240, 197]]) for name in bank.actions}
-    terrain = terrain_of(bank, jnp.asarray(image), jnp.asarray(goal))
-    found = np.concatenate(sweep(terrain, candidates_at(terrain, bank, places)))[:, 0] * image.size
+    state = search_state(bank, jnp.asarray(image), jnp.asarray(goal))
+    found = np.concatenate(sweep(state, candidates_at(state, bank, places)))[:, 0] * image.size
     one = np.asarray(bank.predict("press", image[:H, :W]))
     change = np.abs(one - goal[:H, :W]).sum() - 0.01 * H * W
     np.testing.assert_allclose(found, [change, change, 0, 0], rtol=1e-3, atol=2e-3)
@@ -146,7 +146,7 @@ def test_b_is_otsus_threshold_eroded(delta):
 
 def test_mu_makes_the_means_alike(delta, examples):
     outside = Difference(jnp.asarray(delta))
-    for inside in (network(), After(outside, network())):
+    for inside in (network(), Sequential(outside, network())):
         found = refine(inside, outside, examples, Training(batch=3))
         b = np.asarray(found.mask) > 0
         refined = np.asarray(found(jnp.asarray(examples.prior), PLACE))

@@ -14,18 +14,25 @@ from jshape import Camera, Status
 from jshape.models.bank import Bank
 from jshape.models.difference import Difference
 from jshape.planning.candidates import dense_positions, within
-from jshape.planning.evaluate import candidates_at, fresh_board, refresh, sweep
+from jshape.planning.evaluate import candidates_at, empty_cache, refresh, sweep
 from jshape.planning.search import PLANNERS, beam, greedy, improve, refine
-from jshape.planning.search.base import EVER, Budget, Limits, Task, compiled, nothing
+from jshape.planning.search.base import (
+    UNLIMITED,
+    Budget,
+    SearchLimits,
+    SearchProblem,
+    compiled,
+    empty_result,
+)
 from jshape.planning.search.local import improved_locally
 from jshape.planning.search.sequence import least_and_most, measured, without
-from jshape.planning.state import terrain_of
+from jshape.planning.state import search_state
 from tests.reference import beam as twin
 
 CAMERA = Camera(48, 40, 60.0, 60.0, 24.0, 20.0, 0.42, 0.47)
 ROIS = ((15, 13), (9, 11), (7, 7))  # (w, h)
 STRENGTHS = (0.6, 1.0, 1.4)
-FREE = Limits(errors=jnp.zeros(3), most=jnp.full(3, EVER, jnp.int32))
+FREE = SearchLimits(errors=jnp.zeros(3), max_uses=jnp.full(3, UNLIMITED, jnp.int32))
 WALL = 12
 """The hand does not reach columns to the left of this."""
 
@@ -37,11 +44,11 @@ def planner(request):
     return request.param
 
 
-def search(name, task, budget=None):
+def search(name, problem, budget=None):
     """A search with a budget and a key of its own."""
-    task = replace(task, budget=budget or Budget(), key=jax.random.key(3))
+    problem = replace(problem, budget=budget or Budget(), key=jax.random.key(3))
     with jax.debug_key_reuse(False):  # mctx selects between keys, which the check takes for use
-        return PLANNERS[name](task)
+        return PLANNERS[name](problem)
 
 
 def crater(w, h, depth):
@@ -56,9 +63,9 @@ BANK = Bank(
 )
 
 
-def sequence(terrain, rows):
+def sequence(state, rows):
     """Rows of (move, (v, u), strength) as a search gives them."""
-    found, count = nothing(terrain, 8), len(rows)
+    found, count = empty_result(state, 8), len(rows)
     moves, nodes, strengths = zip(*rows, strict=True)
     return replace(
         found,
@@ -69,64 +76,64 @@ def sequence(terrain, rows):
     )
 
 
-def kernel_of(terrain, number):
+def kernel_of(state, number):
     """A move's kernel and effect."""
-    move = terrain.moves[number]
-    kernel = terrain.kernels[move.kernel]
+    move = state.moves[number]
+    kernel = state.kernels[move.kernel]
     return kernel, kernel.member(move.member)
 
 
-def problem(seed=0, count=5):
-    """(task, the goal's own sequence): at places and strengths between those that are tried."""
+def made_problem(seed=0, count=5):
+    """(problem, the goal's own sequence): at places and strengths between those that are tried."""
     rng = np.random.default_rng(seed)
     rough = gaussian_filter(rng.normal(size=CAMERA.shape), 3)
     now = jnp.asarray(0.6 + 0.03 * rough / rough.std(), jnp.float32)
-    terrain = terrain_of(BANK, now, now)
+    state = search_state(BANK, now, now)
     reach = np.ones(CAMERA.shape, bool)
     reach[:, :WALL] = False
     where = within(dense_positions(BANK, 5), reach)
-    candidates = candidates_at(terrain, BANK, where, STRENGTHS, reach)
-    low, high = (np.asarray(bound) for bound in least_and_most(terrain, candidates))
+    candidates = candidates_at(state, BANK, where, STRENGTHS, reach)
+    low, high = (np.asarray(bound) for bound in least_and_most(state, candidates))
     own = sequence(
-        terrain,
+        state,
         [
             (move, rng.uniform(low[move], high[move]), rng.uniform(0.7, 1.3))
             for move in rng.integers(3, size=count)
         ],
     )
-    goal = measured(terrain, own)[1]
-    return Task(replace(terrain, goal=goal), candidates, FREE, max_steps=8, fine=2), own
+    goal = measured(state, own)[1]
+    return SearchProblem(replace(state, goal=goal), candidates, FREE, max_steps=8, fine=2), own
 
 
-def check(task, found):
+def check(problem, found):
     """What holds of whatever any search finds."""
     steps = int(found.steps)
-    assert 0 <= steps <= task.max_steps
+    assert 0 <= steps <= problem.max_steps
     move, node, strength = (np.asarray(a) for a in (found.move, found.node, found.strength))
     assert (move[:steps] >= 0).all() and (move[steps:] == -1).all()
     move, node, strength = move[:steps], node[:steps], strength[:steps]
     if steps:
         low, high = (
-            np.asarray(bound)[move] for bound in least_and_most(task.terrain, task.candidates)
+            np.asarray(bound)[move] for bound in least_and_most(problem.state, problem.candidates)
         )
         assert (node >= low).all() and (node <= high).all()
-        known = np.asarray(task.candidates.strengths)
+        known = np.asarray(problem.candidates.strengths)
         assert (strength >= known.min()).all() and (strength <= known.max()).all()
         row, column = np.rint(node).astype(int).T
-        assert np.asarray(task.candidates.reach)[row, column].all()
-    used = np.bincount([task.terrain.moves[m].action for m in move], minlength=3)
-    assert (used <= np.asarray(task.limits.most)).all()
-    again = measured(task.terrain, found)[0].distance
+        assert np.asarray(problem.candidates.reachable)[row, column].all()
+    used = np.bincount([problem.state.moves[m].action for m in move], minlength=3)
+    assert (used <= np.asarray(problem.limits.max_uses)).all()
+    again = measured(problem.state, found)[0].distance
     np.testing.assert_allclose(found.distance, again, atol=1e-6)
-    assert float(found.distance) <= float(task.terrain.distance) * (1 + 1e-6)
+    assert float(found.distance) <= float(problem.state.distance) * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_search_is_worse_than_greedy(planner, seed):
-    task, _ = problem(seed)
-    found, first = search(planner, task), search("greedy", task)
-    check(task, found)
-    assert int(found.steps) and float(first.distance) < 0.5 * float(task.terrain.distance)
+    problem, _ = made_problem(seed)
+    found, first = search(planner, problem), search("greedy", problem)
+    check(problem, found)
+    assert int(found.steps) and float(first.distance) < 0.5 * float(problem.state.distance)
     assert float(found.distance) <= float(first.distance) + 1e-7
     assert int(found.evaluations) >= int(first.evaluations)
     assert Status(int(found.status)) in (Status.NO_IMPROVEMENT, Status.MAX_STEPS)
@@ -136,53 +143,53 @@ def test_searching_longer_pays(planner):
     """On one of a few beds at least each search finds what greedy does not."""
     gains = []
     for seed in range(3):
-        task, _ = problem(seed)
-        ends = [float(search(name, task).distance) for name in ("greedy", planner)]
+        problem, _ = made_problem(seed)
+        ends = [float(search(name, problem).distance) for name in ("greedy", planner)]
         gains.append(1 - ends[1] / ends[0])
     assert max(gains) > 0.02 or planner == "greedy"
 
 
 def test_the_same_key_gives_the_same_sequence(planner):
-    task, _ = problem(1)
-    one, other = search(planner, task), search(planner, task)
+    problem, _ = made_problem(1)
+    one, other = search(planner, problem), search(planner, problem)
     for field in fields(one):
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
 
 @pytest.mark.parametrize("allowed", [37, 700, 1500])
 def test_no_more_is_evaluated_than_allowed(planner, allowed):
-    task, _ = problem(2)
-    assert len(task.candidates) > 37  # not even one sweep
+    problem, _ = made_problem(2)
+    assert len(problem.candidates) > 37  # not even one sweep
     budget = Budget(evaluations=allowed)
-    found = search(planner, task, budget)
-    check(task, found)
+    found = search(planner, problem, budget)
+    check(problem, found)
     assert Status(int(found.status)) is Status.BUDGET
     assert int(found.evaluations) == budget.spent <= 1.1 * allowed
-    assert float(found.distance) < float(task.terrain.distance)
+    assert float(found.distance) < float(problem.state.distance)
 
 
 @pytest.mark.parametrize("pace", [40.0, 600.0])
 def test_time_is_kept(planner, pace):
-    task, _ = problem(2)
+    problem, _ = made_problem(2)
     running = []
 
     def clock():  # as long as evaluations take
         return running[0].spent / pace if running else 0.0
 
     running.append(budget := Budget(seconds=2.0, clock=clock))
-    found = search(planner, task, budget)
-    check(task, found)
+    found = search(planner, problem, budget)
+    check(problem, found)
     assert Status(int(found.status)) is Status.BUDGET
     assert 1.5 <= budget.elapsed <= 2.2
-    assert float(found.distance) < float(task.terrain.distance)
+    assert float(found.distance) < float(problem.state.distance)
 
 
 def test_an_interrupted_search_uses_only_what_it_knows():
     """Values from before the last action are not taken for true: each action still gains."""
-    task, _ = problem(1)
+    problem, _ = made_problem(1)
     for allowed in range(100, 1200, 40):
-        found = search("greedy", task, Budget(evaluations=allowed))
-        distances = measured(task.terrain, found)[2][: int(found.steps) + 1]
+        found = search("greedy", problem, Budget(evaluations=allowed))
+        distances = measured(problem.state, found)[2][: int(found.steps) + 1]
         assert (np.diff(distances) < 0).all() and int(found.steps) > 0
 
 
@@ -209,111 +216,111 @@ def test_compiling_is_not_counted_nor_taken_for_speed():
 
 def test_a_budget_may_be_larger_than_any_search():
     budget = Budget(evaluations=10**12)
-    assert budget.room() == budget.left == EVER and not budget.over
+    assert budget.room() == budget.left == UNLIMITED and not budget.over
 
 
 @pytest.mark.parametrize("why", ["no steps", "no candidates", "nothing to do"])
 def test_an_empty_plan(planner, why):
-    task, _ = problem(0)
+    problem, _ = made_problem(0)
     status = {Status.NO_IMPROVEMENT, Status.MAX_STEPS}
     if why == "no steps":
-        task = replace(task, max_steps=0)
+        problem = replace(problem, max_steps=0)
     elif why == "no candidates":
         none = {name: np.zeros((0, 2), np.int32) for name in BANK.actions}
-        task = replace(task, candidates=candidates_at(task.terrain, BANK, none, STRENGTHS))
+        problem = replace(problem, candidates=candidates_at(problem.state, BANK, none, STRENGTHS))
     else:
-        task = replace(task, terrain=replace(task.terrain, goal=task.terrain.now))
+        problem = replace(problem, state=replace(problem.state, goal=problem.state.now))
         status = {Status.CONVERGED}
-    found = search(planner, task)
+    found = search(planner, problem)
     assert int(found.steps) == 0 and (np.asarray(found.move) == -1).all()
     assert Status(int(found.status)) in status
-    assert float(found.distance) == pytest.approx(float(task.terrain.distance), rel=1e-6)
+    assert float(found.distance) == pytest.approx(float(problem.state.distance), rel=1e-6)
 
 
 def test_actions_are_used_as_often_as_allowed(planner):
-    task, own = problem(2)
+    problem, own = made_problem(2)
     used = np.bincount(np.asarray(own.move[:5]), minlength=3)
     assert used.max() > 1
-    task = replace(task, limits=replace(FREE, most=jnp.array([1, 1, 2])), start=own)
-    found = search(planner, task)
-    check(task, found)
+    problem = replace(problem, limits=replace(FREE, max_uses=jnp.array([1, 1, 2])), start=own)
+    found = search(planner, problem)
+    check(problem, found)
     assert 0 < int(found.steps) <= 4
 
 
 def test_what_is_out_of_reach_is_left_alone(planner):
     """A hole in the reach around the one place where an action would do it all."""
-    task, _ = problem(0)
-    terrain, candidates = task.terrain, task.candidates
-    own = sequence(terrain, [(0, (20.0, 30.0), 1.2)])
-    free = np.asarray(candidates.reach).copy()
+    problem, _ = made_problem(0)
+    state, candidates = problem.state, problem.candidates
+    own = sequence(state, [(0, (20.0, 30.0), 1.2)])
+    free = np.asarray(candidates.reachable).copy()
     free[18:23, 28:33] = False
-    row, column = (candidates.first + terrain.shapes[candidates.move] // 2).T
-    usable = candidates.open & free[row, column]
-    task = replace(
-        task,
-        terrain=replace(terrain, goal=measured(terrain, own)[1]),
-        candidates=replace(candidates, open=usable, reach=jnp.asarray(free)),
+    row, column = (candidates.first + state.shapes[candidates.move] // 2).T
+    usable = candidates.valid & free[row, column]
+    problem = replace(
+        problem,
+        state=replace(state, goal=measured(state, own)[1]),
+        candidates=replace(candidates, valid=usable, reachable=jnp.asarray(free)),
         start=own,
     )
-    found = search(planner, task)
-    check(task, found)
+    found = search(planner, problem)
+    check(problem, found)
     assert int(found.steps) > 0
 
 
 @pytest.mark.parametrize("name", ["greedy", "beam"])
 def test_each_action_gains_what_it_must(name):
-    task, _ = problem(0)
+    problem, _ = made_problem(0)
     errors = jnp.array([0.001, 0.0005, 0.0])
-    task = replace(task, limits=replace(FREE, min_gain=0.0005, errors=errors))
-    found = search(name, task)
-    check(task, found)
-    gains = -np.diff(measured(task.terrain, found)[2])
+    problem = replace(problem, limits=replace(FREE, min_gain=0.0005, errors=errors))
+    found = search(name, problem)
+    check(problem, found)
+    gains = -np.diff(measured(problem.state, found)[2])
     for k in range(int(found.steps)):
         error = float(errors[found.move[k]]) * float(found.strength[k]) ** 0.5
         assert gains[k] > max(0.0005, error) - 1e-6
-    assert 0 < int(found.steps) < int(search(name, replace(task, limits=FREE)).steps)
+    assert 0 < int(found.steps) < int(search(name, replace(problem, limits=FREE)).steps)
 
 
 def test_a_search_ends_when_it_is_near_enough(planner):
-    task, _ = problem(0)
-    near = 0.5 * float(task.terrain.distance)
-    found = search(planner, replace(task, limits=replace(FREE, tolerance=near)))
+    problem, _ = made_problem(0)
+    near = 0.5 * float(problem.state.distance)
+    found = search(planner, replace(problem, limits=replace(FREE, tolerance=near)))
     assert Status(int(found.status)) is Status.CONVERGED
     assert float(found.distance) <= near
-    assert int(found.steps) < int(search("greedy", task).steps)
+    assert int(found.steps) < int(search("greedy", problem).steps)
 
 
 @pytest.mark.parametrize("name", ["improve", "refine"])
 def test_a_known_sequence_is_begun_with(name):
-    task, own = problem(4)
-    found = search(name, replace(task, start=own))
-    check(task, found)
+    problem, own = made_problem(4)
+    found = search(name, replace(problem, start=own))
+    check(problem, found)
     assert float(found.distance) < 1e-6
     np.testing.assert_allclose(found.node[:5], own.node[:5], atol=1e-5)
-    assert float(search("greedy", task).distance) > 1e-3  # which is why it helps
+    assert float(search("greedy", problem).distance) > 1e-3  # which is why it helps
 
 
 def test_what_is_known_of_another_map_is_used_where_they_are_equal():
-    task, own = problem(4)
-    terrain, candidates = task.terrain, task.candidates
-    board, _ = refresh(terrain, terrain.now, candidates, fresh_board(candidates))
-    one, now, _ = measured(terrain, sequence(terrain, [(0, own.node[0], 1.0)]))
-    state = improve.at_map(terrain, candidates, one, now, board, terrain.now)
-    true = sweep(replace(terrain, now=now), candidates)
+    problem, own = made_problem(4)
+    state, candidates = problem.state, problem.candidates
+    cache, _ = refresh(state, state.now, candidates, empty_cache(candidates))
+    one, now, _ = measured(state, sequence(state, [(0, own.node[0], 1.0)]))
+    carry = improve.at_map(state, candidates, one, now, cache, state.now)
+    true = sweep(replace(state, now=now), candidates)
     for number, change in enumerate(true):
-        stale = candidates.of_move(number, state.board.stale)
+        stale = candidates.of_move(number, carry.cache.stale)
         assert 0 < int(stale.sum()) < len(stale)
-        known = candidates.of_move(number, state.board.changes)[:, : len(STRENGTHS)]
+        known = candidates.of_move(number, carry.cache.changes)[:, : len(STRENGTHS)]
         np.testing.assert_allclose(known[~stale], np.asarray(change)[~stale], atol=1e-7)
         assert np.abs(known - change)[stale].max() > 1e-5
-    assert state.used.tolist() == [1, 0, 0] and int(state.found.status) == -1
+    assert carry.used.tolist() == [1, 0, 0] and int(carry.found.status) == -1
 
 
 def test_what_is_missing_is_put_in():
-    task, own = problem(4)
-    fewer = measured(task.terrain, without(own, 4))[0]
-    found = search("improve", replace(task, start=fewer))
-    check(task, found)
+    problem, own = made_problem(4)
+    fewer = measured(problem.state, without(own, 4))[0]
+    found = search("improve", replace(problem, start=fewer))
+    check(problem, found)
     assert int(found.steps) == 5
     assert float(found.distance) < 0.8 * float(fewer.distance)
 
@@ -321,48 +328,48 @@ def test_what_is_missing_is_put_in():
 @pytest.mark.parametrize("name", ["improve", "refine"])
 @pytest.mark.parametrize("spoil", ["reach", "strength", "steps"])
 def test_of_a_known_sequence_what_is_not_allowed_is_left_out(name, spoil):
-    task, given = problem(4)
+    problem, given = made_problem(4)
     if spoil == "reach":
         given = replace(given, node=given.node.at[0, 1].set(WALL - 5.0))
     elif spoil == "strength":
         given = replace(given, strength=given.strength.at[1].set(2.0))
     else:
-        task = replace(task, max_steps=3)
-    terrain = replace(task.terrain, goal=measured(task.terrain, given)[1])
-    task = replace(task, terrain=terrain, start=given)
-    check(task, search(name, task))
+        problem = replace(problem, max_steps=3)
+    state = replace(problem.state, goal=measured(problem.state, given)[1])
+    problem = replace(problem, state=state, start=given)
+    check(problem, search(name, problem))
 
 
 @pytest.mark.parametrize("strengths", [(1.0,), STRENGTHS])
 def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
-    task, _ = problem(3)
-    terrain, reach = task.terrain, np.asarray(task.candidates.reach)
+    problem, _ = made_problem(3)
+    state, reach = problem.state, np.asarray(problem.candidates.reachable)
     where = within(dense_positions(BANK, 5), reach)
-    candidates = candidates_at(terrain, BANK, where, strengths, reach)
-    changes = [np.asarray(change) for change in sweep(terrain, candidates)]
+    candidates = candidates_at(state, BANK, where, strengths, reach)
+    changes = [np.asarray(change) for change in sweep(state, candidates)]
     best = [np.unravel_index(change.argmin(), change.shape) for change in changes]
     gains = np.array([-change[at] for change, at in zip(changes, best, strict=True)])
     firsts = np.stack([candidates.of_move(m)[at[0]] for m, at in enumerate(best)])
     assert gains.min() > 0
     order = np.argsort(-gains)
-    board, _ = refresh(terrain, terrain.now, candidates, fresh_board(candidates))
+    cache, _ = refresh(state, state.now, candidates, empty_cache(candidates))
 
     @jax.jit
     def of(left):
         used = jnp.zeros(3, jnp.int32)
-        return improved_locally(terrain, terrain.now, candidates, board, used, FREE, 2, left=left)
+        return improved_locally(state, state.now, candidates, cache, used, FREE, 2, left=left)
 
     def known(left):
         local, spent = of(left)
         return jax.device_get((local.move, local.first, local.strength, local.gain, spent))
 
-    moves, places, depths, gained, spent = known(EVER)
+    moves, places, depths, gained, spent = known(UNLIMITED)
     each = 9 * len(strengths) * 2
     assert int(spent) == 3 * each and moves.tolist() == order.tolist()
     assert (gained >= gains[order]).all() and (gained > gains[order]).any()
     for move, place, depth, gain in zip(moves, places, depths, gained, strict=True):
         place, depth = jnp.asarray(place), jnp.asarray(depth)[None]
-        change = terrain.change(*kernel_of(terrain, move), terrain.now, place, depth, 1)
+        change = state.change(*kernel_of(state, move), state.now, place, depth, 1)
         assert float(-change[0]) == pytest.approx(float(gain), rel=1e-5)
     # What the evaluations left do not suffice for stays as it was, the best comes first.
     some, none = known(2 * each), known(each - 1)
@@ -373,10 +380,10 @@ def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
 
 @pytest.mark.parametrize("seed", [10, 14, 16])  # where greedy begins with the right hand
 def test_a_moved_and_weakened_action_is_recovered(seed):
-    task, own = problem(seed, count=1)
-    task = replace(task, fine=0)  # every 5 pixels and no further
-    coarse, found = search("greedy", task), search("refine", replace(task, max_steps=1))
-    check(task, found)
+    problem, own = made_problem(seed, count=1)
+    problem = replace(problem, fine=0)  # every 5 pixels and no further
+    coarse, found = search("greedy", problem), search("refine", replace(problem, max_steps=1))
+    check(problem, found)
     assert float(found.distance) < 0.1 * float(coarse.distance)
     assert int(found.move[0]) == int(own.move[0])
     np.testing.assert_allclose(found.node[0], own.node[0], atol=0.1)
@@ -384,10 +391,10 @@ def test_a_moved_and_weakened_action_is_recovered(seed):
 
 
 def test_descent_keeps_the_best_on_the_way():
-    task, own = problem(4)
-    start = measured(task.terrain, own)[0]
+    problem, own = made_problem(4)
+    start = measured(problem.state, own)[0]
     # From the goal itself every step leads away.
-    again = refine.descend(task.terrain, task.candidates, FREE, start, jnp.float32(1.0))
+    again = refine.descend(problem.state, problem.candidates, FREE, start, jnp.float32(1.0))
     np.testing.assert_array_equal(again.node, start.node)
     assert float(again.distance) <= float(start.distance)
 
@@ -417,9 +424,9 @@ def exact(seed):
 def small_task(deltas, image, goal, positions, **options):
     predictors = tuple(Difference(jnp.asarray(d, jnp.float32)) for d in deltas)
     bank = Bank(SMALL, predictors, tuple(f"a{i}" for i in range(len(deltas))))
-    terrain = terrain_of(bank, jnp.asarray(image, jnp.float32), jnp.asarray(goal, jnp.float32))
+    state = search_state(bank, jnp.asarray(image, jnp.float32), jnp.asarray(goal, jnp.float32))
     where = dict(zip(bank.actions, positions, strict=True))
-    return Task(terrain, candidates_at(terrain, bank, where, (0.5, 1.0)), **options)
+    return SearchProblem(state, candidates_at(state, bank, where, (0.5, 1.0)), **options)
 
 
 @settings(max_examples=12)
@@ -443,8 +450,8 @@ def test_the_beam_goes_past_greedys_trap():
     goal[6:12, 6:18] += 0.5
     deltas = [np.full((6, 6), 0.5), np.full((6, 12), 0.3125)]
     positions = [np.array([[9, 9], [15, 9]]), np.array([[12, 9]])]
-    task = small_task(deltas, image, goal, positions)
-    trapped, found = greedy.search(task), beam.search(task)
+    problem = small_task(deltas, image, goal, positions)
+    trapped, found = greedy.search(problem), beam.search(problem)
     assert [int(m) for m in trapped.move[: int(trapped.steps)]][0] == 1
     assert float(trapped.distance) > 0
     assert [int(m) for m in found.move[: int(found.steps)]] == [0, 0]
@@ -453,8 +460,8 @@ def test_the_beam_goes_past_greedys_trap():
 
 def test_64_bits_change_no_search(planner):
     def found():
-        task, _ = problem()
-        return search(planner, replace(task, max_steps=2))
+        problem, _ = made_problem()
+        return search(planner, replace(problem, max_steps=2))
 
     expected = found()
     with jax.enable_x64(True):

@@ -155,7 +155,7 @@ def test_yaw_turns_the_hand():
 def test_a_deeper_stroke_makes_a_deeper_crater(material, agent):
     bed = flat_bed()
     depths = [
-        -rise_mm(nominal(bed, material, ("knock", agent), depth_scale=s), bed).min()
+        -rise_mm(nominal(bed, material, ("knock", agent), strength=s), bed).min()
         for s in (0.5, 1.0, 2.5)
     ]
     assert depths[0] < 0.6 * depths[1]
@@ -173,7 +173,7 @@ def test_order_matters():
 def test_pressed_flour_packs_less_and_less():
     beds = [flat_bed()]
     for _ in range(3):
-        beds.append(nominal(beds[-1], FLOUR, "knock", depth_scale=0.8))
+        beds.append(nominal(beds[-1], FLOUR, "knock", strength=0.8))
     lost = -np.diff([float(volume(b)) for b in beds])
     deeper = -np.diff([float(b.height.min()) for b in beds])
     assert lost[2] / deeper[2] < 0.7 * lost[0] / deeper[0]
@@ -486,8 +486,8 @@ def test_integer_beds_are_pressed_as_floats():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"depth_scale": 0.0}, "depth_scale is 0.0"),
-        ({"depth_scale": np.inf}, "depth_scale is inf"),
+        ({"strength": 0.0}, "strength is 0.0"),
+        ({"strength": np.inf}, "strength is inf"),
         ({"yaw": np.nan}, "yaw is nan"),
         ({"spread": -1.0}, "spread is -1.0"),
         ({"spread": jnp.ones(2)}, "spread is an array"),

@@ -16,7 +16,7 @@ from jshape.app import pictures
 from jshape.app.advice import first_stroke, next_step, why_empty
 from jshape.app.annotation import Annotation
 from jshape.app.desk import Desk
-from jshape.app.drawing import Stroke, Words
+from jshape.app.drawing import BrushStroke, Words
 from jshape.app.molder import Molder, State, seen, simulated_robot
 from jshape.app.search import Search
 from jshape.data.simulate import simulate_pairs, together
@@ -31,7 +31,7 @@ from jshape.robot.cameras.simulated import levelled_world
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
 
-BRUSH = Stroke(((150.0, 200.0), (240.0, 150.0), (330.0, 200.0)), 30.0, 8.0)
+BRUSH = BrushStroke(((150.0, 200.0), (240.0, 150.0), (330.0, 200.0)), 30.0, 8.0)
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +172,7 @@ def test_the_first_stroke_ends_in_a_plan(desk):
     assert "Draw" in next_step(desk)
     width, deep = first_stroke(desk.bank, desk.pixels_per_mm)
     assert (width, deep) == (40.0, 15.0)  # a poke's ROI is 40 px = 41.6 mm wide
-    desk.draw(Stroke(((170.0, 200.0), (310.0, 200.0)), width, deep))
+    desk.draw(BrushStroke(((170.0, 200.0), (310.0, 200.0)), width, deep))
     assert "Press plan" in next_step(desk)
     desk.make_plan(max_steps=8)
     assert len(desk.plan) >= 2
@@ -181,7 +181,7 @@ def test_the_first_stroke_ends_in_a_plan(desk):
 
 
 def test_an_empty_plan_says_what_the_smallest_action_does_and_what_helps(desk):
-    desk.draw(Stroke(((200.0, 200.0), (220.0, 200.0)), 8.0, 2.0))
+    desk.draw(BrushStroke(((200.0, 200.0), (220.0, 200.0)), 8.0, 2.0))
     desk.make_plan(max_steps=2)
     assert len(desk.plan) == 0 and "empty" in next_step(desk)
     said = why_empty(desk)

@@ -16,32 +16,32 @@ import pytest
 from jshape import Camera
 from jshape.models.bank import Bank
 from jshape.models.difference import Difference
-from jshape.planning.evaluate import How, candidates_at, fresh_board, refresh, sweep, touch
+from jshape.planning.evaluate import Execution, candidates_at, empty_cache, refresh, sweep, touch
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Limits
-from jshape.planning.state import terrain_of
+from jshape.planning.search.base import SearchLimits
+from jshape.planning.state import search_state
 from tests.conftest import ROOT
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
 COUNTS = (13, 6, 0, 1)
 STRENGTHS = (0.5, 1.0, 2.0)
-jit_refresh = jax.jit(refresh, static_argnames="how")
+jit_refresh = jax.jit(refresh, static_argnames="execution")
 
 
 @pytest.fixture(scope="module")
 def problem():
-    """(terrain, candidates) of four actions, one of which has no place."""
+    """(state, candidates) of four actions, one of which has no place."""
     rng = np.random.default_rng(4)
     sizes = ((7, 6), (4, 9), (5, 5), (3, 3))
     predictors = tuple(Difference(jnp.asarray(rng.normal(0, 0.1, wh[::-1]), "f4")) for wh in sizes)
     bank = Bank(CAMERA, predictors, ("knock", "press", "pinch", "poke"))
     image, goal = (jnp.asarray(rng.uniform(0, 1, CAMERA.shape), jnp.float32) for _ in range(2))
-    terrain = terrain_of(bank, image, goal)
+    state = search_state(bank, image, goal)
     where = {
         name: rng.integers([4, 5], [20, 13], (count, 2))
         for name, count in zip(bank.actions, COUNTS, strict=True)
     }
-    return terrain, candidates_at(terrain, bank, where, STRENGTHS)
+    return state, candidates_at(state, bank, where, STRENGTHS)
 
 
 def assert_equal(changes, others):
@@ -51,7 +51,7 @@ def assert_equal(changes, others):
 
 
 def rows(candidates):
-    """Rows of a board that are candidates, move by move."""
+    """Rows of a cache that are candidates, move by move."""
     start = np.asarray(candidates.start)
     return [slice(a, b) for a, b in zip(start[:-1], start[1:], strict=True)]
 
@@ -72,58 +72,61 @@ def test_candidates_are_counted_move_by_move_place_by_place(problem):
 
 @pytest.mark.parametrize("chunk", [3, 64])
 def test_memory_changes_nothing(problem, chunk):
-    terrain, candidates = problem
-    one_by_one, together = sweep(terrain, candidates), sweep(terrain, candidates, How(chunk))
+    state, candidates = problem
+    one_by_one, together = sweep(state, candidates), sweep(state, candidates, Execution(chunk))
     assert_equal(together, one_by_one)
     assert all((np.asarray(changes) != 0).all() for changes in one_by_one)
     stale = [np.arange(count) % 2 == 0 for count in COUNTS]
-    board = fresh_board(candidates)
-    board = replace(board, stale=board.stale.at[: sum(COUNTS)].set(np.concatenate(stale)))
-    some, spent = jit_refresh(terrain, terrain.now, candidates, board, None, How(chunk))
+    cache = empty_cache(candidates)
+    cache = replace(cache, stale=cache.stale.at[: sum(COUNTS)].set(np.concatenate(stale)))
+    some, spent = jit_refresh(state, state.now, candidates, cache, None, Execution(chunk))
     assert int(spent) == 3 * sum(mine.sum() for mine in stale)
     expected = [np.where(m[:, None], c, 0.0) for m, c in zip(stale, one_by_one, strict=True)]
     assert_equal([some.changes[mine, :3] for mine in rows(candidates)], expected)
     assert not some.changes[sum(COUNTS) :].any() and not some.changes[:, 3:].any()
-    plans = [greedy.run(terrain, candidates, Limits(), max_steps=6, how=How(n)) for n in (1, chunk)]
+    plans = [
+        greedy.run(state, candidates, SearchLimits(), max_steps=6, execution=Execution(n))
+        for n in (1, chunk)
+    ]
     for name in ("steps", "move", "node", "strength", "evaluations"):
         np.testing.assert_array_equal(*(getattr(plan, name) for plan in plans))
 
 
-@pytest.mark.parametrize("how", [How(), How(3)], ids=["1", "3"])
+@pytest.mark.parametrize("execution", [Execution(), Execution(3)], ids=["1", "3"])
 @pytest.mark.parametrize("room", [1, 3, 10, 29, 59, 60, 1000])
-def test_what_there_is_no_room_for_waits(problem, room, how):
+def test_what_there_is_no_room_for_waits(problem, room, execution):
     """And is evaluated in the next calls, to the same values."""
-    terrain, candidates = problem
-    whole = sweep(terrain, candidates)
-    board, calls = fresh_board(candidates), 0
-    while bool(board.stale.any()):
-        before, values = np.asarray(board.stale), np.asarray(board.changes)
-        board, spent = jit_refresh(terrain, terrain.now, candidates, board, jnp.int32(room), how)
+    state, candidates = problem
+    whole = sweep(state, candidates)
+    cache, calls = empty_cache(candidates), 0
+    while bool(cache.stale.any()):
+        before, values = np.asarray(cache.stale), np.asarray(cache.changes)
+        cache, spent = jit_refresh(state, state.now, candidates, cache, jnp.int32(room), execution)
         assert 0 < int(spent) <= max(room + 2, 3)  # a place has three strengths
-        after = np.asarray(board.stale)
+        after = np.asarray(cache.stale)
         assert int(spent) == 3 * (before & ~after).sum()
         # What still waits is as it was.
-        np.testing.assert_array_equal(np.asarray(board.changes)[after], values[after])
+        np.testing.assert_array_equal(np.asarray(cache.changes)[after], values[after])
         calls += 1
     assert calls == -(-sum(COUNTS) // -(-room // 3))
-    assert_equal([board.changes[mine, :3] for mine in rows(candidates)], whole)
+    assert_equal([cache.changes[mine, :3] for mine in rows(candidates)], whole)
 
 
 def test_what_a_window_touches_is_stale(problem):
-    terrain, candidates = problem
-    fresh = fresh_board(candidates)
+    state, candidates = problem
+    fresh = empty_cache(candidates)
     fresh = replace(fresh, stale=jnp.zeros_like(fresh.stale))
     rng, touched = np.random.default_rng(7), []
     for _ in range(30):
         first, shape = rng.integers(0, [12, 16], 2), rng.integers(1, 7, 2)
-        board = touch(fresh, candidates, terrain, jnp.asarray(first), jnp.asarray(shape))
+        cache = touch(fresh, candidates, state, jnp.asarray(first), jnp.asarray(shape))
         changed = np.zeros(CAMERA.shape, bool)
         changed[first[0] : first[0] + shape[0], first[1] : first[1] + shape[1]] = True
-        assert not board.stale[sum(COUNTS) :].any()
-        for number, (move, mine) in enumerate(zip(terrain.moves, rows(candidates), strict=True)):
+        assert not cache.stale[sum(COUNTS) :].any()
+        for number, (move, mine) in enumerate(zip(state.moves, rows(candidates), strict=True)):
             (n, m), firsts = move.shape, candidates.of_move(number)
             overlaps = [changed[v : v + n, u : u + m].any() for v, u in firsts.tolist()]
-            np.testing.assert_array_equal(board.stale[mine], np.array(overlaps, bool))
+            np.testing.assert_array_equal(cache.stale[mine], np.array(overlaps, bool))
             touched += overlaps
     assert 0.2 < np.mean(touched) < 0.8
 
@@ -148,11 +151,11 @@ def test_devices_change_nothing():
         import jax, jax.numpy as jnp, numpy as np
         from jshape import Camera
         from jshape.planning.search import greedy
-        from jshape.planning.search.base import Limits
+        from jshape.planning.search.base import SearchLimits
         from jshape.models.bank import Bank
         from jshape.models.difference import Difference
-        from jshape.planning.evaluate import How, candidates_at, fresh_board, refresh, sweep
-        from jshape.planning.state import terrain_of
+        from jshape.planning.evaluate import Execution, candidates_at, empty_cache, refresh, sweep
+        from jshape.planning.state import search_state
 
         assert jax.device_count() == 4
         rng = np.random.default_rng(5)
@@ -161,19 +164,19 @@ def test_devices_change_nothing():
         hands = tuple(Difference(jnp.asarray(rng.normal(0, 0.1, wh[::-1]), "f4")) for wh in sizes)
         bank = Bank(camera, hands, ("knock", "press", "poke"))
         image, goal = (jnp.asarray(rng.uniform(0, 1, camera.shape), "f4") for _ in range(2))
-        terrain = terrain_of(bank, image, goal)
+        state = search_state(bank, image, goal)
         where = {a: rng.integers([4, 5], [20, 13], (n, 2)) for a, n in zip(bank.actions, counts)}
-        candidates = candidates_at(terrain, bank, where, (0.5, 1.0))
+        candidates = candidates_at(state, bank, where, (0.5, 1.0))
         mesh = jax.make_mesh((4,), ("places",), axis_types=(jax.sharding.AxisType.Auto,))
-        ways = How(), How(mesh=mesh), How(chunk=2, mesh=mesh)
-        swept = [sweep(terrain, candidates, how) for how in ways]
-        some = jax.jit(refresh, static_argnames="how")
-        board, calls = fresh_board(candidates), 0
-        while board.stale.any():
-            board, _ = some(terrain, terrain.now, candidates, board, jnp.int32(9), ways[1])
+        ways = Execution(), Execution(mesh=mesh), Execution(chunk=2, mesh=mesh)
+        swept = [sweep(state, candidates, way) for way in ways]
+        some = jax.jit(refresh, static_argnames="execution")
+        cache, calls = empty_cache(candidates), 0
+        while cache.stale.any():
+            cache, _ = some(state, state.now, candidates, cache, jnp.int32(9), ways[1])
             calls += 1
         start = np.asarray(candidates.start)
-        parts = [board.changes[a:b, :2] for a, b in zip(start, start[1:])]
+        parts = [cache.changes[a:b, :2] for a, b in zip(start, start[1:])]
         answer = {
             "devices": [len(c.devices()) for c in swept[1]],
             "apart": [max(float(abs(a - b).max()) for a, b in zip(swept[0], other))
@@ -181,8 +184,8 @@ def test_devices_change_nothing():
             "largest": float(max(abs(a).max() for a in swept[0])),
             "calls": calls,
         }
-        plans = [greedy.run(terrain, candidates, Limits(), max_steps=6, how=how)
-                 for how in ways[:2]]
+        plans = [greedy.run(state, candidates, SearchLimits(), max_steps=6, execution=way)
+                 for way in ways[:2]]
         answer["plans"] = [[int(p.steps), p.move.tolist(), p.node.tolist(), p.strength.tolist(),
                             int(p.evaluations), float(p.distance)] for p in plans]
         print(json.dumps(answer))
@@ -210,7 +213,7 @@ def test_a_dense_sweep_fits_into_memory():
         from jshape.models.bank import Bank
         from jshape.models.difference import Difference
         from jshape.planning.evaluate import candidates_at, sweep
-        from jshape.planning.state import terrain_of
+        from jshape.planning.state import search_state
 
         def most_kb():  # ru_maxrss would begin with what the program that started this one took
             status = Path("/proc/self/status").read_text()
@@ -223,10 +226,10 @@ def test_a_dense_sweep_fits_into_memory():
                       for w, h in sizes.values())
         bank = Bank(PAPER_BOX, hands, tuple(sizes))
         image = jnp.asarray(rng.uniform(0.4, 0.5, PAPER_BOX.shape), "f4")
-        terrain = terrain_of(bank, image, image + 0.02)
-        candidates = candidates_at(terrain, bank, dense_positions(bank, 2))
+        state = search_state(bank, image, image + 0.02)
+        candidates = candidates_at(state, bank, dense_positions(bank, 2))
         before = most_kb()
-        changes = sweep(terrain, candidates)
+        changes = sweep(state, candidates)
         assert all(jnp.isfinite(c).all() for c in changes)
         print(json.dumps({"candidates": len(candidates), "before": before, "peak": most_kb()}))
         """

@@ -266,7 +266,7 @@ def test_a_poke_changes_the_bed_as_the_simulator_says(fresh, hand):
     np.testing.assert_allclose(up.tool_mm[2], 330.0, atol=0.5)
     want = sim.apply_action(
         jax.random.key(0), bed, "flour", "poke", places[2][:2].astype(np.float32),
-        depth_scale=0.9, spread=0.0,
+        strength=0.9, spread=0.0,
     )  # fmt: skip
     np.testing.assert_allclose(arm.twin.bed.height, want.height, atol=2e-4)
     seen = fresh.camera.depth()

@@ -14,46 +14,46 @@ import numpy as np
 
 from jshape.errors import BadBank
 from jshape.planning.search import PLANNERS
-from jshape.planning.search.base import Found, Status, Task, nothing
+from jshape.planning.search.base import SearchProblem, SearchResult, Status, empty_result
 
 Taken = tuple[int, np.ndarray]
 """Move number, and first node (v, u) of its window."""
 
 
-def random(task: Task) -> Found:
+def random(problem: SearchProblem) -> SearchResult:
     """Any candidate, as often as is allowed; nominal strength.
 
     What is left of an earlier plan is kept: another plan from the same key would be the same.
     """
-    if task.start is not None:
-        return replace(task.start, status=jnp.int32(Status.MAX_STEPS))
-    rng = np.random.default_rng(np.asarray(jax.random.key_data(task.key)))
-    counts = np.array(task.candidates.counts)
+    if problem.start is not None:
+        return replace(problem.start, status=jnp.int32(Status.MAX_STEPS))
+    rng = np.random.default_rng(np.asarray(jax.random.key_data(problem.key)))
+    counts = np.array(problem.candidates.counts)
     taken = []
-    for drawn in rng.integers(counts.sum(), size=task.max_steps):
+    for drawn in rng.integers(counts.sum(), size=problem.max_steps):
         move = int(np.searchsorted(counts.cumsum(), drawn, side="right"))
         place = drawn - counts[:move].sum()
-        taken.append((move, task.candidates.of_move(move)[place]))
-    return _found(task, taken, Status.MAX_STEPS)
+        taken.append((move, problem.candidates.of_move(move)[place]))
+    return _found(problem, taken, Status.MAX_STEPS)
 
 
-def surplus(task: Task) -> Found:
+def surplus(problem: SearchProblem) -> SearchResult:
     """The action whose ROI has the largest mean surplus over the goal, where it has it.
 
     Ends where no ROI stands above the goal by as much as d has to be lowered.  What an action
     does is not known, so the plan takes it that its ROI is as wanted afterwards.
     """
-    terrain = task.terrain
-    if terrain.weight is not None:
+    state = problem.state
+    if state.weight is not None:
         raise BadBank("the surplus is one of images: the bank must be of kind D or a network's")
-    above = np.asarray(terrain.now, np.float64) - np.asarray(terrain.goal)
-    least = float(jnp.asarray(task.limits.min_gain))
+    above = np.asarray(state.now, np.float64) - np.asarray(state.goal)
+    least = float(jnp.asarray(problem.limits.min_gain))
     taken: list[Taken] = []
-    while len(taken) < task.max_steps:
+    while len(taken) < problem.max_steps:
         best, most = None, 0.0
         total = np.pad(above.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-        for number, move in enumerate(terrain.moves):
-            first = task.candidates.of_move(number)
+        for number, move in enumerate(state.moves):
+            first = problem.candidates.of_move(number)
             if not len(first):
                 continue
             (top, left), (bottom, right) = first.T, (first + move.shape).T
@@ -63,11 +63,11 @@ def surplus(task: Task) -> Found:
             if mean.max() > most:
                 best, most = (number, first[mean.argmax()]), mean.max()
         if best is None:
-            return _found(task, taken, Status.NO_IMPROVEMENT)
+            return _found(problem, taken, Status.NO_IMPROVEMENT)
         taken.append(best)
-        (top, left), (rows, columns) = best[1], terrain.moves[best[0]].shape
+        (top, left), (rows, columns) = best[1], state.moves[best[0]].shape
         above[top : top + rows, left : left + columns] = 0.0
-    return _found(task, taken, Status.MAX_STEPS)
+    return _found(problem, taken, Status.MAX_STEPS)
 
 
 FLOORS = {"random": random, "surplus": surplus}
@@ -85,12 +85,12 @@ def floors() -> Iterator[None]:
             del PLANNERS[name]
 
 
-def _found(task: Task, taken: Sequence[Taken], status: Status) -> Found:
+def _found(problem: SearchProblem, taken: Sequence[Taken], status: Status) -> SearchResult:
     """What a search gives back, of moves at nominal strength."""
-    found = nothing(task.terrain, task.max_steps)
+    found = empty_result(problem.state, problem.max_steps)
     move, node, strength = (np.array(x) for x in (found.move, found.node, found.strength))
     for k, (number, first) in enumerate(taken):
-        move[k], node[k] = number, first + task.terrain.moves[number].middle
+        move[k], node[k] = number, first + problem.state.moves[number].middle
         strength[k] = 1.0
     return replace(
         found, steps=jnp.int32(len(taken)), move=jnp.asarray(move), node=jnp.asarray(node),

@@ -11,11 +11,11 @@ from jax.scipy.ndimage import map_coordinates
 from jshape._typing import Array, Float, Int
 from jshape.data.pairs import Pairs
 from jshape.learn.fit import fit
-from jshape.learn.imprint import fit_pressed
+from jshape.learn.imprint import fit_imprint
 from jshape.learn.measure import Trial, roi_errors_mm
 from jshape.learn.partitions import split_pairs
 from jshape.models.bank import Bank
-from jshape.models.orthographic import Ground
+from jshape.models.orthographic import OrthographicGrid
 
 MEAN, WHOLE = "f_D", "f_P"
 """Where the ingredients are added to, and what has them all."""
@@ -23,7 +23,7 @@ MEAN, WHOLE = "f_D", "f_P"
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class AsSeen(Ground):
+class AsSeen(OrthographicGrid):
     """The image I itself in place of the ground: no view from above, and R stays in it."""
 
     def from_roi(
@@ -68,8 +68,8 @@ class Variant(NamedTuple):
     said: str
     """The step in words: "+ learned reference", "without rims"; what it is for f_D and f_P."""
     without: tuple[str, ...] = ()
-    """For `fit_pressed`."""
-    view: type[Ground] = Ground
+    """For `fit_imprint`."""
+    view: type[OrthographicGrid] = OrthographicGrid
 
 
 SAID = {
@@ -84,7 +84,7 @@ SAID = {
     "stroke": "own stroke",
     "deep": "rims of deep strokes",
 }
-"""The ingredients in words: the view, and those that `fit_pressed` can do without."""
+"""The ingredients in words: the view, and those that `fit_imprint` can do without."""
 STEPS_UP = {
     "view": "+ view from above, depth of the places, rims on nodes",
     "absolute": "+ fit by descent, absolute error",
@@ -122,7 +122,7 @@ def left_out(varied: bool) -> list[Variant]:
     found = [Variant(WHOLE, "all ingredients")]
     for name, said in SAID.items():
         if varied or name not in OF_STRENGTHS:
-            without, view = ((), AsSeen) if name == "view" else ((name,), Ground)
+            without, view = ((), AsSeen) if name == "view" else ((name,), OrthographicGrid)
             said = STEPS_DOWN.get(name, f"without {said}")
             found.append(Variant(f"{WHOLE} without {name}", said, without, view))
     return found
@@ -133,7 +133,7 @@ def bank_of(variant: Variant, pairs: Pairs, seed: int) -> Bank:
     if variant.name == MEAN:
         return fit(pairs, "D")
     predictors = tuple(
-        fit_pressed(
+        fit_imprint(
             pairs.rois(name), pairs.camera, seed=seed, without=variant.without, view=variant.view
         )
         for name in pairs.actions

@@ -26,7 +26,7 @@ from jshape.io import banks
 from jshape.learn.fit import fit
 from jshape.planning import candidates as places
 from jshape.planning.evaluate import candidates_at, sweep
-from jshape.planning.state import terrain_of
+from jshape.planning.state import search_state
 from jshape.robot.simulated import SimulatedWorld
 
 FIGURES = ("shaping.png", "tree.png")
@@ -169,16 +169,16 @@ def tree(story: Story, count: int = SHOWN) -> Tree:
     """The best candidates at each step of a plan on given places, and after its last one."""
     plan, bank, camera = story.plan, story.entry.bank, story.plan.camera
     where = places.placed_positions(bank, story.entry.tried["positions"])
-    terrain = _terrain(bank, plan.initial, plan.goal)
-    candidates = candidates_at(terrain, bank, where)
+    state = _state(bank, plan.initial, plan.goal)
+    candidates = candidates_at(state, bank, where)
     layers = []
     for step in range(len(plan) + 1):
         found = []
-        for number, changes in enumerate(sweep(terrain, candidates)):
+        for number, changes in enumerate(sweep(state, candidates)):
             first = candidates.of_move(number)
             at = candidates.of_move(number, candidates.pixels)
             after = plan.distances_mm[step] + np.asarray(metric.to_mm(changes[:, 0], camera))
-            name = bank.actions[terrain.moves[number].action]
+            name = bank.actions[state.moves[number].action]
             for node, (u, v), d in zip(first, at.tolist(), after.tolist(), strict=True):
                 taken = step < len(plan) and (plan.actions[step], *plan.positions[step].tolist())
                 found.append((Candidate(name, (u, v), d, taken == (name, u, v)), number, node))
@@ -187,12 +187,12 @@ def tree(story: Story, count: int = SHOWN) -> Tree:
         layers.append(tuple(candidate for candidate, *_ in found[:count]))
         best, number, node = found[0]
         if best.chosen:  # on the search's own map: images made from it are rounded
-            now = terrain.act(number, terrain.now, node, jnp.float32(1))
-            terrain = replace(terrain, now=now)
+            now = state.act(number, state.now, node, jnp.float32(1))
+            state = replace(state, now=now)
     return layers
 
 
-_terrain = jax.jit(terrain_of)
+_state = jax.jit(search_state)
 
 
 def means(rows: Sequence[dict[str, Any]]) -> pages.Table:

@@ -18,7 +18,7 @@ DEEPEST_MM = 100.0
 """Deepest mark."""
 
 
-class Stroke(NamedTuple):
+class BrushStroke(NamedTuple):
     """One movement of the brush."""
 
     line: tuple[tuple[float, float], ...]
@@ -41,7 +41,7 @@ class Words(NamedTuple):
     """How far it sinks the bed; negative raises it."""
 
 
-Mark = Stroke | Words
+Mark = BrushStroke | Words
 """What can be drawn."""
 
 
@@ -53,7 +53,7 @@ def wanted(bed: BedMap, marks: Sequence[Mark]) -> Float[np.ndarray, "Y X"]:
     Raises:
       JShapeError: a text that has nothing to be seen, or does not fit into the view.
     """
-    strokes = [mark for mark in marks if isinstance(mark, Stroke)]
+    strokes = [mark for mark in marks if isinstance(mark, BrushStroke)]
     change = drawn_on_image(_brushed(bed, strokes), bed)
     for mark in marks:
         if isinstance(mark, Words):
@@ -65,7 +65,7 @@ def wanted(bed: BedMap, marks: Sequence[Mark]) -> Float[np.ndarray, "Y X"]:
     return change
 
 
-def _brushed(bed: BedMap, strokes: Sequence[Stroke]) -> Float[np.ndarray, "H W"]:
+def _brushed(bed: BedMap, strokes: Sequence[BrushStroke]) -> Float[np.ndarray, "H W"]:
     """What strokes change in the frame, metres up."""
     shape = bed.frame.shape
     pixels_per_mm = float(bed.camera.fx) / (1e3 * bed.level)
@@ -89,7 +89,9 @@ def check_mark(mark: Mark, camera: Camera) -> Mark:
     Raises:
       JShapeError: an empty line, or a size or depth that makes no sense.
     """
-    size, most = (mark.width_mm, "brush") if isinstance(mark, Stroke) else (mark.size_mm, "text")
+    size, most = (
+        (mark.width_mm, "brush") if isinstance(mark, BrushStroke) else (mark.size_mm, "text")
+    )
     if not 0 < size <= LARGEST_MM[most] or not 0 < abs(mark.depth_mm) <= DEEPEST_MM:
         raise JShapeError(
             f"a {most} of {size:g} mm, {mark.depth_mm:g} mm deep; expected a size up to "

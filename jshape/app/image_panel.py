@@ -10,7 +10,7 @@ from jshape.app import pictures
 from jshape.app.advice import first_stroke
 from jshape.app.bench import Bench
 from jshape.app.desk import Desk
-from jshape.app.drawing import Mark, Stroke, Words
+from jshape.app.drawing import BrushStroke, Mark, Words
 
 VIEWS = ("bed", "goal", "predicted", "difference")
 TOOLS = {"draw": "draw", "write": "write", "place": "move action", "look": "only look"}
@@ -195,7 +195,7 @@ class ImagePanel:
             line, self._line = tuple(self._line), []
             self.look_at("goal")
             await self._mark(
-                Stroke(line, float(self._width.value or 0), float(self._down.value or 0))
+                BrushStroke(line, float(self._width.value or 0), float(self._down.value or 0))
             )
 
     async def _write(self, at: tuple[float, float] | None) -> None:

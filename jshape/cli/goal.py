@@ -37,7 +37,7 @@ CONTENTS = (
 """Files of a goal's folder."""
 
 
-class Bed(NamedTuple):
+class GoalFrame(NamedTuple):
     """The frame that a goal is made for."""
 
     raw: np.ndarray
@@ -94,7 +94,7 @@ def goal(options: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
-def _bed(options: argparse.Namespace, bank: Bank) -> Bed:
+def _bed(options: argparse.Namespace, bank: Bank) -> GoalFrame:
     """The frame of the bed: a file's, or a simulated level one.
 
     Raises:
@@ -108,7 +108,7 @@ def _bed(options: argparse.Namespace, bank: Bank) -> Bed:
         raw = images.to_counts(depth, DEPTH_UNIT)
         said = "the bundled bank's, above a simulated level bed"
         source = Source(bank.camera, DEPTH_UNIT, said, True)
-        return Bed(raw, raw * np.float32(DEPTH_UNIT), bank.camera, source, Counter())
+        return GoalFrame(raw, raw * np.float32(DEPTH_UNIT), bank.camera, source, Counter())
     raw = formats.read_array(path)
     source = source_of(path, raw.shape, options.camera, bank, options.depth_unit)
     left_out: Counter[str] = Counter()
@@ -119,7 +119,7 @@ def _bed(options: argparse.Namespace, bank: Bank) -> Bed:
         left, top, width, height = options.window
         camera = camera.crop(left, top, width, height)
         raw, depth = (x[top : top + height, left : left + width] for x in (raw, depth))
-    return Bed(raw, depth, camera, source, left_out)
+    return GoalFrame(raw, depth, camera, source, left_out)
 
 
 def _steepest(options: argparse.Namespace, material: Material, stands: bool) -> float:
@@ -146,7 +146,7 @@ def _reach(path: Path | None, camera: Camera) -> np.ndarray | None:
 
 
 def _write(
-    options: argparse.Namespace, now: Bed, made: Goal, said: dict[str, Any]
+    options: argparse.Namespace, now: GoalFrame, made: Goal, said: dict[str, Any]
 ) -> dict[str, Any]:
     """The folder; returns where it is and how to plan for it."""
     from jshape.goals.picture import goal_figure

@@ -125,7 +125,7 @@ def measure(
     return Measured(setup, depth, noise, off)
 
 
-class Bed(NamedTuple):
+class BedView(NamedTuple):
     """Where in a frame the bed is, and how it lies."""
 
     window: tuple[int, int, int, int] | None
@@ -141,7 +141,7 @@ class Bed(NamedTuple):
     """What is left of its depths without that tilt, metres."""
 
 
-def bed_of(depth: Float[np.ndarray, "H W"], camera: Camera) -> Bed:
+def bed_of(depth: Float[np.ndarray, "H W"], camera: Camera) -> BedView:
     """The bed of a frame (metres, NaN: no reading): what is level with the middle of the view.
 
     A table under it, or the floor around a table, lies higher or lower by a step; if what is level
@@ -168,7 +168,7 @@ def bed_of(depth: Float[np.ndarray, "H W"], camera: Camera) -> Bed:
     relief = 1e-3 * _off(inside, camera.crop(left, top, w, h), plane)[0]
     seen = np.isfinite(inside)
     (near, far), (low, high) = (np.percentile(part[seen], (1, 99)) for part in (inside, relief))
-    return Bed(
+    return BedView(
         window,
         float(near),
         float(far),

@@ -15,11 +15,11 @@ from jshape.camera import Camera, check_camera
 from jshape.data.depth import to_metres, wrong_shape
 from jshape.data.missing import LIMIT, fill_missing
 from jshape.errors import BadImage
-from jshape.models.orthographic import Ground
+from jshape.models.orthographic import OrthographicGrid
 
 SPAN = 0.06
 """What is farther than this from the bed's level, metres, is no bed: table, wall or hand.  It is
-clipped, so that the planes of `Ground` stand close enough."""
+clipped, so that the planes of `OrthographicGrid` stand close enough."""
 MOST_NODES = 640
 """Most nodes along a side of the map: larger images are seen a little coarser than their pixels."""
 
@@ -39,7 +39,7 @@ class BedMap:
     """(u, v) of the part's first pixel in the frame."""
     level: float
     """Depth of height 0: the median in the middle of the part, metres."""
-    ground: Ground
+    grid: OrthographicGrid
     """The grid."""
     height: Float[np.ndarray, "Y X"]
     """Of the surface above the level, metres."""
@@ -51,11 +51,11 @@ class BedMap:
     @property
     def cell(self) -> float:
         """Side of a cell, metres."""
-        return float(self.ground.pitch)
+        return float(self.grid.pitch)
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
         """X of the columns and y of the rows in the camera's frame, metres."""
-        x, y = self.ground.nodes(jnp.zeros(2, jnp.int32))
+        x, y = self.grid.nodes(jnp.zeros(2, jnp.int32))
         return np.asarray(x), np.asarray(y)
 
     def pixels(self) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +89,7 @@ class BedMap:
     def heights_of(self, frame: np.ndarray) -> Float[np.ndarray, "Y X"]:
         """Heights on this map of another frame (H, W) of the same camera, metres, without gaps."""
         part = _part(frame, self.corner, self.camera)
-        return self.level - np.asarray(_from_above(self.ground, _near(part, self.level)))
+        return self.level - np.asarray(_from_above(self.grid, _near(part, self.level)))
 
     def frame_with(self, height: np.ndarray, like: np.ndarray | None = None) -> np.ndarray:
         """The frame (H, W) in metres that the camera would take if the surface were `height`.
@@ -103,7 +103,7 @@ class BedMap:
         frame = self.frame if like is None else like
         before = self.height if like is None else self.heights_of(like)
         surfaces = (self.level - np.stack([before, height])).astype(np.float32)
-        old, new = np.asarray(_from_camera(self.ground, surfaces))
+        old, new = np.asarray(_from_camera(self.grid, surfaces))
         result = np.array(frame, np.float32)
         _part(result, self.corner, self.camera)[:] += new - old
         return result
@@ -149,14 +149,16 @@ def bed_map(
     cell = max(*pixel, max(sides) / MOST_NODES)
     # Lower places are seen wider: 5 % are 23 mm at 0.45 m.
     columns, rows = (int(1.05 * side / cell) + 2 for side in sides)
-    ground = Ground(camera, jnp.float32(level), jnp.float32(cell), (rows, columns), (width, height))
-    surface = level - np.asarray(_from_above(ground, _near(part, level)))
+    grid = OrthographicGrid(
+        camera, jnp.float32(level), jnp.float32(cell), (rows, columns), (width, height)
+    )
+    surface = level - np.asarray(_from_above(grid, _near(part, level)))
     bed = BedMap(
         camera=camera,
         frame=whole,
         corner=(left, top),
         level=level,
-        ground=ground,
+        grid=grid,
         height=surface,
         seen=np.ones(surface.shape, bool),
         filled=filled,
@@ -180,10 +182,10 @@ def _near(depth: np.ndarray, level: float) -> np.ndarray:
 
 
 @jax.jit
-def _from_above(ground: Ground, depth: Array) -> Array:
-    return ground.from_roi(jnp.asarray(depth), jnp.zeros(2, jnp.int32))
+def _from_above(grid: OrthographicGrid, depth: Array) -> Array:
+    return grid.from_roi(jnp.asarray(depth), jnp.zeros(2, jnp.int32))
 
 
 @jax.jit
-def _from_camera(ground: Ground, surfaces: Array) -> Array:
-    return ground.to_roi(jnp.asarray(surfaces), jnp.zeros(2, jnp.int32))
+def _from_camera(grid: OrthographicGrid, surfaces: Array) -> Array:
+    return grid.to_roi(jnp.asarray(surfaces), jnp.zeros(2, jnp.int32))

@@ -16,11 +16,11 @@ import numpy as np
 from jshape.camera import Camera
 from jshape.errors import BadBank
 from jshape.models.difference import Difference
-from jshape.models.imprint import Pressed
+from jshape.models.imprint import Imprint
 from jshape.models.network import Network
-from jshape.models.orthographic import Ground
+from jshape.models.orthographic import OrthographicGrid
 from jshape.models.refined import Refined
-from jshape.models.sequential import After
+from jshape.models.sequential import Sequential
 
 Arrays = Mapping[str, np.ndarray]
 LARGEST_GRID = 4096
@@ -90,17 +90,17 @@ def _network_name(path: tuple[Any, ...]) -> str:
     return ".".join(("network", *(str(entry.key) for entry in path)))
 
 
-def _pack_after(predictor: After) -> dict[str, np.ndarray]:
+def _pack_after(predictor: Sequential) -> dict[str, np.ndarray]:
     return _pack_difference(predictor.first) | _pack_network(predictor.second)
 
 
-def _unpack_after(arrays: Arrays, roi: tuple[int, int]) -> After:
-    return After(_unpack_difference(arrays, roi), _unpack_network(arrays, roi))
+def _unpack_after(arrays: Arrays, roi: tuple[int, int]) -> Sequential:
+    return Sequential(_unpack_difference(arrays, roi), _unpack_network(arrays, roi))
 
 
 def _pack_refined(predictor: Refined) -> dict[str, np.ndarray]:
     inside = predictor.inside
-    network = inside.second if isinstance(inside, After) else inside
+    network = inside.second if isinstance(inside, Sequential) else inside
     return {
         **_pack_difference(predictor.outside),
         "mask": np.asarray(predictor.mask, np.uint8),
@@ -115,17 +115,17 @@ def _refined(arrays: Arrays, roi: tuple[int, int], after_difference: bool) -> Re
     if not np.isin(mask, (0, 1)).all():
         raise BadBank("mask holds something else than 0 and 1")
     offset = checked(arrays["offset"], (), "offset")
-    inside = After(outside, network) if after_difference else network
+    inside = Sequential(outside, network) if after_difference else network
     return Refined(inside, outside, jnp.asarray(mask), jnp.asarray(offset))
 
 
-def _pack_pressed(predictor: Pressed) -> dict[str, np.ndarray]:
-    ground = np.array([predictor.ground.depth, predictor.ground.pitch], np.float32)
+def _pack_imprint(predictor: Imprint) -> dict[str, np.ndarray]:
+    ground = np.array([predictor.grid.depth, predictor.grid.pitch], np.float32)
     maps = {name: np.asarray(getattr(predictor, name), np.float32) for name in (*_MAPS, *_LATER)}
     return {"ground": ground, **maps}
 
 
-def _unpack_pressed(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Pressed:
+def _unpack_imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
     depth, pitch = checked(arrays["ground"], (2,), "ground")
     shape = arrays[_MAPS[0]].shape
     if len(shape) != 2 or not 0 < max(shape) <= LARGEST_GRID or min(shape) == 0:
@@ -140,7 +140,9 @@ def _unpack_pressed(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Pre
         if name in arrays
     }
     maps = {"deep": jnp.zeros(shape), "stroke": jnp.float32(0), **maps, **later}
-    found = Pressed(Ground(camera, jnp.asarray(depth), jnp.asarray(pitch), shape, roi), **maps)
+    found = Imprint(
+        OrthographicGrid(camera, jnp.asarray(depth), jnp.asarray(pitch), shape, roi), **maps
+    )
     # Without it the tool goes as much deeper as the greatest lowering.
     return found if "stroke" in later else replace(found, stroke=found.deepest)
 
@@ -172,6 +174,6 @@ KINDS: dict[str, Kind] = {
     "CR": _or_difference(Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, False))),
     "DC": _or_difference(Kind(_pack_after, lambda arrays, roi, _: _unpack_after(arrays, roi))),
     "DCR": _or_difference(Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, True))),
-    "P": Kind(_pack_pressed, _unpack_pressed),
+    "P": Kind(_pack_imprint, _unpack_imprint),
 }
 """The kinds of bank that can be saved and loaded.  Another kind is one more entry."""

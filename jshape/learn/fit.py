@@ -9,12 +9,12 @@ from jshape.camera import Camera, check_same_camera
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadBank, BadDataset, UnknownName, quoted
 from jshape.learn import networks
-from jshape.learn.imprint import fit_pressed
+from jshape.learn.imprint import fit_imprint
 from jshape.learn.settings import Training, settings_from
 from jshape.learn.training import Hooks, Keep, Progress
 from jshape.models.bank import Bank, Predictor
 from jshape.models.difference import Difference, fit_difference
-from jshape.models.imprint import Pressed
+from jshape.models.imprint import Imprint
 
 Fitter = Callable[[Examples, Camera, Training, Predictor | None, Hooks], Predictor]
 """What fits one action's predictor.  Its arguments:
@@ -38,9 +38,9 @@ def _pressed(
     examples: Examples, camera: Camera, settings: Training, start: Predictor | None, hooks: Hooks
 ) -> Predictor:
     """f_P: seconds, so there is nothing to keep; its steps are its own."""
-    if start is not None and not isinstance(start, Pressed):
-        raise BadBank(f"the predictor to start from is a {type(start).__name__}; expected Pressed")
-    return fit_pressed(examples, camera, start, seed=settings.seed)
+    if start is not None and not isinstance(start, Imprint):
+        raise BadBank(f"the predictor to start from is a {type(start).__name__}; expected Imprint")
+    return fit_imprint(examples, camera, start, seed=settings.seed)
 
 
 def _of_one_strength(fitter: Fitter) -> Fitter:

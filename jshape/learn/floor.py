@@ -17,7 +17,7 @@ from jshape import metric
 from jshape._typing import Array
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import Examples, Pairs
-from jshape.models.orthographic import Ground
+from jshape.models.orthographic import OrthographicGrid
 
 SAME_BED_MM = 0.75
 """Two frames of one bed differ by less on average: 0.5 mm for a noisy D435, 0 without noise."""
@@ -89,7 +89,7 @@ def _repetitions(pairs: Pairs, rois: Examples) -> list[float]:
 def _flat_beds(pairs: Pairs, rois: Examples) -> list[float]:
     """The same between flat beds at any place, on a grid seen from straight above."""
     camera = pairs.camera
-    blank = Ground(camera, 1.0, 1.0, (1, 1), rois.prior.shape[:0:-1])
+    blank = OrthographicGrid(camera, 1.0, 1.0, (1, 1), rois.prior.shape[:0:-1])
     depths, levels, flat = [], [], []
     for before, after, place in zip(*rois[:3], strict=True):
         per_metre = np.asarray(blank.per_metre(jnp.asarray(place)))
@@ -105,8 +105,8 @@ def _flat_beds(pairs: Pairs, rois: Examples) -> list[float]:
     rows = int(h * float(camera.fx) / float(camera.fy) / PITCH_PX)
     reliefs, gaps = {}, []
     for k in np.flatnonzero(flat).tolist():
-        ground = Ground(camera, levels[k], pitch, (rows, int(w / PITCH_PX)), (w, h))
-        surface = _from_above(ground, jnp.asarray(fill_nan(depths[k])), jnp.asarray(rois.place[k]))
+        grid = OrthographicGrid(camera, levels[k], pitch, (rows, int(w / PITCH_PX)), (w, h))
+        surface = _from_above(grid, jnp.asarray(fill_nan(depths[k])), jnp.asarray(rois.place[k]))
         reliefs[k] = np.asarray(surface) - levels[k]
     along_ray = metric.ray_lengths(camera)
     for one, other in _couples(pairs):
@@ -118,8 +118,8 @@ def _flat_beds(pairs: Pairs, rois: Examples) -> list[float]:
 
 
 @jax.jit
-def _from_above(ground: Ground, depth: Array, place: Array) -> Array:
-    return ground.from_roi(depth, place)
+def _from_above(grid: OrthographicGrid, depth: Array, place: Array) -> Array:
+    return grid.from_roi(depth, place)
 
 
 def _couples(pairs: Pairs) -> list[tuple[int, int]]:

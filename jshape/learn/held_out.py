@@ -17,7 +17,7 @@ from jshape import metric
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadDataset
 from jshape.learn import fit as fitting
-from jshape.learn.imprint import mean_pressed
+from jshape.learn.imprint import mean_imprint
 from jshape.learn.measure import errors_of
 from jshape.learn.partitions import Candidate, Study
 from jshape.learn.settings import settings_from
@@ -249,7 +249,7 @@ def without_worse(bank: Bank, pairs: Pairs, rows: list[HeldOut]) -> Bank:
             return predictor
         examples: Examples = pairs.rois(name, bank.roi(name), padded=True)
         if bank.kind == "P":
-            return mean_pressed(examples, bank.camera)
+            return mean_imprint(examples, bank.camera)
         return fit_difference(examples.prior, examples.posterior, examples.strengths)
 
     predictors = zip(bank.actions, bank.predictors, strict=True)

@@ -13,8 +13,8 @@ from jshape.camera import Camera
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import Examples
 from jshape.errors import BadDataset, UnknownName
-from jshape.models.imprint import Pressed
-from jshape.models.orthographic import Ground
+from jshape.models.imprint import Imprint
+from jshape.models.orthographic import OrthographicGrid
 
 PIXELS = 2.0
 """Pitch of the grid in pixels at the depth of the places.  Half the camera's resolution costs 0.02
@@ -71,15 +71,15 @@ class Shown(NamedTuple):
     strength: Float[Array, "n"]
 
 
-def fit_pressed(
+def fit_imprint(
     examples: Examples,
     camera: Camera,
-    start: Pressed | None = None,
+    start: Imprint | None = None,
     *,
     seed: int = 0,
     without: Collection[str] = (),
-    view: type[Ground] = Ground,
-) -> Pressed:
+    view: type[OrthographicGrid] = OrthographicGrid,
+) -> Imprint:
     """f_P of one action from its pairs, or from another bank's f_P and few pairs.
 
     Lowers the mean |predicted - true| / √strength over the grid's nodes that were seen before and
@@ -123,17 +123,17 @@ def fit_pressed(
     strengths = np.asarray(examples.strengths, np.float32)
     filled = Examples(prior, posterior, examples.place, strengths)
     if start is not None:
-        ground = start.ground
+        grid = start.grid
     else:
-        ground = _ground(filled, camera, view, DEPTHS if "depth" not in without else (0,))
-    counted = jnp.asarray(_at_nodes(seen, ground), jnp.float32)
-    before, after = _surfaces(ground, filled)
+        grid = _grid_of(filled, camera, view, DEPTHS if "depth" not in without else (0,))
+    counted = jnp.asarray(_at_nodes(seen, grid), jnp.float32)
+    before, after = _surfaces(grid, filled)
     shown = Shown(before, after, counted, jnp.asarray(filled.strengths))
     if start is None and "tool" not in without:
         mean = _mean_change(shown)
         if float(mean.max()) < LOWERS * float(-mean.min()):
             without = {*without, "tool", "swell"}
-    first = _first_guess(ground, shown, without) if start is None else _corrected(start, shown)
+    first = _first_guess(grid, shown, without) if start is None else _corrected(start, shown)
     steps, step = max(int(np.clip(PER_PAIR * len(seen), *STEPS)), PER_MANY * len(seen)), STEP
     if start is not None:
         steps, step = ADAPT_STEPS, ADAPT_STEP
@@ -150,9 +150,9 @@ def fit_pressed(
     return found
 
 
-def _ground(
-    examples: Examples, camera: Camera, view: type[Ground], depths: Collection[int]
-) -> Ground:
+def _grid_of(
+    examples: Examples, camera: Camera, view: type[OrthographicGrid], depths: Collection[int]
+) -> OrthographicGrid:
     """A grid over the ROI, at the depth where places are meant.
 
     That is not known: of depths around the median of what was seen, it is the one from which the
@@ -166,7 +166,7 @@ def _ground(
     rows = h * float(camera.fx) / float(camera.fy) / PIXELS
     shape = (int(np.ceil(rows)), int(np.ceil(w / PIXELS)))
 
-    def at(depth: float) -> Ground:
+    def at(depth: float) -> OrthographicGrid:
         pitch = jnp.float32(PIXELS * depth / float(camera.fx))
         return replace(blank, depth=jnp.float32(depth), pitch=pitch, shape=shape)
 
@@ -184,33 +184,31 @@ def _ground(
 
 @jax.jit
 def _surfaces(
-    ground: Ground, examples: Examples
+    grid: OrthographicGrid, examples: Examples
 ) -> tuple[Float[Array, "n rows columns"], Float[Array, "n rows columns"]]:
     """The ground below ROIs of I before and after; one pair after the other, to spare memory."""
 
     def one(pair):
         prior, posterior, place = pair
-        per_metre = ground.per_metre(place)
-        before, after = (ground.camera.z_max - roi / per_metre for roi in (prior, posterior))
-        return ground.from_roi(before, place), ground.from_roi(after, place)
+        per_metre = grid.per_metre(place)
+        before, after = (grid.camera.z_max - roi / per_metre for roi in (prior, posterior))
+        return grid.from_roi(before, place), grid.from_roi(after, place)
 
     return jax.lax.map(one, tuple(map(jnp.asarray, examples[:3])))
 
 
-def _at_nodes(seen: np.ndarray, ground: Ground) -> np.ndarray:
+def _at_nodes(seen: np.ndarray, grid: OrthographicGrid) -> np.ndarray:
     """Of masks (n, h, w), the pixel below each node (n, rows, columns), parallax left out."""
-    camera = ground.camera
+    camera = grid.camera
     picked = []
-    for count, size, focal in zip(
-        ground.shape, seen.shape[1:], (camera.fy, camera.fx), strict=True
-    ):
-        step = float(ground.pitch) / float(ground.depth) * float(focal)
+    for count, size, focal in zip(grid.shape, seen.shape[1:], (camera.fy, camera.fx), strict=True):
+        step = float(grid.pitch) / float(grid.depth) * float(focal)
         pixel = np.rint((np.arange(count) - count // 2) * step + size // 2)
         picked.append(np.clip(pixel, 0, size - 1).astype(int))
     return seen[:, picked[0]][:, :, picked[1]]
 
 
-def _first_guess(ground: Ground, shown: Shown, without: Collection[str] = ()) -> Pressed:
+def _first_guess(grid: OrthographicGrid, shown: Shown, without: Collection[str] = ()) -> Imprint:
     """A tool as deep as the mean change, which is the prediction on flat ground.
 
     Without a tool all of the mean change is `rest`.
@@ -221,8 +219,8 @@ def _first_guess(ground: Ground, shown: Shown, without: Collection[str] = ()) ->
         touched = jnp.zeros_like(touched)
     rest = jnp.where(touched, 0.0, mean)
     none = jnp.zeros_like(mean)
-    return Pressed(
-        ground,
+    return Imprint(
+        grid,
         reference=jnp.where(jnp.abs(mean) > 0.5 * jnp.abs(mean).max(), jnp.float32(0.0), -6.0),
         # Below the ground beside the tool by 3 mm: it is felt by hills, not by the flat.
         tool=mean - 3e-3,
@@ -242,12 +240,12 @@ def _mean_change(shown: Shown) -> Float[Array, "rows columns"]:
     return ((shown.after - shown.before) * weight).sum(0) / jnp.where(whole > 0, whole, 1.0)
 
 
-def mean_pressed(examples: Examples, camera: Camera) -> Pressed:
+def mean_imprint(examples: Examples, camera: Camera) -> Imprint:
     """The mean change of the ground as an f_P without a tool: what f_D is, seen from above."""
-    return fit_pressed(examples, camera, without=("tool", "descent"))
+    return fit_imprint(examples, camera, without=("tool", "descent"))
 
 
-def _corrected(start: Pressed, shown: Shown) -> Pressed:
+def _corrected(start: Imprint, shown: Shown) -> Imprint:
     """`start` with what it is wrong by on all pairs alike, as far as they are many."""
     left = -_gap(start, shown) / shown.strength[:, None, None]
     left = jnp.where(shown.counted > 0, left, jnp.nan)
@@ -255,28 +253,28 @@ def _corrected(start: Pressed, shown: Shown) -> Pressed:
     return replace(start, rest=start.rest + share * jnp.nan_to_num(jnp.nanmedian(left, 0)))
 
 
-def _gap(predictor: Pressed, shown: Shown) -> Float[Array, "n rows columns"]:
+def _gap(predictor: Imprint, shown: Shown) -> Float[Array, "n rows columns"]:
     """Predicted minus true surfaces, metres.
 
     Where the true one is at the end of the camera's range, all that lies beyond is right: a knock
     of twice the depth leaves the paper's range over a tenth of its ROI.
     """
     gap = shown.before + predictor.change(shown.before, shown.strength) - shown.after
-    camera = predictor.ground.camera
+    camera = predictor.grid.camera
     gap = jnp.where(shown.after > camera.z_max - EDGE, jnp.minimum(gap, 0.0), gap)
     return jnp.where(shown.after < camera.z_min + EDGE, jnp.maximum(gap, 0.0), gap)
 
 
 @jax.jit(static_argnames=["squared"])
 def _descend(
-    start: Pressed,
+    start: Imprint,
     shown: Shown,
     key: Key[Array, ""],
     steps: int | Array,
     step: float | Array,
     free: dict[str, float | Array] | None,
     squared: bool,
-) -> Pressed:
+) -> Imprint:
     """`start` after `steps` steps of Adam, the first of length `step`, falling by half a cosine.
 
     `free` is 1 for what is fitted and 0 for what stays, None for all; `squared` lowers the squares

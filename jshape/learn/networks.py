@@ -16,7 +16,7 @@ from jshape.models.bank import Predictor
 from jshape.models.difference import Difference, fit_difference
 from jshape.models.network import Network
 from jshape.models.refined import Refined
-from jshape.models.sequential import After
+from jshape.models.sequential import Sequential
 
 
 def fit_network(
@@ -28,12 +28,12 @@ def fit_network(
 
 def fit_after_difference(
     examples: Examples, camera: Camera, settings: Training, start: Predictor | None, hooks: Hooks
-) -> After:
+) -> Sequential:
     """f_DC, a U-Net that is given I + ΔI (Eq. lossD)."""
     first = fit_difference(examples.prior, examples.posterior)
     lowered = examples._replace(prior=examples.prior + np.asarray(first.delta))
-    network = cast(After, start).second if start is not None else None
-    return After(first, _trained(lowered, settings, network, hooks))
+    network = cast(Sequential, start).second if start is not None else None
+    return Sequential(first, _trained(lowered, settings, network, hooks))
 
 
 def fit_refined(

@@ -1,7 +1,7 @@
 """f_P: a tool learned per action, pressed into the ground to a depth set by what lies below it.
 
 The paper closes with a coarse physical model refined by data; this is one.  On a metric grid seen
-from above (`predict.ground`), with surfaces s as depth (positive is lower):
+from above (`orthographic`), with surfaces s as depth (positive is lower):
 
     r      = s - Σ reference·s              relief against the mean of the ground below the tool
     cut    = max(tool + (x - 1)·stroke - r, 0), softly    what stands above the tool's underside
@@ -23,7 +23,7 @@ import numpy as np
 
 from jshape._typing import Array, Float, Int
 from jshape.camera import Camera
-from jshape.models.orthographic import Ground
+from jshape.models.orthographic import OrthographicGrid
 from jshape.models.turn import namespace, square, turn
 
 SOFT = 1e-3
@@ -32,10 +32,10 @@ SOFT = 1e-3
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class Pressed:
+class Imprint:
     """f_P of one action: maps over a metric grid, and where the grid lies."""
 
-    ground: Ground
+    grid: OrthographicGrid
     """The grid, and the camera that sees it."""
     reference: Float[Array, "rows columns"]
     """Logarithms of the weights of the ground's reference depth; softmax makes them sum to 1."""
@@ -59,11 +59,11 @@ class Pressed:
     @property
     def roi(self) -> tuple[int, int]:
         """ROI size (w, h), pixels."""
-        return self.ground.roi
+        return self.grid.roi
 
-    def seen_by(self, camera: Camera, depth: float) -> "Pressed":
+    def seen_by(self, camera: Camera, depth: float) -> "Imprint":
         """The same action below another camera, with places `depth` metres from it."""
-        return replace(self, ground=self.ground.seen_by(camera, depth))
+        return replace(self, grid=self.grid.seen_by(camera, depth))
 
     def __call__(
         self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
@@ -79,21 +79,21 @@ class Pressed:
     def _of_one(
         self, roi: Float[Array, "h w"], place: Int[Array, "2"], strength: Float[Array, ""]
     ) -> Float[Array, "h w"]:
-        per_metre = self.ground.per_metre(place)
-        before = self.ground.from_roi(self.ground.camera.z_max - roi / per_metre, place)
+        per_metre = self.grid.per_metre(place)
+        before = self.grid.from_roi(self.grid.camera.z_max - roi / per_metre, place)
         after = before + self.change(before, strength)
         # The change as the camera sees it: what both looks blur alike drops out.
-        seen_before, seen_after = self.ground.to_roi(jnp.stack([before, after]), place)
+        seen_before, seen_after = self.grid.to_roi(jnp.stack([before, after]), place)
         return roi - (seen_after - seen_before) * per_metre
 
-    def turned(self, yaw: float | Array | np.floating) -> "Pressed":
+    def turned(self, yaw: float | Array | np.floating) -> "Imprint":
         """The same hand turned by `yaw` radians from u towards v; its ROI becomes a square."""
-        shape = square(self.ground.shape)
+        shape = square(self.grid.shape)
         xp = namespace(self, yaw)
         fields = xp.stack([xp.asarray(getattr(self, name)) for name in _OUTSIDE])
         turned = turn(fields, yaw, shape, np.array(list(_OUTSIDE.values()), np.float32))
         maps = {name: jnp.asarray(one) for name, one in zip(_OUTSIDE, turned, strict=True)}
-        return replace(self, ground=replace(self.ground, shape=shape, roi=square(self.roi)), **maps)
+        return replace(self, grid=replace(self.grid, shape=shape, roi=square(self.roi)), **maps)
 
     def change(
         self, surface: Float[Array, "*B rows columns"], strength: float | Array = 1.0
@@ -106,14 +106,14 @@ class Pressed:
         """Greatest lowering of flat ground at strength 1, metres: a stroke where none is known."""
         return (jnp.maximum(self.give, 0.0) * _soft(self.tool) + self.rest).max()
 
-    def ready(self) -> "Press":
+    def ready(self) -> "PreparedImprint":
         """What of a change does not depend on the ground, computed once for many grounds."""
         xp = namespace(self)
         give, least = xp.asarray(self.give), np.float32(1e-6 * self.give.size)
         weights = xp.exp(xp.asarray(self.reference) - xp.asarray(self.reference).max())
         # 1 µm over the grid against 0 / 0.
         volume = _sum(xp.maximum(give, np.float32(0)) * _soft(xp.asarray(self.tool))) + least
-        return Press(
+        return PreparedImprint(
             weights=jnp.asarray(weights / weights.sum()),
             tool=self.tool,
             give=self.give,
@@ -136,7 +136,7 @@ _OUTSIDE = {
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class Press:
+class PreparedImprint:
     """f_P ready for use: its maps, and what follows from them alone."""
 
     weights: Float[Array, "rows columns"]

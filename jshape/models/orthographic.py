@@ -28,7 +28,7 @@ LEAST_RANGE = 1e-3
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Ground:
+class OrthographicGrid:
     """A metric grid around the point below a ROI's centre, at the depth where actions are placed.
 
     Its node (rows // 2, columns // 2) is where the ray through the ROI's centre pixel reaches
@@ -82,7 +82,7 @@ class Ground:
 
         return _first_below(look, surface.min(), surface.max())
 
-    def seen_by(self, camera: Camera, depth: float) -> "Ground":
+    def seen_by(self, camera: Camera, depth: float) -> "OrthographicGrid":
         """The same ground below another camera, with places `depth` metres from it."""
         closer = float(self.depth) / depth
         size = zip(self.roi, ("fx", "fy"), strict=True)

@@ -11,7 +11,7 @@ from jshape.models.network import scaled
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class After:
+class Sequential:
     """What `second` makes of what `first` predicts, for one action."""
 
     first: Any

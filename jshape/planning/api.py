@@ -21,7 +21,7 @@ from jshape.errors import BadBank, BadCamera, BadImage, JShapeError, UnknownName
 from jshape.models.bank import Bank
 from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
-from jshape.planning.evaluate import ONE_BY_ONE, How, candidates_at
+from jshape.planning.evaluate import ONE_BY_ONE, Execution, candidates_at
 from jshape.planning.options import (
     DEFAULT_BANK,
     GROUPS,
@@ -32,9 +32,9 @@ from jshape.planning.options import (
     hinted,
 )
 from jshape.planning.plan import Plan
-from jshape.planning.rollout import Act, check_acts, predict_acts
+from jshape.planning.rollout import PlacedAction, placed_actions, predict_sequence
 from jshape.planning.search import PLANNERS
-from jshape.planning.search.base import Found, Status, Task
+from jshape.planning.search.base import SearchProblem, SearchResult, Status
 from jshape.planning.state import on_images, prepared
 
 
@@ -50,7 +50,7 @@ def plan(
     stop: StopCriteria = StopCriteria(),
     budget: SearchBudget = SearchBudget(),
     start: Plan | None = None,
-    execution: How = ONE_BY_ONE,
+    execution: Execution = ONE_BY_ONE,
 ) -> Plan:
     """The sequence of actions that molds image I0 into Istar, as the bank predicts it.
 
@@ -96,48 +96,50 @@ def plan(
     free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
     turned = tasks.directions(bank, space.yaws)
     moves = prepared(bank, [(a, np.float32(yaw) if yaw else None) for a, yaw in turned])
-    terrain = _terrain(bank, first, goal, *moves)
+    state = _state(bank, first, goal, *moves)
     stride = places.usual_stride(bank) if space.stride is None else space.stride
     if space.positions is None:
-        where = tasks.at_nodes(terrain, bank, places.dense_positions(bank, stride))
+        where = tasks.at_nodes(state, bank, places.dense_positions(bank, stride))
     else:
         where = places.placed_positions(bank, space.positions, space.out_of_bounds)
-    task = Task(
-        terrain=terrain,
-        candidates=candidates_at(terrain, bank, where, tasks.strengths(space.strengths), free),
+    problem = SearchProblem(
+        state=state,
+        candidates=candidates_at(state, bank, where, tasks.strengths(space.strengths), free),
         limits=limits,
         max_steps=max_steps,
         budget=tasks.budget(budget),
-        fine=tasks.rounds(terrain, stride) if space.positions is None else 0,
+        fine=tasks.rounds(state, stride) if space.positions is None else 0,
         key=jax.random.key(seed),
-        start=None if start is None else tasks.as_found(start, terrain, bank, max_steps),
-        how=execution,
+        start=None if start is None else tasks.as_found(start, state, bank, max_steps),
+        execution=execution,
     )
-    found = jax.device_get(PLANNERS[planner](task))
-    spent = task.budget.elapsed
+    found = jax.device_get(PLANNERS[planner](problem))
+    spent = problem.budget.elapsed
     # The search's own distances are sums of changes, which drift by rounding, and on the ground.
-    planned = predict_acts(
-        bank, first, goal, _acts(found, task), Status(int(found.status)), float(limits.tolerance),
-        int(found.evaluations),
+    planned = predict_sequence(
+        bank, first, goal, _acts(found, problem), Status(int(found.status)),
+        float(limits.tolerance), int(found.evaluations),
     )  # fmt: skip
     return replace(planned, seconds=spent)
 
 
-def _acts(found: Found, task: Task) -> list[Act]:
+def _acts(found: SearchResult, problem: SearchProblem) -> list[PlacedAction]:
     """The moves that a search found, at their exact places."""
-    candidates, acts = task.candidates, []
+    candidates, acts = problem.candidates, []
     first, pixels = np.asarray(candidates.first), np.asarray(candidates.pixels)
-    usable, of = np.asarray(candidates.open), np.asarray(candidates.move)
-    mine = [usable & (of == number) for number in range(len(task.terrain.moves))]
+    usable, of = np.asarray(candidates.valid), np.asarray(candidates.move)
+    mine = [usable & (of == number) for number in range(len(problem.state.moves))]
     for k in range(int(found.steps)):
         number = int(found.move[k])
-        move = task.terrain.moves[number]
-        exact = task.terrain.pixel(found.node[k])[::-1]
+        move = problem.state.moves[number]
+        exact = problem.state.pixel(found.node[k])[::-1]
         known = first[mine[number]] + move.middle
         same = np.flatnonzero((known == found.node[k]).all(1))
         if same.size:  # a given place, not the node beside it
             exact = pixels[mine[number]][same[0]]
-        acts.append(Act(move.action, np.asarray(exact), found.strength[k], float(move.yaw)))
+        acts.append(
+            PlacedAction(move.action, np.asarray(exact), found.strength[k], float(move.yaw))
+        )
     return acts
 
 
@@ -169,11 +171,11 @@ def rollout(
     bank = _as_bank(bank)
     first = check_image(I0, bank.camera, "I0")
     goal = check_image(Istar, bank.camera, "Istar")
-    acts = check_acts(bank, actions, positions, strengths, yaws)
-    return predict_acts(bank, first, goal, acts, Status.PLAN_ENDED)
+    acts = placed_actions(bank, actions, positions, strengths, yaws)
+    return predict_sequence(bank, first, goal, acts, Status.PLAN_ENDED)
 
 
-_terrain = jax.jit(on_images)
+_state = jax.jit(on_images)
 
 
 @hinted

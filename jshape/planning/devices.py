@@ -9,13 +9,13 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from jshape.planning.evaluate import ONE_BY_ONE, How
+from jshape.planning.evaluate import ONE_BY_ONE, Execution
 
 MOST = 8
 """Devices made unless more are asked for: small sweeps gain nothing from more."""
 
 
-def over_devices(count: int | None = None) -> How:
+def over_devices(count: int | None = None) -> Execution:
     """How to share candidates over devices: cores of the CPU, each a device, unless JAX has a GPU.
 
     Call it before anything is computed: JAX makes its devices then.  Afterwards it is too late for
@@ -25,7 +25,7 @@ def over_devices(count: int | None = None) -> How:
       count: at most so many; None is as many as this process has cores, at most `MOST`.
     """
     mesh = mesh_of(min(cores(), MOST) if count is None else count, "places")
-    return ONE_BY_ONE if mesh is None else How(mesh=mesh)
+    return ONE_BY_ONE if mesh is None else Execution(mesh=mesh)
 
 
 def mesh_of(count: int, axis: str) -> Mesh | None:

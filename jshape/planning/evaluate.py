@@ -20,7 +20,7 @@ from jax.sharding import Mesh, PartitionSpec
 from jshape import actions
 from jshape._typing import Array, Bool, Float, Int
 from jshape.models.bank import Bank
-from jshape.planning.state import Terrain
+from jshape.planning.state import SearchState
 
 PLACES = 256, 16
 """Least storage for places, and how many times as large the next is."""
@@ -31,7 +31,7 @@ SPARE = 108
 
 
 @dataclass(frozen=True)
-class How:
+class Execution:
     """How candidates are evaluated (static).  Changes no result, only memory and time."""
 
     chunk: int = 1
@@ -40,7 +40,7 @@ class How:
     """Devices that share the places; None is one."""
 
 
-ONE_BY_ONE = How()
+ONE_BY_ONE = Execution()
 """One device, one place after the other."""
 
 
@@ -55,29 +55,29 @@ class Candidates:
     """Number of each place's move."""
     start: Int[Array, "_"]
     """Where each move's places begin; last, where all end."""
-    open: Bool[Array, "N"]
+    valid: Bool[Array, "N"]
     """Places at which a hand may be placed; False for fillers."""
     pixels: Int[Array, "N 2"]
     """The places as (u, v) pixels."""
     strengths: Float[Array, "S"]
     """How many times as deep as the trained action, weakest first; the last is repeated."""
-    tried: Int[Array, ""]
+    num_strengths: Int[Array, ""]
     """How many strengths there are."""
-    reach: Bool[Array, "R C"]
+    reachable: Bool[Array, "R C"]
     """Nodes at which a hand may be placed."""
 
     @property
     def counts(self) -> tuple[int, ...]:
         """Places of each move (host)."""
-        mine = np.asarray(self.move)[np.asarray(self.open)]
+        mine = np.asarray(self.move)[np.asarray(self.valid)]
         return tuple(np.bincount(mine, minlength=len(self.start) - 1).tolist())
 
     def __len__(self) -> int:
-        return int(np.count_nonzero(self.open)) * int(self.tried)
+        return int(np.count_nonzero(self.valid)) * int(self.num_strengths)
 
     def locate(self, index: int) -> tuple[int, int, int]:
         """(move number, place number, strength number) of a candidate (host)."""
-        place, strength = divmod(index, int(self.tried))
+        place, strength = divmod(index, int(self.num_strengths))
         for number, count in enumerate(self.counts):
             if place < count:
                 return number, place, strength
@@ -86,13 +86,13 @@ class Candidates:
 
     def of_move(self, number: int, values: Array | None = None) -> np.ndarray:
         """One move's places: their rows of `first`, or of other values of all places (host)."""
-        mine = np.asarray(self.open) & (np.asarray(self.move) == number)
+        mine = np.asarray(self.valid) & (np.asarray(self.move) == number)
         return np.asarray(self.first if values is None else values)[mine]
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Board:
+class CandidateCache:
     """What is known of the candidates."""
 
     changes: Float[Array, "N S"]
@@ -102,30 +102,30 @@ class Board:
 
 
 def candidates_at(
-    terrain: Terrain,
+    state: SearchState,
     bank: Bank,
     positions: Mapping[str, np.ndarray],
     strengths: Sequence[float] = (1.0,),
-    reach: np.ndarray | None = None,
+    reachable: np.ndarray | None = None,
 ) -> Candidates:
     """Candidates at positions (N_a, 2) of (u, v) per action, already inside the image (host).
 
     On the ground a place is the nearest node: at most half its pitch away, 1 mm.
 
     Args:
-      terrain: where.
+      state: where.
       bank: whose actions.
       positions: per action; a turned hand, whose ROI is larger, leaves out those near the edge.
       strengths: to try.
-      reach: (H, W) pixels at which a hand may be placed; None: all.
+      reachable: (H, W) pixels at which a hand may be placed; None: all.
     """
-    shape = terrain.now.shape
+    shape = state.now.shape
     firsts, pixels, counts = [], [], [0]
-    for move in terrain.moves:
+    for move in state.moves:
         name = bank.actions[move.action]
         centres = positions.get(name, np.zeros((0, 2), np.int32))
         inside = actions.fits(bank.camera, centres, move.roi)  # a turned hand needs more room
-        node = terrain.node(centres[inside][:, ::-1])
+        node = state.node(centres[inside][:, ::-1])
         firsts.append(np.clip(node - move.middle, 0, np.array(shape) - move.shape))
         pixels.append(centres[inside])
         counts.append(len(node))
@@ -138,15 +138,15 @@ def candidates_at(
         return whole
 
     move = np.zeros(room, np.int32)
-    move[: start[-1]] = np.repeat(np.arange(len(terrain.moves)), counts[1:])
+    move[: start[-1]] = np.repeat(np.arange(len(state.moves)), counts[1:])
     usable = np.arange(room) < start[-1]
     nodes = np.ones(shape, bool)
     where = padded(pixels)
-    if reach is not None:
-        usable &= reach[where[:, 1], where[:, 0]]
+    if reachable is not None:
+        usable &= reachable[where[:, 1], where[:, 0]]
         at = np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 2)
-        v, u = np.clip(np.rint(terrain.pixel(at)).astype(int), 0, np.array(reach.shape) - 1).T
-        nodes = reach[v, u].reshape(shape)
+        v, u = np.clip(np.rint(state.pixel(at)).astype(int), 0, np.array(reachable.shape) - 1).T
+        nodes = reachable[v, u].reshape(shape)
     deep = np.pad(
         np.asarray(strengths, np.float32),
         (0, _storage(len(strengths), *STRENGTHS) - len(strengths)),
@@ -166,19 +166,19 @@ def _storage(count: int, least: int, times: int) -> int:
     return least
 
 
-def fresh_board(candidates: Candidates) -> Board:
-    """A board on which nothing is known."""
+def empty_cache(candidates: Candidates) -> CandidateCache:
+    """A cache on which nothing is known."""
     sizes = len(candidates.first), len(candidates.strengths)
-    return Board(jnp.zeros(sizes, jnp.float32), jnp.asarray(candidates.open))
+    return CandidateCache(jnp.zeros(sizes, jnp.float32), jnp.asarray(candidates.valid))
 
 
 def touch(
-    board: Board, candidates: Candidates, terrain: Terrain, first: Array, shape: Array
-) -> Board:
-    """The board after the window at `first` of `shape` has changed: what overlaps it is stale."""
-    shapes = jnp.asarray(terrain.shapes)[candidates.move]
+    cache: CandidateCache, candidates: Candidates, state: SearchState, first: Array, shape: Array
+) -> CandidateCache:
+    """The cache after the window at `first` of `shape` has changed: what overlaps it is stale."""
+    shapes = jnp.asarray(state.shapes)[candidates.move]
     apart = (candidates.first >= first + shape) | (first >= candidates.first + shapes)
-    return replace(board, stale=board.stale | (candidates.open & ~apart.any(-1)))
+    return replace(cache, stale=cache.stale | (candidates.valid & ~apart.any(-1)))
 
 
 @jax.tree_util.register_dataclass
@@ -199,26 +199,26 @@ class Work:
 
 
 def evaluate(
-    terrain: Terrain,
+    state: SearchState,
     now: Float[Array, "R C"],
     work: Work,
     changes: Float[Array, "N S"],
-    how: How = ONE_BY_ONE,
+    execution: Execution = ONE_BY_ONE,
 ) -> Float[Array, "N S"]:
     """`changes` with the rows of `work` computed anew; the others are neither read nor computed.
 
     A loop over moves and in it one over places: each step is a slice, on a CPU 2.5 times as fast as
     one gather over all places, and the loop's length is what there is to do.
     """
-    if how.mesh is None:
-        return _evaluate(terrain, now, work, changes, how.chunk)
-    axis, devices = how.mesh.axis_names[0], how.mesh.size
+    if execution.mesh is None:
+        return _evaluate(state, now, work, changes, execution.chunk)
+    axis, devices = execution.mesh.axis_names[0], execution.mesh.size
 
-    def mine(terrain, now, work, changes):
+    def mine(state, now, work, changes):
         begin, count = work.start[:-1], jnp.diff(work.start)
         rank = lax.axis_index(axis).astype(jnp.int32)
         part = begin + count * rank // devices, begin + count * (rank + 1) // devices
-        new = _evaluate(terrain, now, work, jnp.zeros_like(changes), how.chunk, part)
+        new = _evaluate(state, now, work, jnp.zeros_like(changes), execution.chunk, part)
         new = lax.psum(new, axis)
         row = jnp.arange(len(changes), dtype=jnp.int32)
         done = jnp.zeros(len(changes), bool)
@@ -228,17 +228,17 @@ def evaluate(
         return jnp.where(done[:, None], new, changes)
 
     whole = PartitionSpec()
-    return jax.shard_map(mine, mesh=how.mesh, in_specs=(whole,) * 4, out_specs=whole,
-                         check_vma=False)(terrain, now, work, changes)  # fmt: skip
+    return jax.shard_map(mine, mesh=execution.mesh, in_specs=(whole,) * 4, out_specs=whole,
+                         check_vma=False)(state, now, work, changes)  # fmt: skip
 
 
-def _evaluate(terrain, now, work, changes, chunk, part=None):
+def _evaluate(state, now, work, changes, chunk, part=None):
     begins, ends = part or (work.start[:-1], work.start[1:])
 
     def of_move(number, changes):
         def of_kernel(kernel, effect, changes, begin, end, strengths):
             def one(first):
-                return terrain.change(kernel, effect, now, first, strengths, work.count)
+                return state.change(kernel, effect, now, first, strengths, work.count)
 
             def some(i, changes):
                 if chunk == 1:
@@ -252,31 +252,34 @@ def _evaluate(terrain, now, work, changes, chunk, part=None):
             return lax.fori_loop(0, -(-(end - begin) // chunk), some, changes)
 
         operands = changes, begins[number], ends[number], work.strengths[number]
-        return terrain.with_kernel(number, of_kernel, *operands)
+        return state.with_kernel(number, of_kernel, *operands)
 
-    return lax.fori_loop(0, len(terrain.moves), of_move, changes)
+    return lax.fori_loop(0, len(state.moves), of_move, changes)
 
 
 def stale_work(
-    terrain: Terrain, candidates: Candidates, board: Board, room: int | Array | None = None
+    state: SearchState,
+    candidates: Candidates,
+    cache: CandidateCache,
+    room: int | Array | None = None,
 ) -> tuple[Work, Bool[Array, "N"]]:
-    """The stale places of a board as work; and which they are.
+    """The stale places of a cache as work; and which they are.
 
     Args:
-      terrain: the moves.
+      state: the moves.
       candidates: where.
-      board: what is known.
+      cache: what is known.
       room: at most about this many candidates are evaluated, of each move in proportion; None is
         all.
     """
-    moves, places = len(terrain.moves), len(candidates.first)
+    moves, places = len(state.moves), len(candidates.first)
     number = jnp.arange(places, dtype=jnp.int32)
-    before = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(board.stale, dtype=jnp.int32)])
+    before = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(cache.stale, dtype=jnp.int32)])
     until = before[candidates.start]  # stale places before each move's first
-    due = board.stale
+    due = cache.stale
     if room is not None:
         waiting = until[-1]
-        fit = jnp.minimum(jnp.asarray(room, jnp.int32) / candidates.tried, waiting)
+        fit = jnp.minimum(jnp.asarray(room, jnp.int32) / candidates.num_strengths, waiting)
         portion = (fit / jnp.maximum(waiting, 1)).astype(jnp.float32)
         # Rounded up for the moves so far together: in all, by less than one place.
         most = jnp.diff(jnp.ceil(until.astype(jnp.float32) * portion)).astype(jnp.int32)
@@ -285,36 +288,42 @@ def stale_work(
     order = jnp.zeros(places, jnp.int32)
     order = order.at[jnp.where(due, ends[:-1], places)].set(number, mode="drop")
     strengths = jnp.broadcast_to(candidates.strengths, (moves, len(candidates.strengths)))
-    return Work(candidates.first, order, ends[candidates.start], strengths, candidates.tried), due
+    return Work(
+        candidates.first, order, ends[candidates.start], strengths, candidates.num_strengths
+    ), due
 
 
 def refresh(
-    terrain: Terrain,
+    state: SearchState,
     now: Float[Array, "R C"],
     candidates: Candidates,
-    board: Board,
+    cache: CandidateCache,
     room: int | Array | None = None,
-    how: How = ONE_BY_ONE,
-) -> tuple[Board, Int[Array, ""]]:
-    """The board with stale candidates computed anew.  See `stale_work`.
+    execution: Execution = ONE_BY_ONE,
+) -> tuple[CandidateCache, Int[Array, ""]]:
+    """The cache with stale candidates computed anew.  See `stale_work`.
 
     Returns:
-      The board, in which places for which there was no room are still stale, and the evaluations.
+      The cache, in which places for which there was no room are still stale, and the evaluations.
     """
-    work, due = stale_work(terrain, candidates, board, room)
-    changes = evaluate(terrain, now, work, board.changes, how)
-    return Board(changes, board.stale & ~due), work.start[-1] * candidates.tried
+    work, due = stale_work(state, candidates, cache, room)
+    changes = evaluate(state, now, work, cache.changes, execution)
+    return CandidateCache(changes, cache.stale & ~due), work.start[-1] * candidates.num_strengths
 
 
-@jax.jit(static_argnames=["how"])
-def _sweep(terrain: Terrain, candidates: Candidates, how: How) -> Float[Array, "N S"]:
-    return refresh(terrain, terrain.now, candidates, fresh_board(candidates), how=how)[0].changes
+@jax.jit(static_argnames=["execution"])
+def _sweep(state: SearchState, candidates: Candidates, execution: Execution) -> Float[Array, "N S"]:
+    return refresh(state, state.now, candidates, empty_cache(candidates), execution=execution)[
+        0
+    ].changes
 
 
-def sweep(terrain: Terrain, candidates: Candidates, how: How = ONE_BY_ONE) -> tuple[Array, ...]:
+def sweep(
+    state: SearchState, candidates: Candidates, execution: Execution = ONE_BY_ONE
+) -> tuple[Array, ...]:
     """Change of d by every candidate: per move (N, S), negative where the goal comes nearer."""
-    if not terrain.moves:
+    if not state.moves:
         return ()
-    changes = _sweep(terrain, candidates, how)[:, : int(candidates.tried)]
+    changes = _sweep(state, candidates, execution)[:, : int(candidates.num_strengths)]
     start = np.asarray(candidates.start)
     return tuple(changes[a:b] for a, b in zip(start[:-1], start[1:], strict=True))

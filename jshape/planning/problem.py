@@ -12,8 +12,8 @@ from jshape.errors import BadBank, JShapeError, UnknownName, quoted
 from jshape.models.bank import Bank
 from jshape.planning.options import ERROR_MARGIN, YAWS, SearchBudget, StopCriteria
 from jshape.planning.plan import Plan
-from jshape.planning.search.base import EVER, Budget, Found, Limits, room_for
-from jshape.planning.state import Terrain
+from jshape.planning.search.base import UNLIMITED, Budget, SearchLimits, SearchResult, room_for
+from jshape.planning.state import SearchState
 
 DEEPEST = 100
 """Greatest strength that is tried."""
@@ -48,20 +48,20 @@ def directions(bank: Bank, yaws: int | Mapping[str, int] | None) -> list[tuple[i
 
 
 def at_nodes(
-    terrain: Terrain, bank: Bank, where: Mapping[str, np.ndarray]
+    state: SearchState, bank: Bank, where: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Places moved to the nearest nodes, if their ROIs stay inside."""
     found = {}
     for name, at in where.items():
-        moved = np.rint(terrain.pixel(terrain.node(at[:, ::-1]))).astype(np.int32)[:, ::-1]
+        moved = np.rint(state.pixel(state.node(at[:, ::-1]))).astype(np.int32)[:, ::-1]
         inside = rectangles.fits(bank.camera, moved, bank.roi(name))
         found[name] = np.where(inside[:, None], moved, at)
     return found
 
 
-def rounds(terrain: Terrain, stride: int) -> int:
+def rounds(state: SearchState, stride: int) -> int:
     """Rounds of local search that lead from a stride of pixels down to one node."""
-    return max(math.ceil(math.log2(max(stride / float(min(terrain.pitch)), 1.0))), 0)
+    return max(math.ceil(math.log2(max(stride / float(min(state.pitch)), 1.0))), 0)
 
 
 def strengths(strengths: Sequence[float | int]) -> list[float]:
@@ -83,7 +83,7 @@ def strengths(strengths: Sequence[float | int]) -> list[float]:
     return sorted({float(value) for value in values})
 
 
-def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -> Limits:
+def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -> SearchLimits:
     """What a search must gain and may use, the bank's own errors times the margin among it."""
     if not isinstance(stop.max_steps, int | np.integer) or not 0 <= stop.max_steps <= MAX_STEPS:
         raise JShapeError(
@@ -107,7 +107,7 @@ def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -
         raise JShapeError(
             f"max_uses is {quoted(max_uses)}; it must be a mapping of action to count"
         )
-    allowed = np.full(len(bank.actions), EVER, np.int32)
+    allowed = np.full(len(bank.actions), UNLIMITED, np.int32)
     for name, count in (max_uses or {}).items():
         if name not in bank.actions:
             raise UnknownName("action", name, bank.actions)
@@ -115,14 +115,14 @@ def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -
             raise JShapeError(
                 f"max_uses of {name} is {quoted(count)}; it must be a whole number from 0"
             )
-        allowed[bank.actions.index(name)] = min(count, EVER)
+        allowed[bank.actions.index(name)] = min(count, UNLIMITED)
     per_mm = 1.0 / float(metric.to_mm(1.0, bank.camera))
-    return Limits(
+    return SearchLimits(
         min_gain=float(stop.min_gain_mm) * per_mm,
         tolerance=float(stop.tolerance_mm) * per_mm,
         # On the host: sent with the search, not each with a transfer of its own.
         errors=np.asarray(margin * bank.error_of_d()) if margin else np.zeros(len(allowed), "f4"),
-        most=allowed,
+        max_uses=allowed,
     )
 
 
@@ -146,8 +146,8 @@ def budget(spent: SearchBudget) -> Budget:
     return Budget(seconds, whole, time.monotonic)
 
 
-def as_found(plan: Plan, terrain: Terrain, bank: Bank, max_steps: int) -> Found | None:
-    """An earlier plan as a sequence on this terrain; None if it has nothing to begin with."""
+def as_found(plan: Plan, state: SearchState, bank: Bank, max_steps: int) -> SearchResult | None:
+    """An earlier plan as a sequence of these moves; None if it has nothing to begin with."""
     steps = min(len(plan), max_steps)
     if not steps or any(name not in bank.actions for name in plan.actions):
         return None
@@ -156,14 +156,14 @@ def as_found(plan: Plan, terrain: Terrain, bank: Bank, max_steps: int) -> Found 
     strength = np.zeros(room, np.float32)
     for k in range(steps):
         action, yaw = bank.actions.index(plan.actions[k]), float(plan.yaws[k])
-        mine = [m for m, one in enumerate(terrain.moves) if one.action == action]
+        mine = [m for m, one in enumerate(state.moves) if one.action == action]
         if not mine:
             return None
-        move[k] = min(mine, key=lambda m: abs(float(terrain.moves[m].yaw) - yaw))
+        move[k] = min(mine, key=lambda m: abs(float(state.moves[m].yaw) - yaw))
         exact = plan.positions[k] + plan.offsets[k]
-        node[k] = (exact[::-1] - np.asarray(terrain.origin)) / np.asarray(terrain.pitch)
+        node[k] = (exact[::-1] - np.asarray(state.origin)) / np.asarray(state.pitch)
         strength[k] = plan.strengths[k]
-    return Found(
+    return SearchResult(
         steps=np.int32(steps), move=move, node=node, strength=strength,
         distance=np.float32(np.inf), status=np.int32(-1), evaluations=np.int32(0),
     )  # fmt: skip

@@ -17,7 +17,7 @@ from jshape.planning.problem import DEEPEST
 from jshape.planning.search.base import Status
 
 
-class Act(NamedTuple):
+class PlacedAction(NamedTuple):
     """One action of a sequence."""
 
     action: int
@@ -30,11 +30,11 @@ class Act(NamedTuple):
     """Turn of the hand from u towards v, radians."""
 
 
-def predict_acts(
+def predict_sequence(
     bank: Bank,
     image: np.ndarray,
     goal: np.ndarray,
-    acts: Sequence[Act],
+    acts: Sequence[PlacedAction],
     status: Status,
     tolerance: float = 0.0,
     evaluations: int = 0,
@@ -96,13 +96,13 @@ def predict_acts(
     )
 
 
-def check_acts(
+def placed_actions(
     bank: Bank,
     actions: Sequence[str],
     positions: ArrayLike,
     strengths: ArrayLike | None = None,
     yaws: ArrayLike | None = None,
-) -> list[Act]:
+) -> list[PlacedAction]:
     """A sequence as people give it.
 
     Raises:
@@ -140,6 +140,6 @@ def check_acts(
         if w > width or h > height:
             raise BadPosition(f"{name}: ROI {w}x{h} is larger than the {width}x{height} image")
     return [
-        Act(bank.actions.index(name), at, float(strength), float(yaw))
+        PlacedAction(bank.actions.index(name), at, float(strength), float(yaw))
         for name, at, strength, yaw in zip(actions, where, deep, turns, strict=True)
     ]

@@ -23,7 +23,7 @@ from jshape import metric
 from jshape._typing import Array, Float, Int
 from jshape.camera import STATIC, Camera
 from jshape.models.bank import Bank
-from jshape.models.orthographic import Ground
+from jshape.models.orthographic import OrthographicGrid
 from jshape.models.turn import namespace
 
 MARGIN = 4
@@ -44,7 +44,7 @@ class Move:
     roi: tuple[int, int] = field(metadata=STATIC)
     """ROI (w, h) in the image, pixels."""
     kernel: int = field(metadata=STATIC)
-    """Number of its kernel in the terrain."""
+    """Number of its kernel among the state's."""
     member: int = field(metadata=STATIC)
     """Number of its effect in the kernel's stack."""
 
@@ -83,7 +83,7 @@ class Kernel:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class Terrain:
+class SearchState:
     """A map, the map wanted, and the moves.  A distance d is Σ weight·|now - goal|."""
 
     now: Float[Array, "R C"]
@@ -194,12 +194,12 @@ class Terrain:
         return np.asarray(self.origin) + np.asarray(self.pitch) * node
 
 
-def terrain_of(
+def search_state(
     bank: Bank,
     image: Float[Any, "H W"],
     goal: Float[Any, "H W"],
     moves: Sequence[tuple[int, float | Array | None]] | None = None,
-) -> Terrain:
+) -> SearchState:
     """The field that a bank is searched on; traceable in the images and the bank's numbers.
 
     Args:
@@ -220,12 +220,12 @@ def on_images(
     goal: Float[Any, "H W"],
     moves: tuple[Move, ...],
     kernels: tuple[Kernel, ...],
-) -> Terrain:
+) -> SearchState:
     """The field with moves that are already prepared."""
-    ground = _ground(bank)
-    if ground is not None:
-        return _on_ground(bank.camera, ground, image, goal, moves, kernels)
-    return Terrain(
+    grid = _grid_of(bank)
+    if grid is not None:
+        return _on_grid(bank.camera, grid, image, goal, moves, kernels)
+    return SearchState(
         now=jnp.asarray(image, jnp.float32),
         goal=jnp.asarray(goal, jnp.float32),
         weight=None,
@@ -244,14 +244,14 @@ def prepared(
 
     Called outside of `jit`, as in a plan, it compiles nothing.
     """
-    on_ground = _ground(bank) is not None
+    on_grid = _grid_of(bank) is not None
     stacks: dict[Any, list[Array]] = {}
     made = []
     for action, yaw in moves:
         hand = bank.predictors[action]
         hand = hand if yaw is None else hand.turned(yaw)
-        shape = hand.ground.shape if on_ground else hand.roi[::-1]
-        leaves, structure = jax.tree.flatten(hand.ready() if on_ground else hand)
+        shape = hand.grid.shape if on_grid else hand.roi[::-1]
+        leaves, structure = jax.tree.flatten(hand.ready() if on_grid else hand)
         key = (structure, str(structure), tuple(np.shape(leaf) for leaf in leaves)), shape
         xp = namespace(leaves)
         row = xp.concatenate([xp.asarray(leaf, np.float32).reshape(-1) for leaf in leaves])
@@ -270,37 +270,37 @@ def prepared(
     return tuple(made), kernels
 
 
-def _ground(bank: Bank) -> Ground | None:
+def _grid_of(bank: Bank) -> OrthographicGrid | None:
     """The grid of the ground that the bank works on; None: on the image."""
-    grounds = [getattr(predictor, "ground", None) for predictor in bank.predictors]
-    return grounds[0] if grounds and all(g is not None for g in grounds) else None
+    grids = [getattr(predictor, "grid", None) for predictor in bank.predictors]
+    return grids[0] if grids and all(g is not None for g in grids) else None
 
 
-def _on_ground(
+def _on_grid(
     camera: Camera,
-    ground: Ground,
+    grid: OrthographicGrid,
     image: Array,
     goal: Array,
     moves: tuple[Move, ...],
     kernels: tuple[Kernel, ...],
-) -> Terrain:
+) -> SearchState:
     """The whole view as one grid of the ground, at the pitch of the bank's own."""
     height, width = camera.shape
     # The grid's size is static, and so is taken from the ROI of an action and its grid.
     rows, columns = (
         round(n * g / r) + 2 * MARGIN
-        for n, g, r in zip(camera.shape, ground.shape, ground.roi[::-1], strict=True)
+        for n, g, r in zip(camera.shape, grid.shape, grid.roi[::-1], strict=True)
     )
-    whole = Ground(camera, ground.depth, ground.pitch, (rows, columns), (width, height))
+    whole = OrthographicGrid(camera, grid.depth, grid.pitch, (rows, columns), (width, height))
     first = jnp.zeros(2, jnp.int32)
     per_metre = whole.per_metre(first)
     depths = camera.z_max - jnp.stack([image, goal]) / per_metre
     now, wanted = jax.vmap(lambda depth: whole.from_roi(depth, first))(depths)
-    pitch = ground.pitch * jnp.stack([jnp.asarray(f, jnp.float32) for f in (camera.fy, camera.fx)])
-    pitch = pitch / ground.depth
+    pitch = grid.pitch * jnp.stack([jnp.asarray(f, jnp.float32) for f in (camera.fy, camera.fx)])
+    pitch = pitch / grid.depth
     middle = [jnp.array(size, jnp.float32) // 2 for size in ((height, width), (rows, columns))]
     origin = middle[0] - middle[1] * pitch
-    return Terrain(
+    return SearchState(
         now=now,
         goal=wanted,
         weight=_weight(camera, whole, (now + wanted) / 2),
@@ -312,7 +312,7 @@ def _on_ground(
     )
 
 
-def _weight(camera: Camera, whole: Ground, depth: Array) -> Array:
+def _weight(camera: Camera, whole: OrthographicGrid, depth: Array) -> Array:
     """By how much d changes per metre at each node: how many pixels see it, and their weight."""
     x, y = whole.nodes(jnp.zeros(2, jnp.int32))
     x, y = x[None, :], y[:, None]

@@ -17,7 +17,7 @@ from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError, quoted
 from jshape.models.bank import Bank
 from jshape.planning.api import Plan, check_image, plan, rollout
-from jshape.planning.evaluate import ONE_BY_ONE, How
+from jshape.planning.evaluate import ONE_BY_ONE, Execution
 from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria
 from jshape.robot.checks import check_still, touched_by
 
@@ -123,7 +123,7 @@ def mold(
     constraints: Constraints = Constraints(),
     stop: StopCriteria = StopCriteria(),
     budget: SearchBudget = SearchBudget(),
-    execution: How = ONE_BY_ONE,
+    execution: Execution = ONE_BY_ONE,
     horizon: int | None = None,
     patience: int | None = None,
     replan: bool = True,

@@ -90,7 +90,7 @@ class SimulatedWorld:
             self._material,
             (action, self.agent),
             xy,
-            depth_scale=strength,
+            strength=strength,
             yaw=yaw,
             spread=self._spread,
         )

@@ -36,7 +36,7 @@ def apply_action(
     material: Material | str,
     action: Stroke | tuple[str, str | Agent] | str,
     xy: ArrayLike | Sequence[float],
-    depth_scale: float | Array = 1.0,
+    strength: float | Array = 1.0,
     yaw: float | Array = 0.0,
     spread: float | Array = 1.0,
 ) -> Bed:
@@ -53,7 +53,7 @@ def apply_action(
       action: a `Stroke`, or (action name, agent or its name), or an action's name (the robot's).
       xy: place of the action in the bed's frame, metres.  A traced place outside the box changes
         nothing.
-      depth_scale: how much deeper than the agent's nominal depth.
+      strength: how much deeper than the agent's nominal depth.
       yaw: turn of the hand from x towards y, radians.
       spread: factor on the agent's variability; 0 repeats the nominal stroke exactly.
 
@@ -69,16 +69,16 @@ def apply_action(
     material, action = read_material(material), read_stroke(action)
     bed = read_bed(bed)
     check_place(bed, xy)
-    check.number("depth_scale", depth_scale, above=0.0)
+    check.number("strength", strength, above=0.0)
     check.number("yaw", yaw)
     check.number("spread", spread, at_least=0.0)
     # The name is static: without this each material would compile its own kernel.
     material = replace(material, name="")
-    return _act(key, bed, material, action, jnp.asarray(xy, jnp.float32), depth_scale, yaw, spread)
+    return _act(key, bed, material, action, jnp.asarray(xy, jnp.float32), strength, yaw, spread)
 
 
 @jax.jit
-def _act(key, bed, material, stroke, xy, depth_scale, yaw, spread):
+def _act(key, bed, material, stroke, xy, strength, yaw, spread):
     """The kernel behind `apply_action`: cut a window out, act in it, put it back."""
     # A place at the wall may be off by float32's rounding; NaN is outside too.
     in_box = (jnp.abs(xy) <= half_sides(bed) + 0.01 * bed.cell).all()
@@ -100,7 +100,7 @@ def _act(key, bed, material, stroke, xy, depth_scale, yaw, spread):
     grid = jnp.arange(side, dtype=jnp.float32) + 0.5 - half
     x = ((grid + corner_x - middle[0]) * bed.cell)[None, :]
     y = ((grid + corner_y - middle[1]) * bed.cell)[:, None]
-    made = repetition(key, stroke, depth_scale, yaw, spread)
+    made = repetition(key, stroke, strength, yaw, spread)
     new_height, new_mass = _press(
         window(height), window(mass), window(inside), material, made, x, y, bed.cell
     )

@@ -227,7 +227,7 @@ def scaled(stroke: Stroke, size: float | Array, depth: float | Array) -> Stroke:
 def repetition(
     key: Key[Array, ""],
     stroke: Stroke,
-    depth_scale: float | Array = 1.0,
+    strength: float | Array = 1.0,
     yaw: float | Array = 0.0,
     spread: float | Array = 1.0,
 ) -> Stroke:
@@ -236,7 +236,7 @@ def repetition(
     Args:
       key: consumed.
       stroke: the nominal stroke.
-      depth_scale: how much deeper than nominal.
+      strength: how much deeper than nominal.
       yaw: turn of the hand from x towards y, radians.
       spread: factor on all of the stroke's spreads; 0 gives the nominal stroke.
 
@@ -248,7 +248,7 @@ def repetition(
     deep = 1.0 + spread * stroke.spread_depth * jax.random.truncated_normal(
         deep, -2.5, 2.5, (), jnp.float32
     )
-    made = scaled(stroke, size, depth_scale * deep)
+    made = scaled(stroke, size, strength * deep)
     angle = yaw + spread * stroke.spread_yaw * jax.random.uniform(turn, (), jnp.float32, -1.0)
     cos, sin = jnp.cos(angle), jnp.sin(angle)
     x, y, z = made.path[..., 0], made.path[..., 1], made.path[..., 2]

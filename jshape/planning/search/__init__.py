@@ -1,6 +1,6 @@
 """Searches for the best sequence of actions: siblings with one signature.
 
-    search(task: Task) -> Found
+    search(problem: SearchProblem) -> SearchResult
 
 A new planner is one file beside `greedy.py` and one row here.
 """

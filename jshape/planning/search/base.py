@@ -10,10 +10,10 @@ import jax
 import jax.numpy as jnp
 
 from jshape._typing import Array, Bool, Float, Int
-from jshape.planning.evaluate import ONE_BY_ONE, Candidates, How
-from jshape.planning.state import Terrain
+from jshape.planning.evaluate import ONE_BY_ONE, Candidates, Execution
+from jshape.planning.state import SearchState
 
-EVER = 2**31 - 1
+UNLIMITED = 2**31 - 1
 """More evaluations, or uses of an action, than any search makes."""
 
 
@@ -45,7 +45,7 @@ class Status(IntEnum):
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Limits:
+class SearchLimits:
     """When a search stops and what it may do.  Numbers, traced: changing one does not recompile."""
 
     min_gain: float | Array = 0.0
@@ -55,9 +55,9 @@ class Limits:
     errors: Float[Any, "..."] | float = 0.0
     """By how much d may be wrong because of one prediction, (A,) or one for all; a deeper action is
     wrong by as much more.  An action must gain more than this as well."""
-    most: Int[Any, "..."] | int = EVER
+    max_uses: Int[Any, "..."] | int = UNLIMITED
     """How often each action may be used, (A,) or one for all."""
-    max_steps: int | Array = EVER
+    max_steps: int | Array = UNLIMITED
     """Most actions, within the room that a search has for them."""
 
     def needed(
@@ -71,40 +71,40 @@ class Limits:
 
     def allowed(self, action: Int[Array, "*B"], used: Int[Array, "A"]) -> Bool[Array, "*B"]:
         """Whether actions may be used once more."""
-        most = jnp.asarray(self.most, jnp.int32)
+        most = jnp.asarray(self.max_uses, jnp.int32)
         return used[action] < (most if most.ndim == 0 else most[action])
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Found:
-    """The sequence a search found, in storage of fixed size: K = max_steps; B under `vmap`."""
+class SearchResult:
+    """The sequence that a search found, in storage of fixed size: K = max_steps; B under `vmap`."""
 
     steps: Int[Any, "*B"]
     """How many actions: entries past this are fillers."""
     move: Int[Any, "*B K"]
-    """Move numbers of the terrain, -1 past the end."""
+    """Numbers of moves, -1 past the end."""
     node: Float[Any, "*B K 2"]
-    """Places (v, u) on the terrain: whole nodes, or between them after a refinement."""
+    """Nodes (v, u) of the map: whole ones, or between them after a refinement."""
     strength: Float[Any, "*B K"]
     """How many times as deep as the trained action."""
     distance: Float[Any, "*B"]
-    """D after the last action, on the terrain."""
+    """D after the last action, on the map."""
     status: Int[Any, "*B"]
     """A `Status`; -1 while the search goes on."""
     evaluations: Int[Any, "*B"]
     """How many windows were predicted."""
 
 
-def nothing(terrain: Terrain, max_steps: int) -> Found:
+def empty_result(state: SearchState, max_steps: int) -> SearchResult:
     """The empty sequence, with room for `max_steps`."""
     room = room_for(max_steps)
-    return Found(
+    return SearchResult(
         steps=jnp.int32(0),
         move=jnp.full(room, -1, jnp.int32),
         node=jnp.zeros((room, 2), jnp.float32),
         strength=jnp.zeros(room, jnp.float32),
-        distance=terrain.distance,
+        distance=state.distance,
         status=jnp.int32(-1),
         evaluations=jnp.int32(0),
     )
@@ -166,8 +166,8 @@ class Budget:
     def left(self) -> int:
         """Evaluations left, whatever the clock says."""
         if self.evaluations is None:
-            return EVER
-        return min(max(self.evaluations - self.spent, 0), EVER)
+            return UNLIMITED
+        return min(max(self.evaluations - self.spent, 0), UNLIMITED)
 
     def holds(self, evaluations: int) -> bool:
         """Whether there is still enough for so many."""
@@ -208,14 +208,14 @@ class Budget:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class SearchProblem:
     """What a search is asked to do."""
 
-    terrain: Terrain
+    state: SearchState
     """Where it works."""
     candidates: Candidates
     """What it may do."""
-    limits: Limits = field(default_factory=Limits)
+    limits: SearchLimits = field(default_factory=SearchLimits)
     max_steps: int = 16
     """Most actions; `limits` says the same."""
     budget: Budget = field(default_factory=Budget)
@@ -223,23 +223,23 @@ class Task:
     """Rounds of local search: the neighbours of the best candidates, at ever smaller steps."""
     key: Array = field(default_factory=lambda: jax.random.key(0))
     """For searches that draw."""
-    start: Found | None = None
+    start: SearchResult | None = None
     """A sequence to begin with, such as what is left of an earlier plan."""
-    how: How = ONE_BY_ONE
+    execution: Execution = ONE_BY_ONE
 
     def __post_init__(self) -> None:
         limits = replace(self.limits, max_steps=self.max_steps)
         object.__setattr__(self, "limits", limits)
 
 
-def better(one: Found, other: Found) -> Found:
+def better(one: SearchResult, other: SearchResult) -> SearchResult:
     """The sequence that ends nearer to the goal; of equals the first."""
     return other if float(other.distance) < float(one.distance) else one
 
 
-def ended(task: Task, found: Found, status: Status | None) -> Found:
+def ended(problem: SearchProblem, result: SearchResult, status: Status | None) -> SearchResult:
     """What a search gives back: with all that was spent, and why it ended if that is new."""
-    found = replace(found, evaluations=jnp.int32(min(task.budget.spent, EVER)))
-    if status is None or int(found.status) == Status.CONVERGED:
-        return found
-    return replace(found, status=jnp.int32(status))
+    result = replace(result, evaluations=jnp.int32(min(problem.budget.spent, UNLIMITED)))
+    if status is None or int(result.status) == Status.CONVERGED:
+        return result
+    return replace(result, status=jnp.int32(status))

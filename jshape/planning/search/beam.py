@@ -13,57 +13,70 @@ import jax.numpy as jnp
 from jshape._typing import Array
 from jshape.planning.evaluate import Candidates, refresh
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Found, Limits, Status, Task, better, compiled, ended
-from jshape.planning.search.greedy import State
+from jshape.planning.search.base import (
+    SearchLimits,
+    SearchProblem,
+    SearchResult,
+    Status,
+    better,
+    compiled,
+    ended,
+)
+from jshape.planning.search.greedy import Carry
 from jshape.planning.search.local import Local, improved_locally
-from jshape.planning.state import Terrain
+from jshape.planning.state import SearchState
 
 WIDTH = 4
 """Sequences that go on."""
 
 
-def search(task: Task) -> Found:
+def search(problem: SearchProblem) -> SearchResult:
     """The best of all sequences that a beam of `WIDTH` meets; never worse than greedy's."""
-    best = greedy.search(task)
-    beam = [greedy.begin(task.terrain, task.candidates, task.max_steps)]
-    for _ in range(task.max_steps):
-        children: dict[tuple, State] = {}
-        for state in beam:
-            if task.budget.over:
-                return ended(task, best, Status.BUDGET)
-            for child in _children(task, state):
-                best = better(best, replace(child.found, status=best.status))
-                key = _as_set(child.found)
+    best = greedy.search(problem)
+    beam = [greedy.begin(problem.state, problem.candidates, problem.max_steps)]
+    for _ in range(problem.max_steps):
+        children: dict[tuple, Carry] = {}
+        for carry in beam:
+            if problem.budget.over:
+                return ended(problem, best, Status.BUDGET)
+            for child in _children(problem, carry):
+                best = better(best, replace(child.result, status=best.status))
+                key = _as_set(child.result)
                 known = children.get(key)
-                if known is None or float(child.found.distance) < float(known.found.distance):
+                if known is None or float(child.result.distance) < float(known.result.distance):
                     children[key] = child
-        beam = sorted(children.values(), key=lambda child: float(child.found.distance))[:WIDTH]
+        beam = sorted(children.values(), key=lambda child: float(child.result.distance))[:WIDTH]
         if not beam:
             break
-        if float(best.distance) <= float(task.limits.tolerance):
-            return ended(task, best, Status.CONVERGED)
-    return ended(task, best, Status.BUDGET if task.budget.over else None)
+        if float(best.distance) <= float(problem.limits.tolerance):
+            return ended(problem, best, Status.CONVERGED)
+    return ended(problem, best, Status.BUDGET if problem.budget.over else None)
 
 
-def _children(task: Task, state: State) -> list[State]:
+def _children(problem: SearchProblem, carry: Carry) -> list[Carry]:
     """Up to `WIDTH` continuations of a sequence, each worth its action, best first."""
     while True:
-        state, waiting, spent = task.budget.call(
-            look, state, task.terrain, task.candidates, jnp.int32(task.budget.room()), how=task.how
+        carry, waiting, spent = problem.budget.call(
+            look,
+            carry,
+            problem.state,
+            problem.candidates,
+            jnp.int32(problem.budget.room()),
+            execution=problem.execution,
         )
-        task.budget.spend(int(spent))
+        problem.budget.spend(int(spent))
         if not bool(waiting):
             break
-        if task.budget.over:
+        if problem.budget.over:
             return []
-    best, more = task.budget.call(
-        best_candidates, state, task.terrain, task.candidates, task.limits,
-        jnp.int32(task.fine), jnp.int32(task.budget.left), width=WIDTH,
+    best, more = problem.budget.call(
+        best_candidates, carry, problem.state, problem.candidates, problem.limits,
+        jnp.int32(problem.fine), jnp.int32(problem.budget.left), width=WIDTH,
     )  # fmt: skip
-    task.budget.spend(int(more))
+    problem.budget.spend(int(more))
     return [
-        task.budget.call(
-            greedy.take, state, task.terrain, task.candidates,
+        problem.budget.call(
+            greedy.take, carry, problem.state, problem.candidates,
             best.move[k], best.first[k], best.strength[k],
         )
         for k in range(len(best.gain))
@@ -71,19 +84,21 @@ def _children(task: Task, state: State) -> list[State]:
     ]  # fmt: skip
 
 
-@partial(compiled, static=("how",))
-def look(state: State, terrain: Terrain, candidates: Candidates, room: Array, *, how) -> tuple:
-    """The state with its board refreshed as far as there is room; whether more waits; spent."""
-    board, spent = refresh(terrain, state.now, candidates, state.board, room, how)
-    return replace(state, board=board), board.stale.any(), spent
+@partial(compiled, static=("execution",))
+def look(
+    carry: Carry, state: SearchState, candidates: Candidates, room: Array, *, execution
+) -> tuple:
+    """The carry with its cache filled as far as there is room; whether more waits; spent."""
+    cache, spent = refresh(state, carry.now, candidates, carry.cache, room, execution)
+    return replace(carry, cache=cache), cache.stale.any(), spent
 
 
 @partial(compiled, static=("width",))
 def best_candidates(
-    state: State,
-    terrain: Terrain,
+    carry: Carry,
+    state: SearchState,
     candidates: Candidates,
-    limits: Limits,
+    limits: SearchLimits,
     fine: Array,
     left: Array,
     *,
@@ -91,17 +106,17 @@ def best_candidates(
 ) -> tuple[Local, Array]:
     """The best candidates of the `width` best moves, improved; no gain after convergence."""
     best, spent = improved_locally(
-        terrain, state.now, candidates, state.board, state.used, limits, fine, width, left
+        state, carry.now, candidates, carry.cache, carry.used, limits, fine, width, left
     )
-    far = state.found.distance > limits.tolerance
+    far = carry.result.distance > limits.tolerance
     return replace(best, gain=jnp.where(far, best.gain, 0.0)), spent
 
 
-def _as_set(found: Found) -> tuple:
+def _as_set(result: SearchResult) -> tuple:
     """What a sequence does, whatever the order."""
-    steps = int(found.steps)
+    steps = int(result.steps)
     rows = zip(
-        found.move[:steps].tolist(), map(tuple, found.node[:steps].tolist()),
-        found.strength[:steps].tolist(), strict=True,
+        result.move[:steps].tolist(), map(tuple, result.node[:steps].tolist()),
+        result.strength[:steps].tolist(), strict=True,
     )  # fmt: skip
     return tuple(sorted(rows))

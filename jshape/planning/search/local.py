@@ -8,9 +8,9 @@ import numpy as np
 from jax import lax
 
 from jshape._typing import Array, Bool, Float, Int
-from jshape.planning.evaluate import SPARE, Board, Candidates, Work, evaluate
-from jshape.planning.search.base import EVER, Limits
-from jshape.planning.state import Terrain
+from jshape.planning.evaluate import SPARE, CandidateCache, Candidates, Work, evaluate
+from jshape.planning.search.base import UNLIMITED, SearchLimits
+from jshape.planning.state import SearchState
 
 WIDTH = 3
 """How many moves' best candidates greedy improves."""
@@ -39,9 +39,9 @@ class Local:
     """Entries that are improved."""
 
 
-def no_local(terrain: Terrain, width: int = WIDTH) -> Local:
+def no_local(state: SearchState, width: int = WIDTH) -> Local:
     """None in progress."""
-    count = min(width, len(terrain.moves))
+    count = min(width, len(state.moves))
     return Local(
         round=jnp.int32(-1),
         move=jnp.zeros(count, jnp.int32),
@@ -53,14 +53,14 @@ def no_local(terrain: Terrain, width: int = WIDTH) -> Local:
 
 
 def begin_local(
-    terrain: Terrain,
+    state: SearchState,
     candidates: Candidates,
-    board: Board,
+    cache: CandidateCache,
     used: Int[Array, "A"],
-    limits: Limits,
+    limits: SearchLimits,
     rounds: int | Array,
     width: int = WIDTH,
-    left: int | Array = EVER,
+    left: int | Array = UNLIMITED,
 ) -> tuple[Local, Int[Array, ""]]:
     """The best known candidate of each of the best `width` moves; of equals the first.
 
@@ -69,10 +69,10 @@ def begin_local(
     Returns:
       The entries, and how many evaluations all rounds of them take.
     """
-    actions = jnp.asarray(terrain.actions)[candidates.move]
+    actions = jnp.asarray(state.actions)[candidates.move]
     needed = limits.needed(actions, candidates.strengths)
-    gains = jnp.where(-board.changes > needed, -board.changes, 0.0)
-    gains = jnp.where((candidates.open & limits.allowed(actions, used))[:, None], gains, 0.0)
+    gains = jnp.where(-cache.changes > needed, -cache.changes, 0.0)
+    gains = jnp.where((candidates.valid & limits.allowed(actions, used))[:, None], gains, 0.0)
     deepest, gain = jnp.argmax(gains, 1), gains.max(1)
 
     def next_best(gain, _):
@@ -81,7 +81,7 @@ def begin_local(
         entry = move, candidates.first[row], candidates.strengths[deepest[row]], gain[row]
         return jnp.where(candidates.move == move, -1.0, gain), entry
 
-    count = min(width, len(terrain.moves))
+    count = min(width, len(state.moves))
     _, (move, first, strength, gain) = lax.scan(next_best, gain, length=count)
     gain = jnp.maximum(gain, 0.0)
     rounds = jnp.asarray(rounds, jnp.int32)
@@ -91,7 +91,9 @@ def begin_local(
     return Local(began, move, first, strength, gain, worth), worth.sum(dtype=jnp.int32) * each
 
 
-def local_work(terrain: Terrain, candidates: Candidates, local: Local, rounds: int | Array) -> Work:
+def local_work(
+    state: SearchState, candidates: Candidates, local: Local, rounds: int | Array
+) -> Work:
     """What the next round evaluates, in the candidates' spare rows.
 
     Every round tries the 3 x 3 places around with 3 strengths, at steps of half the size of the
@@ -99,15 +101,15 @@ def local_work(terrain: Terrain, candidates: Candidates, local: Local, rounds: i
     between the candidates' own, inside their range.  The candidates' own boundaries are kept;
     where there is one strength it stays.
     """
-    around, trial = _trials(terrain, candidates, local, rounds)
+    around, trial = _trials(state, candidates, local, rounds)
     places, tried = len(candidates.first), len(AROUND) * len(local.move)
     assert tried <= SPARE
-    moves = jnp.arange(len(terrain.moves) + 1, dtype=jnp.int32)
-    mine = jnp.where(local.worth, local.move, len(terrain.moves))
+    moves = jnp.arange(len(state.moves) + 1, dtype=jnp.int32)
+    mine = jnp.where(local.worth, local.move, len(state.moves))
     start = (mine < moves[:, None]).sum(1, dtype=jnp.int32) * len(AROUND)
     rows = jnp.arange(tried, dtype=jnp.int32).reshape(-1, len(AROUND)) + (places - tried)
     order = jnp.zeros(places, jnp.int32).at[:tried].set(rows[jnp.argsort(mine)].reshape(-1))
-    strengths = jnp.zeros((len(terrain.moves), len(candidates.strengths)), jnp.float32)
+    strengths = jnp.zeros((len(state.moves), len(candidates.strengths)), jnp.float32)
     return Work(
         first=candidates.first.at[-tried:].set(around.reshape(-1, 2)),
         order=order,
@@ -118,24 +120,22 @@ def local_work(terrain: Terrain, candidates: Candidates, local: Local, rounds: i
 
 
 def next_local(
-    terrain: Terrain,
+    state: SearchState,
     candidates: Candidates,
     local: Local,
     changes: Float[Array, "N S"],
-    limits: Limits,
+    limits: SearchLimits,
     rounds: int | Array,
 ) -> Local:
     """The entries after a round whose work was evaluated."""
-    around, trial = _trials(terrain, candidates, local, rounds)
+    around, trial = _trials(state, candidates, local, rounds)
     count, tried = len(local.move), len(AROUND) * len(local.move)
     change = changes[-tried:, : len(DEEPER)].reshape(count, len(AROUND), len(DEEPER))
-    needed = limits.needed(jnp.asarray(terrain.actions)[local.move], trial)
+    needed = limits.needed(jnp.asarray(state.actions)[local.move], trial)
     gains = jnp.where(-change > needed[:, None], -change, 0.0)
-    row, column = jnp.moveaxis(
-        around + (jnp.asarray(terrain.shapes) // 2)[local.move][:, None], 2, 0
-    )
+    row, column = jnp.moveaxis(around + (jnp.asarray(state.shapes) // 2)[local.move][:, None], 2, 0)
     made = jnp.arange(len(DEEPER), dtype=jnp.int32) < _strengths(candidates)
-    gains = jnp.where(candidates.reach[row, column][..., None] & made, gains, 0.0)
+    gains = jnp.where(candidates.reachable[row, column][..., None] & made, gains, 0.0)
     best = jnp.argmax(gains.reshape(count, -1), 1).astype(jnp.int32)
     place, deeper = jnp.divmod(best, jnp.int32(len(DEEPER)))
     entry = jnp.arange(count, dtype=jnp.int32)
@@ -152,30 +152,34 @@ def next_local(
 
 def _strengths(candidates: Candidates) -> Int[Array, ""]:
     """How many strengths a round tries."""
-    return jnp.where(candidates.tried > 1, len(DEEPER), 1).astype(jnp.int32)
+    return jnp.where(candidates.num_strengths > 1, len(DEEPER), 1).astype(jnp.int32)
 
 
 def _trials(
-    terrain: Terrain, candidates: Candidates, local: Local, rounds: int | Array
+    state: SearchState, candidates: Candidates, local: Local, rounds: int | Array
 ) -> tuple[Int[Array, "E P 2"], Float[Array, "E D"]]:
     """First nodes of the places, and the strengths, that a round tries."""
-    low, high = bounds(terrain, candidates)
+    low, high = bounds(state, candidates)
     coarser = jnp.maximum(jnp.asarray(rounds, jnp.int32) - 1 - local.round, 0)
     step = jnp.left_shift(jnp.int32(1), coarser)
     around = local.first[:, None] + jnp.asarray(AROUND, jnp.int32) * step
     around = jnp.clip(around, low[local.move][:, None], high[local.move][:, None])
     known = candidates.strengths
-    spacing = (known.max() - known.min()) / jnp.maximum(candidates.tried - 1, 1).astype(known.dtype)
+    spacing = (known.max() - known.min()) / jnp.maximum(candidates.num_strengths - 1, 1).astype(
+        known.dtype
+    )
     trial = local.strength[:, None] + jnp.asarray(DEEPER, jnp.float32) * spacing / (
         jnp.float32(2.0) ** local.round.astype(jnp.float32)
     )
     return around, jnp.clip(trial, known.min(), known.max())
 
 
-def bounds(terrain: Terrain, candidates: Candidates) -> tuple[Int[Array, "A 2"], Int[Array, "A 2"]]:
+def bounds(
+    state: SearchState, candidates: Candidates
+) -> tuple[Int[Array, "A 2"], Int[Array, "A 2"]]:
     """Least and greatest first node (v, u) of each move's candidates; 0 where it has none."""
-    count = len(terrain.moves)
-    move = jnp.where(candidates.open, candidates.move, count)
+    count = len(state.moves)
+    move = jnp.where(candidates.valid, candidates.move, count)
     low = jax.ops.segment_min(candidates.first, move, count + 1)[:count]
     high = jax.ops.segment_max(candidates.first, move, count + 1)[:count]
     some = high >= low
@@ -183,22 +187,22 @@ def bounds(terrain: Terrain, candidates: Candidates) -> tuple[Int[Array, "A 2"],
 
 
 def improved_locally(
-    terrain: Terrain,
+    state: SearchState,
     now: Float[Array, "R C"],
     candidates: Candidates,
-    board: Board,
+    cache: CandidateCache,
     used: Int[Array, "A"],
-    limits: Limits,
+    limits: SearchLimits,
     rounds: int | Array,
     width: int = WIDTH,
-    left: int | Array = EVER,
+    left: int | Array = UNLIMITED,
 ) -> tuple[Local, Int[Array, ""]]:
     """The best candidates of the best `width` moves after all rounds; and the evaluations."""
-    local, spent = begin_local(terrain, candidates, board, used, limits, rounds, width, left)
+    local, spent = begin_local(state, candidates, cache, used, limits, rounds, width, left)
 
     def one_round(local):
-        work = local_work(terrain, candidates, local, rounds)
-        changes = evaluate(terrain, now, work, jnp.zeros_like(board.changes))
-        return next_local(terrain, candidates, local, changes, limits, rounds)
+        work = local_work(state, candidates, local, rounds)
+        changes = evaluate(state, now, work, jnp.zeros_like(cache.changes))
+        return next_local(state, candidates, local, changes, limits, rounds)
 
     return lax.while_loop(lambda local: local.round < rounds, one_round, local), spent

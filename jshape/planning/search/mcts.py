@@ -16,10 +16,10 @@ from jax import lax
 from jshape._typing import Array, Float, Int
 from jshape.errors import JShapeError
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Found, Status, Task, better, compiled, ended
+from jshape.planning.search.base import SearchProblem, SearchResult, Status, better, compiled, ended
 from jshape.planning.search.beam import best_candidates, look
-from jshape.planning.search.greedy import State
-from jshape.planning.state import Terrain
+from jshape.planning.search.greedy import Carry
+from jshape.planning.state import SearchState
 
 LISTED = 12
 """Candidates on the list, at most: one of each move."""
@@ -31,37 +31,37 @@ SHARP = 8.0
 """Prior logits over the greedy gains: the best gain is worth this, no gain 0."""
 
 
-def search(task: Task) -> Found:
+def search(problem: SearchProblem) -> SearchResult:
     """The best of greedy's sequence and the one that tree search takes action by action.
 
     Raises:
       JShapeError: mctx is not installed.
     """
     _mctx()
-    best = greedy.search(task)
-    state = greedy.begin(task.terrain, task.candidates, task.max_steps)
-    key = task.key
-    while int(state.found.steps) < task.max_steps:
-        listed, state = _list(task, state)
+    best = greedy.search(problem)
+    carry = greedy.begin(problem.state, problem.candidates, problem.max_steps)
+    key = problem.key
+    while int(carry.result.steps) < problem.max_steps:
+        listed, carry = _list(problem, carry)
         if listed is None:
             break
         key, mine = jax.random.split(key)
         work = SIMULATIONS * (LISTED + DEPTH + 1)
-        if task.budget.over or not task.budget.holds(work):
-            return ended(task, best, Status.BUDGET)
-        choice = task.budget.call(
-            _policy, mine, task.terrain, state.now, state.found.distance, *listed
+        if problem.budget.over or not problem.budget.holds(work):
+            return ended(problem, best, Status.BUDGET)
+        choice = problem.budget.call(
+            _policy, mine, problem.state, carry.now, carry.result.distance, *listed
         )
-        task.budget.spend(work)
+        problem.budget.spend(work)
         moves, firsts, strengths = listed
-        state = task.budget.call(
-            greedy.take, state, task.terrain, task.candidates,
+        carry = problem.budget.call(
+            greedy.take, carry, problem.state, problem.candidates,
             moves[choice], firsts[choice], strengths[choice],
         )  # fmt: skip
-        best = better(best, replace(state.found, status=best.status))
-        if float(best.distance) <= float(task.limits.tolerance):
-            return ended(task, best, Status.CONVERGED)
-    return ended(task, best, Status.BUDGET if task.budget.over else None)
+        best = better(best, replace(carry.result, status=best.status))
+        if float(best.distance) <= float(problem.limits.tolerance):
+            return ended(problem, best, Status.CONVERGED)
+    return ended(problem, best, Status.BUDGET if problem.budget.over else None)
 
 
 def _mctx() -> Any:
@@ -74,33 +74,38 @@ def _mctx() -> Any:
     return mctx
 
 
-def _list(task: Task, state: State) -> tuple[tuple[Array, Array, Array] | None, State]:
+def _list(problem: SearchProblem, carry: Carry) -> tuple[tuple[Array, Array, Array] | None, Carry]:
     """Moves, first nodes and strengths to choose from; None if none is worth it."""
     while True:
-        state, waiting, spent = task.budget.call(
-            look, state, task.terrain, task.candidates, jnp.int32(task.budget.room()), how=task.how
+        carry, waiting, spent = problem.budget.call(
+            look,
+            carry,
+            problem.state,
+            problem.candidates,
+            jnp.int32(problem.budget.room()),
+            execution=problem.execution,
         )
-        task.budget.spend(int(spent))
+        problem.budget.spend(int(spent))
         if not bool(waiting):
             break
-        if task.budget.over:
-            return None, state
-    best, more = task.budget.call(
-        best_candidates, state, task.terrain, task.candidates, task.limits,
-        jnp.int32(task.fine), jnp.int32(task.budget.left), width=LISTED,
+        if problem.budget.over:
+            return None, carry
+    best, more = problem.budget.call(
+        best_candidates, carry, problem.state, problem.candidates, problem.limits,
+        jnp.int32(problem.fine), jnp.int32(problem.budget.left), width=LISTED,
     )  # fmt: skip
-    task.budget.spend(int(more))
+    problem.budget.spend(int(more))
     if not float(best.gain.max()) > 0:
-        return None, state
+        return None, carry
     # What is not worth its action stands in for the best, so that the list keeps its length.
     order = jnp.where(best.gain > 0, jnp.arange(len(best.gain)), jnp.argmax(best.gain))
-    return (best.move[order], best.first[order], best.strength[order]), state
+    return (best.move[order], best.first[order], best.strength[order]), carry
 
 
 @compiled
 def _policy(
     key: Array,
-    terrain: Terrain,
+    state: SearchState,
     now: Float[Array, "R C"],
     distance: Array,
     moves: Int[Array, "L"],
@@ -112,13 +117,13 @@ def _policy(
     unit = distance + 1e-9
 
     def acted(m: Array, k: Array) -> Array:
-        return terrain.act(moves[k], m, firsts[k], strengths[k])
+        return state.act(moves[k], m, firsts[k], strengths[k])
 
     def gain(m: Array, k: Array) -> Array:
         def one(kernel, effect, m, first, strength):
-            return terrain.change(kernel, effect, m, first, strength[None], jnp.int32(1))[0]
+            return state.change(kernel, effect, m, first, strength[None], jnp.int32(1))[0]
 
-        return -terrain.with_kernel(moves[k], one, m, firsts[k], strengths[k]) / unit
+        return -state.with_kernel(moves[k], one, m, firsts[k], strengths[k]) / unit
 
     def map_after(history: Int[Array, "D"]) -> Array:
         def one(m, entry):

@@ -13,9 +13,17 @@ import optax
 from jshape._typing import Array
 from jshape.planning.evaluate import Candidates
 from jshape.planning.search import greedy
-from jshape.planning.search.base import Found, Limits, Status, Task, better, compiled, ended
+from jshape.planning.search.base import (
+    SearchLimits,
+    SearchProblem,
+    SearchResult,
+    Status,
+    better,
+    compiled,
+    ended,
+)
 from jshape.planning.search.sequence import begun, carry_out, least_and_most
-from jshape.planning.state import Terrain
+from jshape.planning.state import SearchState
 
 ROUNDS = 24
 """Calls of `descend`, at most; it stops at the first that gains less than `LEAST`."""
@@ -29,65 +37,69 @@ LEAST = 0.001
 """Share of d that a round must gain."""
 
 
-def search(task: Task) -> Found:
+def search(problem: SearchProblem) -> SearchResult:
     """What greedy finds, or what was to begin with, refined; never worse than either."""
-    best = greedy.search(task)
-    start = begun(task)
+    best = greedy.search(problem)
+    start = begun(problem)
     if start is not None:
         best = better(best, replace(start, status=best.status))
-    return refined(task, best)
+    return refined(problem, best)
 
 
-def refined(task: Task, found: Found) -> Found:
+def refined(problem: SearchProblem, result: SearchResult) -> SearchResult:
     """A sequence after as many rounds of descent as gain something and the budget allows."""
-    if not int(found.steps) or float(found.distance) <= float(task.limits.tolerance):
-        return found
+    if not int(result.steps) or float(result.distance) <= float(problem.limits.tolerance):
+        return result
     rate, took = 1.0, 0.0
     for _ in range(ROUNDS):
-        work = 3 * STEPS * int(found.steps)  # a gradient costs about two evaluations more
+        work = 3 * STEPS * int(result.steps)  # a gradient costs about two evaluations more
         # A step goes through the whole map: its time is that of the step before, not a sweep's.
-        if task.budget.over or not task.budget.holds(work) or not task.budget.lasts(took):
-            return ended(task, found, Status.BUDGET)
-        before, began = float(found.distance), task.budget.elapsed
-        found = task.budget.call(
-            descend, task.terrain, task.candidates, task.limits, found, jnp.float32(rate)
+        if problem.budget.over or not problem.budget.holds(work) or not problem.budget.lasts(took):
+            return ended(problem, result, Status.BUDGET)
+        before, began = float(result.distance), problem.budget.elapsed
+        result = problem.budget.call(
+            descend, problem.state, problem.candidates, problem.limits, result, jnp.float32(rate)
         )
-        task.budget.spend(work)
-        took = task.budget.elapsed - began
-        if float(found.distance) > (1 - LEAST) * before:
+        problem.budget.spend(work)
+        took = problem.budget.elapsed - began
+        if float(result.distance) > (1 - LEAST) * before:
             if rate < 0.3:
                 break
             rate /= 4
-    return ended(task, found, None)
+    return ended(problem, result, None)
 
 
 @compiled
 def descend(
-    terrain: Terrain, candidates: Candidates, limits: Limits, found: Found, rate: Array
-) -> Found:
+    state: SearchState,
+    candidates: Candidates,
+    limits: SearchLimits,
+    result: SearchResult,
+    rate: Array,
+) -> SearchResult:
     """`STEPS` steps of Adam on all places and strengths; the best sequence on the way."""
-    low, high = least_and_most(terrain, candidates)
+    low, high = least_and_most(state, candidates)
     known = candidates.strengths
-    used = found.move >= 0
+    used = result.move >= 0
     scale = jnp.array([PLACE, PLACE, STRENGTH], jnp.float32) * rate
-    start = jnp.column_stack([found.node, found.strength])
-    least = jnp.column_stack([low[found.move], jnp.full(used.shape, known.min())])
-    most = jnp.column_stack([high[found.move], jnp.full(used.shape, known.max())])
+    start = jnp.column_stack([result.node, result.strength])
+    least = jnp.column_stack([low[result.move], jnp.full(used.shape, known.min())])
+    most = jnp.column_stack([high[result.move], jnp.full(used.shape, known.max())])
 
-    def with_values(values: Array) -> Found:
-        return replace(found, node=values[:, :2], strength=values[:, 2])
+    def with_values(values: Array) -> SearchResult:
+        return replace(result, node=values[:, :2], strength=values[:, 2])
 
     def distance(values: Array) -> Array:
-        return carry_out(terrain, with_values(values))[1][-1]
+        return carry_out(state, with_values(values))[1][-1]
 
     def reachable(values: Array) -> Array:
         row, column = jnp.rint(values[:, :2]).astype(jnp.int32).T
-        return (candidates.reach[row, column] | ~used).all()
+        return (candidates.reachable[row, column] | ~used).all()
 
     optimiser = optax.adam(1.0)
 
-    def step(state, _):
-        values, memory, best, least_d = state
+    def step(carry, _):
+        values, memory, best, least_d = carry
         d, slope = jax.value_and_grad(distance)(values)
         nearer = (d < least_d) & reachable(values)
         best, least_d = jnp.where(nearer, values, best), jnp.where(nearer, d, least_d)
@@ -95,8 +107,8 @@ def descend(
         moved = jnp.clip(values + scale * jnp.asarray(update), least, most)
         return (jnp.where(used[:, None], moved, values), memory, best, least_d), None
 
-    state = (start, optimiser.init(start), start, found.distance)
-    (values, _, best, least_d), _ = jax.lax.scan(step, state, None, length=STEPS)
+    carry = (start, optimiser.init(start), start, result.distance)
+    (values, _, best, least_d), _ = jax.lax.scan(step, carry, None, length=STEPS)
     d = distance(values)
     nearer = (d < least_d) & reachable(values)
     return replace(

@@ -1,4 +1,4 @@
-"""A whole sequence carried out on the terrain, at places between nodes too: differentiable."""
+"""A whole sequence carried out on the map, at places between nodes too: differentiable."""
 
 from collections import Counter
 from dataclasses import replace
@@ -12,13 +12,13 @@ from jax import lax
 
 from jshape._typing import Array, Float
 from jshape.planning.evaluate import Candidates
-from jshape.planning.search.base import Found, Task, compiled, nothing
+from jshape.planning.search.base import SearchProblem, SearchResult, compiled, empty_result
 from jshape.planning.search.local import bounds
-from jshape.planning.state import Kernel, Terrain
+from jshape.planning.state import Kernel, SearchState
 
 
 def act_between(
-    terrain: Terrain,
+    state: SearchState,
     kernel: Kernel,
     effect: Any,
     now: Array,
@@ -28,7 +28,7 @@ def act_between(
     """The map after a move whose place is `node` (v, u), on nodes or between them.
 
     The bed as seen from the exact place, by bilinear shift, and the change put back the same way;
-    on a node that is `Terrain.act`.
+    on a node that is `SearchState.act`.
     """
     rows, columns = shape = kernel.shape
     room = jnp.array(now.shape, jnp.int32) - jnp.array(shape, jnp.int32)
@@ -43,7 +43,7 @@ def act_between(
         whole = jnp.pad(now, ((0, 1), (0, 1)), mode="edge")
     larger = lax.dynamic_slice(whole, base, (rows + 1, columns + 1))
     seen = _between(_between(larger, down, 0), right, 1)
-    change = terrain.seen(effect(seen, base, strength)) - seen
+    change = state.seen(effect(seen, base, strength)) - seen
     for share, axis in ((down, 0), (right, 1)):
         before, behind = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
         before[axis], behind[axis] = (0, 1), (1, 0)
@@ -59,72 +59,72 @@ def _between(window: Array, share: Array, axis: int) -> Array:
     return (1 - share) * low + share * high
 
 
-def carry_out(terrain: Terrain, found: Found) -> tuple[Array, Array]:
+def carry_out(state: SearchState, result: SearchResult) -> tuple[Array, Array]:
     """The map after a sequence (R, C), and d before and after each of its K entries (K+1,)."""
 
     def one(now, entry):
         move, node, strength = entry
 
         def act(now):
-            between = partial(act_between, terrain)
-            return terrain.with_kernel(move, between, now, node, strength)
+            between = partial(act_between, state)
+            return state.with_kernel(move, between, now, node, strength)
 
         now = lax.cond(move >= 0, act, lambda now: now, now)
-        return now, terrain.distance_of(now)
+        return now, state.distance_of(now)
 
-    now, distances = lax.scan(one, terrain.now, (found.move, found.node, found.strength))
-    return now, jnp.concatenate([terrain.distance[None], distances])
+    now, distances = lax.scan(one, state.now, (result.move, result.node, result.strength))
+    return now, jnp.concatenate([state.distance[None], distances])
 
 
 @compiled
-def measured(terrain: Terrain, found: Found) -> tuple[Found, Array, Array]:
+def measured(state: SearchState, result: SearchResult) -> tuple[SearchResult, Array, Array]:
     """A sequence with its distance, the map after it, and d before and after each entry."""
-    now, distances = carry_out(terrain, found)
-    return replace(found, distance=distances[-1]), now, distances
+    now, distances = carry_out(state, result)
+    return replace(result, distance=distances[-1]), now, distances
 
 
-def begun(task: Task) -> Found | None:
+def begun(problem: SearchProblem) -> SearchResult | None:
     """The sequence to begin with, measured; None if there is none, or no budget for it (host).
 
     Its places and strengths are moved into the candidates' bounds.  Left out is what is farther
     from them than a place may be from its node, out of reach, used too often, or one too many.
     """
-    if task.start is None or task.budget.over:
+    if problem.start is None or problem.budget.over:
         return None
-    terrain, candidates, start = task.terrain, task.candidates, jax.device_get(task.start)
-    low, high = jax.device_get(least_and_most(terrain, candidates))
-    open_moves = set(np.asarray(candidates.move)[np.asarray(candidates.open)].tolist())
-    known, most = np.asarray(candidates.strengths), np.asarray(task.limits.most)
+    state, candidates, start = problem.state, problem.candidates, jax.device_get(problem.start)
+    low, high = jax.device_get(least_and_most(state, candidates))
+    open_moves = set(np.asarray(candidates.move)[np.asarray(candidates.valid)].tolist())
+    known, most = np.asarray(candidates.strengths), np.asarray(problem.limits.max_uses)
     moves, nodes, strengths, used = [], [], [], Counter()
     for move, node, strength in zip(start.move, start.node, start.strength, strict=True):
-        if int(move) not in open_moves or len(moves) == task.max_steps:
+        if int(move) not in open_moves or len(moves) == problem.max_steps:
             continue
         inside = np.clip(node, low[move], high[move])
         row, column = np.rint(inside).astype(int)
-        free = bool(candidates.reach[row, column])
-        action = terrain.moves[move].action
+        free = bool(candidates.reachable[row, column])
+        action = state.moves[move].action
         allowed = used[action] < (most[action] if most.ndim else most)
         if np.abs(inside - node).max() < 0.51 and free and allowed:
             used[action] += 1
             moves.append(move)
             nodes.append(inside)
             strengths.append(np.clip(strength, known.min(), known.max()))
-    found, steps = nothing(terrain, task.max_steps), len(moves)
+    result, steps = empty_result(state, problem.max_steps), len(moves)
     if steps:
-        found = replace(
-            found,
+        result = replace(
+            result,
             steps=jnp.int32(steps),
-            move=found.move.at[:steps].set(np.array(moves, np.int32)),
-            node=found.node.at[:steps].set(np.array(nodes, np.float32)),
-            strength=found.strength.at[:steps].set(np.array(strengths, np.float32)),
+            move=result.move.at[:steps].set(np.array(moves, np.int32)),
+            node=result.node.at[:steps].set(np.array(nodes, np.float32)),
+            strength=result.strength.at[:steps].set(np.array(strengths, np.float32)),
         )
-    task.budget.spend(steps)
-    return task.budget.call(measured, terrain, found)[0]
+    problem.budget.spend(steps)
+    return problem.budget.call(measured, state, result)[0]
 
 
-def without(found: Found, k: int | Array) -> Found:
+def without(result: SearchResult, k: int | Array) -> SearchResult:
     """A sequence without its k-th action."""
-    order = jnp.arange(found.move.shape[0])
+    order = jnp.arange(result.move.shape[0])
     source = jnp.where(order < k, order, order + 1)
 
     def closed(entries, filler):
@@ -132,16 +132,16 @@ def without(found: Found, k: int | Array) -> Found:
         return padded[jnp.minimum(source, entries.shape[0])]
 
     return replace(
-        found,
-        steps=found.steps - 1,
-        move=closed(found.move, -1),
-        node=closed(found.node, 0),
-        strength=closed(found.strength, 0),
+        result,
+        steps=result.steps - 1,
+        move=closed(result.move, -1),
+        node=closed(result.node, 0),
+        strength=closed(result.strength, 0),
     )
 
 
-def least_and_most(terrain: Terrain, candidates: Candidates) -> tuple[Array, Array]:
+def least_and_most(state: SearchState, candidates: Candidates) -> tuple[Array, Array]:
     """Least and greatest place (v, u) of each move's candidates, (moves, 2) each."""
-    middle = jnp.asarray(terrain.shapes // 2)
-    low, high = bounds(terrain, candidates)
+    middle = jnp.asarray(state.shapes // 2)
+    low, high = bounds(state, candidates)
     return (low + middle).astype(jnp.float32), (high + middle).astype(jnp.float32)

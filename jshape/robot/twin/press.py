@@ -100,7 +100,7 @@ class BedPress:
         # The key is used again: it is the same repetition, cut off or less deep.
         return sim.apply_action(
             _copy(self._key), self._before, twin.material, stroke, self.xy,
-            depth_scale=strength, yaw=self._doing.yaw, spread=twin.spread,
+            strength=strength, yaw=self._doing.yaw, spread=twin.spread,
         )  # fmt: skip
 
     def _surface(self) -> float:

@@ -18,9 +18,9 @@ from jshape.planning.apply import after_action, shift
 from jshape.planning.candidates import placed_positions
 from jshape.planning.evaluate import candidates_at, sweep
 from jshape.planning.search import greedy, refine
-from jshape.planning.search.base import Limits, Task
+from jshape.planning.search.base import SearchLimits, SearchProblem
 from jshape.planning.search.sequence import act_between, measured
-from jshape.planning.state import terrain_of
+from jshape.planning.state import search_state
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
 QUARTER = replace(PAPER_BOX, width=120, height=98, fx=433 / 4, fy=433 / 4, u0=240 / 4, v0=197 / 4)
@@ -42,7 +42,7 @@ def differences(*sizes):
 
 @jax.jit
 def ground(bank, now, goal):
-    return terrain_of(bank, now, goal)
+    return search_state(bank, now, goal)
 
 
 @pytest.fixture(scope="module")
@@ -74,33 +74,31 @@ def beds():
 
 def test_d_of_an_image_is_the_papers():
     now, goal = image_of(1), image_of(2)
-    terrain = terrain_of(differences((5, 4)), now, goal)
-    assert float(terrain.distance) == pytest.approx(float(distance(now, goal)), rel=1e-6)
-    assert float(terrain.distance_of(goal)) == 0
+    state = search_state(differences((5, 4)), now, goal)
+    assert float(state.distance) == pytest.approx(float(distance(now, goal)), rel=1e-6)
+    assert float(state.distance_of(goal)) == 0
     third = image_of(3)
-    assert float(terrain.distance_of(third)) == pytest.approx(
-        float(distance(third, goal)), rel=1e-6
-    )
+    assert float(state.distance_of(third)) == pytest.approx(float(distance(third, goal)), rel=1e-6)
 
 
 def test_d_on_the_ground_is_within_a_hundredth_of_the_papers(pressed, beds):
     hills, other, level = beds
     for now, goal in ((hills, other), (hills, level), (level, other), (hills, 0.9 * hills)):
-        terrain = ground(pressed, now, goal)
-        assert terrain.now.shape != now.shape  # it is not the image that is looked at
-        assert float(terrain.distance) == pytest.approx(float(distance(now, goal)), rel=0.01)
+        state = ground(pressed, now, goal)
+        assert state.now.shape != now.shape  # it is not the image that is looked at
+        assert float(state.distance) == pytest.approx(float(distance(now, goal)), rel=0.01)
     assert float(ground(pressed, hills, hills).distance) == 0
 
 
 def test_the_weights_of_all_nodes_are_those_of_all_pixels(pressed, beds):
     # A bed that is everywhere lower by z changes d by the mean of R over all pixels, times z.
     level = jnp.full(QUARTER.shape, 0.5) * metric.r_matrix(QUARTER) * QUARTER.top
-    terrain = ground(pressed, level, beds[0])
+    state = ground(pressed, level, beds[0])
     rays = metric.ray_lengths(QUARTER) / metric.max_ray_length(QUARTER)
     per_metre = float(rays.mean()) / (QUARTER.z_max - QUARTER.z_min)
-    assert float(terrain.weight.sum()) == pytest.approx(per_metre, rel=0.01)
-    assert float(terrain.weight.min()) == 0  # beyond the image's edge nothing counts
-    flat = replace(terrain, goal=terrain.now)
+    assert float(state.weight.sum()) == pytest.approx(per_metre, rel=0.01)
+    assert float(state.weight.min()) == 0  # beyond the image's edge nothing counts
+    flat = replace(state, goal=state.now)
     lower = float(flat.distance_of(flat.now + 0.002))
     assert lower == pytest.approx(0.002 * per_metre, rel=0.01)
 
@@ -108,18 +106,18 @@ def test_the_weights_of_all_nodes_are_those_of_all_pixels(pressed, beds):
 @pytest.mark.parametrize("kind", ["image", "ground"])
 def test_places_and_nodes_there_and_back(kind, pressed, beds):
     if kind == "image":
-        terrain = terrain_of(differences((5, 4)), image_of(1), image_of(2))
+        state = search_state(differences((5, 4)), image_of(1), image_of(2))
     else:
-        terrain = ground(pressed, beds[0], beds[1])
-    rows, columns = terrain.now.shape
+        state = ground(pressed, beds[0], beds[1])
+    rows, columns = state.now.shape
     nodes = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), -1)
     nodes = nodes.reshape(-1, 2).astype(np.int32)
-    np.testing.assert_array_equal(terrain.node(terrain.pixel(nodes)), nodes)
+    np.testing.assert_array_equal(state.node(state.pixel(nodes)), nodes)
     height, width = (CAMERA if kind == "image" else QUARTER).shape
     pixels = np.random.default_rng(1).uniform(0, [height - 1, width - 1], (200, 2))
-    apart = np.abs(terrain.pixel(terrain.node(pixels)) - pixels) / np.asarray(terrain.pitch)
+    apart = np.abs(state.pixel(state.node(pixels)) - pixels) / np.asarray(state.pitch)
     assert apart.max() < 0.5 + 1e-4
-    inside = terrain.node(pixels)
+    inside = state.node(pixels)
     assert (inside >= 0).all() and (inside < [rows, columns]).all()
 
 
@@ -130,9 +128,9 @@ def test_a_node_of_the_ground_lies_below_its_pixel(pressed):
     for centre in ((49, 60), (20, 30), (80, 100)):
         bump = 0.02 * np.exp(-((v - centre[0]) ** 2 + (u - centre[1]) ** 2) / 18)
         image = jnp.asarray(level + bump, jnp.float32)
-        terrain = ground(pressed, image, image)
-        highest = np.unravel_index(np.argmin(terrain.now), terrain.now.shape)
-        pixel = terrain.pixel(np.array(highest))
+        state = ground(pressed, image, image)
+        highest = np.unravel_index(np.argmin(state.now), state.now.shape)
+        pixel = state.pixel(np.array(highest))
         assert np.abs(pixel - centre).max() <= 1.0
 
 
@@ -140,9 +138,9 @@ def test_changes_on_the_ground_are_those_of_the_images(pressed, beds):
     """To a few hundredths, at a quarter of the resolution: what a search chooses by."""
     where = placed_positions(pressed, "9x7")
     for now, goal in ((beds[0], beds[1]), (beds[0], beds[2])):
-        terrain = ground(pressed, now, goal)
-        candidates = candidates_at(terrain, pressed, where)
-        for number, found in enumerate(sweep(terrain, candidates)):
+        state = ground(pressed, now, goal)
+        candidates = candidates_at(state, pressed, where)
+        for number, found in enumerate(sweep(state, candidates)):
             predict = jax.jit(pressed.predictors[number].__call__)
             w, h = pressed.predictors[number].roi
             centres = candidates.of_move(number, candidates.pixels)
@@ -183,14 +181,14 @@ def test_a_turned_move_is_the_turned_change():
     bank = differences((9, 5), (3, 3))
     now = image_of(4)
     moves = [(0, None), (0, jnp.float32(np.pi / 2)), (1, None)]
-    terrain = terrain_of(bank, now, now, moves)
-    straight, turned, small = terrain.moves
+    state = search_state(bank, now, now, moves)
+    straight, turned, small = state.moves
     assert (straight.shape, turned.shape, small.shape) == ((5, 9), (9, 9), (3, 3))
     assert (turned.roi, turned.action, small.action) == ((9, 9), 0, 1)
     upright = np.zeros((9, 9), np.float32)
     upright[2:7] = bank.predictors[0].delta
     window, first = now[:9, :9], jnp.zeros(2, jnp.int32)
-    change = terrain.act(1, now, first, 1.0)[:9, :9] - window
+    change = state.act(1, now, first, 1.0)[:9, :9] - window
     np.testing.assert_allclose(
         change, jnp.clip(window + np.rot90(upright, -1), 0, 1) - window, atol=1e-6
     )
@@ -200,11 +198,11 @@ def test_a_turned_move_is_the_turned_change():
 
 def test_a_hand_turned_on_the_ground_is_the_ground_turned_below_it(pressed):
     hand = pressed.predictors[1]
-    n = (max(hand.ground.shape) - 1) // 2 * 2 + 1  # odd
+    n = (max(hand.grid.shape) - 1) // 2 * 2 + 1  # odd
     upright = hand.turned(0.0)
     names = ("reference", "tool", "give", "rest", "swell", "follow", "deep")
     maps = {name: getattr(upright, name)[:n, :n] for name in names}
-    upright = replace(upright, ground=replace(upright.ground, shape=(n, n)), **maps)
+    upright = replace(upright, grid=replace(upright.grid, shape=(n, n)), **maps)
     surface = 0.45 + 0.02 * image_of(5, replace(CAMERA, width=n, height=n))
     turned = upright.turned(np.pi / 2).change(surface)
     below = upright.change(jnp.rot90(surface))
@@ -212,10 +210,10 @@ def test_a_hand_turned_on_the_ground_is_the_ground_turned_below_it(pressed):
     np.testing.assert_allclose(turned, np.rot90(below, -1), atol=2e-6)
 
 
-def between(terrain, now, node, strength):
+def between(state, now, node, strength):
     """The map after the first move at a place between nodes."""
-    kernel = terrain.kernels[0]
-    return act_between(terrain, kernel, kernel.member(0), now, node, strength)
+    kernel = state.kernels[0]
+    return act_between(state, kernel, kernel.member(0), now, node, strength)
 
 
 SIZES = ((7, 6), (4, 8), (24, 5), (24, 18))  # (w, h); the last ones are as large as the image
@@ -227,15 +225,15 @@ SIZES = ((7, 6), (4, 8), (24, 5), (24, 18))  # (w, h); the last ones are as larg
 def test_between_nodes_begins_and_ends_on_nodes(size, seed):
     """On a node, the last ones of the map too, it is `act`."""
     (w, h), rng = size, np.random.default_rng(seed)
-    terrain = terrain_of(differences(size), image_of(6), image_of(7))
-    move = terrain.moves[0]
+    state = search_state(differences(size), image_of(6), image_of(7))
+    move = state.moves[0]
     first = rng.integers(0, [18 - h + 1, 24 - w + 1])
     if seed % 2:
         first = np.array([18 - h, 24 - w])
     node = jnp.asarray(first + move.middle, jnp.float32)
     strength = jnp.float32(rng.uniform(0.5, 1.5))
-    there = between(terrain, terrain.now, node, strength)
-    on = terrain.act(0, terrain.now, jnp.asarray(first, jnp.int32), strength)
+    there = between(state, state.now, node, strength)
+    on = state.act(0, state.now, jnp.asarray(first, jnp.int32), strength)
     np.testing.assert_allclose(there, on, atol=1e-6)
 
 
@@ -243,10 +241,10 @@ def test_half_way_is_the_mean_of_the_neighbours():
     """On a plane, where interpolation is exact, and away from the limits."""
     v, u = np.mgrid[:18, :24]
     now = jnp.asarray(0.3 + 0.01 * u + 0.005 * v, jnp.float32)
-    terrain = terrain_of(differences((7, 6)), now, now)
+    state = search_state(differences((7, 6)), now, now)
 
     def at(v, u):
-        return np.asarray(between(terrain, now, jnp.array([v, u]), jnp.float32(0.5)))
+        return np.asarray(between(state, now, jnp.array([v, u]), jnp.float32(0.5)))
 
     np.testing.assert_allclose(at(8.5, 10.0), (at(8.0, 10.0) + at(9.0, 10.0)) / 2, atol=1e-6)
     np.testing.assert_allclose(at(8.0, 10.5), (at(8.0, 10.0) + at(8.0, 11.0)) / 2, atol=1e-6)
@@ -259,13 +257,13 @@ def test_half_way_is_the_mean_of_the_neighbours():
 
 def test_d_has_a_slope_along_places_and_strengths():
     now = image_of(8)
-    terrain = terrain_of(differences((7, 6)), now, now)
-    goal = between(terrain, now, jnp.array([8.3, 10.6]), jnp.float32(0.9))
-    terrain = replace(terrain, goal=goal)
+    state = search_state(differences((7, 6)), now, now)
+    goal = between(state, now, jnp.array([8.3, 10.6]), jnp.float32(0.9))
+    state = replace(state, goal=goal)
 
     def d(values):
-        after = between(terrain, now, values[:2], values[2])
-        return terrain.distance_of(after)
+        after = between(state, now, values[:2], values[2])
+        return state.distance_of(after)
 
     start = jnp.array([8.4, 10.5, 0.95])
     slope = jax.grad(d)(start)
@@ -277,20 +275,22 @@ def test_d_has_a_slope_along_places_and_strengths():
 
 def test_searches_on_the_ground_report_what_they_reach(pressed, beds):
     """A greedy plan for simulated beds, then refined between the nodes."""
-    terrain = ground(pressed, beds[0], beds[2])
+    state = ground(pressed, beds[0], beds[2])
     where = placed_positions(pressed, "9x7")
-    task = Task(terrain, candidates_at(terrain, pressed, where, (1.0, 1.5)), Limits(), max_steps=4)
-    found = greedy.search(task)
+    problem = SearchProblem(
+        state, candidates_at(state, pressed, where, (1.0, 1.5)), SearchLimits(), max_steps=4
+    )
+    found = greedy.search(problem)
     assert int(found.steps) == 4
-    again, now, distances = measured(terrain, found)
+    again, now, distances = measured(state, found)
     assert float(found.distance) == pytest.approx(float(again.distance), rel=1e-5)
     assert (np.diff(distances[:5]) < 0).all()
-    low, high = (float(x) for x in terrain.limits)
+    low, high = (float(x) for x in state.limits)
     digit = 3e-8  # m, the last of float32 there: some processors round up once more (fused sums)
     assert low - digit <= float(now.min()) <= float(now.max()) <= high + digit
-    refined = refine.refined(task, found)
+    refined = refine.refined(problem, found)
     assert float(refined.distance) < 0.99 * float(found.distance)
-    assert float(measured(terrain, refined)[0].distance) == pytest.approx(
+    assert float(measured(state, refined)[0].distance) == pytest.approx(
         float(refined.distance), rel=1e-5
     )
 
@@ -319,8 +319,8 @@ def test_an_exact_place_moves_the_change_and_not_the_bed():
     v, u = np.mgrid[:6, :7]
     middle = [(change * n).sum() / change.sum() for n in (v, u)]
     np.testing.assert_allclose(middle, [3.25, 2.5], atol=1e-4)
-    # The same as on the terrain, between its nodes.
-    terrain = terrain_of(bank, image, image)
-    node = jnp.array([5.0, 6.0]) + jnp.asarray(terrain.moves[0].middle) + offset
-    there = between(terrain, image, node, jnp.float32(1.0))
+    # The same as on the state, between its nodes.
+    state = search_state(bank, image, image)
+    node = jnp.array([5.0, 6.0]) + jnp.asarray(state.moves[0].middle) + offset
+    there = between(state, image, node, jnp.float32(1.0))
     np.testing.assert_allclose(there[5:11, 6:13], patch, atol=1e-6)

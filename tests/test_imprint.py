@@ -13,19 +13,19 @@ from jshape.data.pairs import Examples
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError
 from jshape.io.kinds import KINDS
 from jshape.learn import imprint as learning
-from jshape.learn.imprint import fit_pressed
+from jshape.learn.imprint import fit_imprint
 from jshape.learn.measure import roi_errors_mm
 from jshape.metric import roi_weight
 from jshape.models.difference import fit_difference
-from jshape.models.imprint import Pressed
-from jshape.models.orthographic import Ground
+from jshape.models.imprint import Imprint
+from jshape.models.orthographic import OrthographicGrid
 from jshape.planning import evaluate as sweep
-from jshape.planning.state import terrain_of
-from tests.reference import ground as twin
+from jshape.planning.state import search_state
+from tests.reference import orthographic as twin
 
 CAMERA = PAPER_BOX
 ROI = (36, 30)
-GROUND = Ground(CAMERA, jnp.float32(0.45), jnp.float32(0.0022), (14, 17), ROI)
+GROUND = OrthographicGrid(CAMERA, jnp.float32(0.45), jnp.float32(0.0022), (14, 17), ROI)
 MIDDLE, CORNER = np.array([182, 222], np.int32), np.array([20, 420], np.int32)
 
 
@@ -51,7 +51,7 @@ def tool(give=1.0, depth=0.012):
         "deep": 0 * rim,
         "stroke": depth,
     }
-    return Pressed(GROUND, **{name: jnp.asarray(a, jnp.float32) for name, a in maps.items()})
+    return Imprint(GROUND, **{name: jnp.asarray(a, jnp.float32) for name, a in maps.items()})
 
 
 def centre(hole):
@@ -180,7 +180,7 @@ def test_many_strengths_of_one_ground():
 
 def test_no_tool_changes_nothing():
     none = jax.tree.map(jnp.zeros_like, tool())
-    none = replace(none, ground=GROUND)
+    none = replace(none, grid=GROUND)
     roi = image_of(hills(4), CORNER)
     np.testing.assert_array_equal(none(roi, jnp.asarray(CORNER)), roi)
 
@@ -204,8 +204,8 @@ def test_the_sweep_uses_the_place():
     image = jnp.asarray(image, jnp.float32)
     goal = image - 0.35
     centres = np.array([[240, 197], [30, 40], [440, 360]], np.int32)
-    terrain = terrain_of(bank, image, goal)
-    found = sweep.sweep(terrain, sweep.candidates_at(terrain, bank, {"poke": centres}))[0][:, 0]
+    state = search_state(bank, image, goal)
+    found = sweep.sweep(state, sweep.candidates_at(state, bank, {"poke": centres}))[0][:, 0]
     for k, (u, v) in enumerate(centres):
         window = np.s_[v - 15 : v + 15, u - 18 : u + 18]
         after = np.array(image)
@@ -219,13 +219,13 @@ def test_the_sweep_uses_the_place():
 def test_fitting_finds_the_tool():
     training, testing = examples_of(tool(), 24, seed=1, noise=0.002), examples_of(tool(), 8, seed=2)
     difference = fit_difference(training.prior, training.posterior)
-    fitted = fit_pressed(training, CAMERA)
+    fitted = fit_imprint(training, CAMERA)
     assert error(fitted, testing) < 0.35 * error(difference, testing)
-    assert float(fitted.ground.depth) == pytest.approx(0.45, abs=0.003)
-    same = fit_pressed(training, CAMERA)
+    assert float(fitted.grid.depth) == pytest.approx(0.45, abs=0.003)
+    same = fit_imprint(training, CAMERA)
     for name in learning.SCALES:
         np.testing.assert_array_equal(getattr(fitted, name), getattr(same, name))
-    other = fit_pressed(training, CAMERA, seed=1)
+    other = fit_imprint(training, CAMERA, seed=1)
     assert not np.array_equal(fitted.tool, other.tool)
 
 
@@ -234,8 +234,8 @@ def test_fitting_finds_how_strength_acts():
     options = {"strengths": (0.2, 2.0), "noise": 0.001}
     training = examples_of(true, 24, seed=1, **options)
     assert (training.posterior <= 0.005).any()  # deeper than the camera can see
-    fitted = fit_pressed(training, CAMERA)
-    once = fit_pressed(examples_of(true, 24, seed=1, noise=0.001), CAMERA)
+    fitted = fit_imprint(training, CAMERA)
+    once = fit_imprint(examples_of(true, 24, seed=1, noise=0.001), CAMERA)
     assert float(once.stroke) == float(once.deepest)  # one strength says nothing about others
     np.testing.assert_array_equal(once.deep, 0.0)
     for strength in (0.3, 2.0):
@@ -244,27 +244,27 @@ def test_fitting_finds_how_strength_acts():
 
 
 def test_adapting_with_pairs_of_any_strength():
-    known = fit_pressed(examples_of(tool(), 24, seed=1, strengths=(0.2, 2.0)), CAMERA)
+    known = fit_imprint(examples_of(tool(), 24, seed=1, strengths=(0.2, 2.0)), CAMERA)
     other = replace(tool(), rest=1.5 * tool().rest)
     few = examples_of(other, 6, seed=5, strengths=(0.3, 0.6))
     testing = examples_of(other, 6, seed=6, strengths=(0.3, 0.6))
-    assert error(fit_pressed(few, CAMERA, known), testing) < error(known, testing)
+    assert error(fit_imprint(few, CAMERA, known), testing) < error(known, testing)
 
 
 def test_what_the_camera_cannot_see_is_not_learned():
     deeper = tool(depth=0.03)  # 0.47 m is the end of the camera's range, 23 mm below the ground
-    fitted = fit_pressed(examples_of(deeper, 12, seed=1), CAMERA)
-    flat = jnp.full(fitted.ground.shape, 0.45)
+    fitted = fit_imprint(examples_of(deeper, 12, seed=1), CAMERA)
+    flat = jnp.full(fitted.grid.shape, 0.45)
     assert float(fitted.change(flat).max()) > 0.025  # 0.024 if the end of the range were ground
 
 
 def test_few_pairs_do_better_from_a_bank():
-    known = fit_pressed(examples_of(tool(), 24, seed=1), CAMERA)
+    known = fit_imprint(examples_of(tool(), 24, seed=1), CAMERA)
     deeper = tool(depth=0.014)
     few, testing = examples_of(deeper, 4, seed=5), examples_of(deeper, 8, seed=6)
-    adapted = error(fit_pressed(few, CAMERA, known), testing)
+    adapted = error(fit_imprint(few, CAMERA, known), testing)
     assert adapted < error(known, testing)
-    assert adapted < error(fit_pressed(few, CAMERA), testing)
+    assert adapted < error(fit_imprint(few, CAMERA), testing)
 
 
 def test_pixels_without_a_reading_do_not_count():
@@ -273,9 +273,9 @@ def test_pixels_without_a_reading_do_not_count():
     posterior[0, :6, :6] = 0.9  # nonsense in a corner of one pair ...
     holed = posterior.copy()
     holed[0, :6, :6] = np.nan  # ... and the same corner without readings
-    clean = fit_pressed(whole, CAMERA)
-    with_hole = fit_pressed(Examples(prior, holed, whole.place), CAMERA)
-    with_nonsense = fit_pressed(Examples(prior, posterior, whole.place), CAMERA)
+    clean = fit_imprint(whole, CAMERA)
+    with_hole = fit_imprint(Examples(prior, holed, whole.place), CAMERA)
+    with_nonsense = fit_imprint(Examples(prior, posterior, whole.place), CAMERA)
     gap = np.abs(np.asarray(with_hole.rest - clean.rest))[:3, :3].max()
     assert gap < 0.1 * np.abs(np.asarray(with_nonsense.rest - clean.rest))[:3, :3].max()
 
@@ -283,15 +283,15 @@ def test_pixels_without_a_reading_do_not_count():
 def test_what_cannot_be_fitted_is_refused():
     examples = examples_of(tool(), 2)
     with pytest.raises(BadDataset, match="no pairs"):
-        fit_pressed(examples.select(np.arange(0)), CAMERA)
+        fit_imprint(examples.select(np.arange(0)), CAMERA)
     blind = Examples(examples.prior, np.full_like(examples.posterior, np.nan), examples.place)
     with pytest.raises(BadDataset, match="pair 1 of 2 has no pixel"):
-        fit_pressed(blind, CAMERA)
+        fit_imprint(blind, CAMERA)
 
 
 def test_one_flat_pair_is_repeated():
     one = examples_of(tool(), 1, std=0.0001)
-    assert error(fit_pressed(one, CAMERA), one) < 0.2 * np.abs(one.posterior - one.prior).mean()
+    assert error(fit_imprint(one, CAMERA), one) < 0.2 * np.abs(one.posterior - one.prior).mean()
 
 
 def test_more_pairs_are_gone_over_more_often():
@@ -386,7 +386,7 @@ def test_pixels_that_no_pair_has_seen_are_refused():
     prior = examples.prior.copy()
     prior[:, :, :5] = np.nan
     with pytest.raises(BadDataset, match="150 of 1080 ROI pixels have no depth reading"):
-        fit_pressed(Examples(prior, examples.posterior, examples.place), CAMERA)
+        fit_imprint(Examples(prior, examples.posterior, examples.place), CAMERA)
 
 
 def test_a_handful_that_is_poured_has_no_tool(shared_data):

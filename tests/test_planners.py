@@ -313,7 +313,7 @@ def test_what_is_known_of_another_map_is_used_where_they_are_equal():
         known = candidates.of_move(number, carry.cache.changes)[:, : len(STRENGTHS)]
         np.testing.assert_allclose(known[~stale], np.asarray(change)[~stale], atol=1e-7)
         assert np.abs(known - change)[stale].max() > 1e-5
-    assert carry.used.tolist() == [1, 0, 0] and int(carry.found.status) == -1
+    assert carry.used.tolist() == [1, 0, 0] and int(carry.result.status) == -1
 
 
 def test_what_is_missing_is_put_in():

@@ -29,7 +29,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 def planning(options: argparse.Namespace) -> dict[str, Any]:
     """Planners against problems that nobody can game."""
-    how = over_devices(options.devices)  # first of all: what loads a bank starts JAX
+    execution = over_devices(options.devices)  # first of all: what loads a bank starts JAX
     from benchmarks.experiments import planning as benchmark
     from benchmarks.experiments.planning_report import SETTINGS
     from benchmarks.experiments.planning_tables import tables
@@ -49,7 +49,7 @@ def planning(options: argparse.Namespace) -> dict[str, Any]:
         replace(usual, **given),
         data=options.data,
         overwrite=options.overwrite,
-        how=how,
+        execution=execution,
         say=_say(options),
         progress=console.progress,
     )

@@ -68,7 +68,7 @@ def run_planning(
     *,
     data: Path | None = None,
     overwrite: bool = False,
-    how: Execution = ONE_BY_ONE,
+    execution: Execution = ONE_BY_ONE,
     say: Callable[[str], Any] = print,
     progress: Callable[[Iterable[Case], int, str], Iterable[Case]] = lambda cases, *_: cases,
 ) -> dict[str, Any]:
@@ -79,7 +79,7 @@ def run_planning(
       settings: what to run.
       data: folder that may hold `real/` (measured sand and dough) and `mpm/` (recordings).
       overwrite: begin anew, whatever is there.
-      how: chunks and devices to evaluate candidates with; changes no result.
+      execution: chunks and devices to evaluate candidates with; changes no result.
       say: called with each line for people.
       progress: wraps the runs to be made, to show how far they are.
 
@@ -127,7 +127,7 @@ def run_planning(
                 options = keywords(options, seed=settings.seed + case.number)
                 if settings.seconds is not None:
                     options |= {"seconds": settings.seconds}
-                found, bed = attempt(problem, case, options | {"how": how}, settings)
+                found, bed = attempt(problem, case, options | {"execution": execution}, settings)
                 shown = case.number < SHOWN.get(case.kind, 0) and case.loop == settings.loops[-1]
                 depth = sim.render(bed, problem.camera) if shown and bed is not None else None
                 record.append(case._asdict() | found, None if depth is None else np.asarray(depth))

@@ -6,11 +6,12 @@ READY := $(VENV)/ready
 BENCH_READY := $(VENV)/bench-ready
 export JAX_PLATFORMS ?= cpu
 
-.PHONY: help demo test test-slow lint docs bench bank notebooks clean
+.PHONY: help demo test test-all test-slow lint docs bench bank notebooks clean
 
 help:
 	@echo "make demo   simulate a bed and mold it into a goal, with pictures in runs/demo"
-	@echo "make test   run the tests        make lint   ruff and pyright"
+	@echo "make test   run the quick tests  make lint   ruff and pyright"
+	@echo "make test-all   run them and the rest: browsers, wheel, documentation, kills, long compiles"
 	@echo "make bench  measure speed beside what others use"
 	@echo "make docs   build the documentation into build/site"
 	@echo "make notebooks  run the lessons and keep their outputs"
@@ -33,7 +34,10 @@ demo: $(READY)
 	$(BIN)/jshape demo --out runs/demo --overwrite
 
 test: $(READY)
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 -m 'not slow'
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 -m 'not full and not slow'
+
+test-all: test
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 -m full
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow

@@ -43,7 +43,7 @@ def watched(monkeypatch):
 
     def put(frames, **options):
         camera = Played("watched", SMALL, 1e-4, frames, **options)
-        monkeypatch.setattr(cameras, "opened", lambda _: camera)
+        monkeypatch.setattr(cameras, "opened", lambda *_: camera)
         return camera
 
     return put

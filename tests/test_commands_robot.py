@@ -1,6 +1,5 @@
 """`jshape mold` and `jshape execute` at the command line, with the simulated arm."""
 
-import argparse
 import json
 import signal
 import subprocess
@@ -15,8 +14,8 @@ import pytest
 from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
 from jshape.cli.main import main
-from jshape.cli.mold import goal_of, gone_on, keep_on
-from jshape.cli.parser import build_parser
+from jshape.cli.mold import Options, goal_of, gone_on, keep_on
+from jshape.cli.parser import parse
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile
 from jshape.io.cameras import write_camera
@@ -71,10 +70,9 @@ def test_a_run_goes_on_as_it_began(tmp_path):
     """The command line beats the run, the run beats defaults; older runs say nothing."""
 
     def kept(known, *words):
-        options = build_parser().parse_args(["mold", "--out", str(tmp_path), *words])
         said = []
-        keep_on(known, options, said.append)
-        return options, said
+        options = parse(["mold", "--out", str(tmp_path), *words]).options
+        return keep_on(known, options, said.append), said
 
     began = {
         "max_steps": 2, "min_gain_mm": 0.2, "tolerance_mm": 0.0, "strengths": [0.5, 1],
@@ -86,7 +84,7 @@ def test_a_run_goes_on_as_it_began(tmp_path):
     assert options.seconds is None
     assert kept(began)[0].max_steps == 2
     options, said = kept({"planner": "greedy"})
-    assert (options.max_steps, options.min_gain_mm, said) == (None, None, [])
+    assert (options.max_steps, options.min_gain_mm, said) == (16, 0.005, [])
     with pytest.raises(BadFile, match="the run's max-steps: 'two' is not a whole number from 0"):
         kept({"max_steps": "two"})
 
@@ -199,7 +197,7 @@ def goal_for(tmp_path, camera, bank, **more):
              "depth_range": None, "max_missing": 0.1} | more  # fmt: skip
     said = []
     found = goal_of(
-        tmp_path / "wanted.png", robot, bank, argparse.Namespace(**given), said.append
+        tmp_path / "wanted.png", robot, bank, Options(out=tmp_path, **given), said.append
     )  # fmt: skip
     return now, robot, said, *found
 

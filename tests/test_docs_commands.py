@@ -4,6 +4,7 @@
 """
 
 import io
+import itertools
 import re
 import shlex
 import shutil
@@ -19,8 +20,8 @@ import pytest
 from benchmarks import grid
 from benchmarks.experiments import __main__ as experiments
 from jshape.cli import main as cli
-from jshape.cli.parser import build_parser
-from jshape.cli.settings import leaf_of
+from jshape.cli.commands import build_app, leaf_of
+from jshape.cli.parser import parse
 from tests import docs_inputs
 from tests.conftest import ROOT, SHARED
 from tests.docs_inputs import INPUTS, input_of
@@ -35,7 +36,6 @@ NEEDS = {
     "session.mcap": "rosbags",
     "mujoco:3": "mujoco",
     "ray": "ray",
-    "completion": "shtab",
     "--save": "rerun",
     "view": "viser",
     "studio": "nicegui",
@@ -93,9 +93,12 @@ OTHERS = (
 
 COMMANDS = {path: list(commands(path.read_text(encoding="utf-8"))) for path in PAGES}
 PROGRAMS = {
-    "jshape ": (cli.main, build_parser),
-    "python -m benchmarks.experiments ": (experiments.main, experiments.build_parser),
-    "python -m benchmarks.grid ": (grid.main, grid.build_parser),
+    "jshape ": (cli.main, lambda words: parse(words).options),
+    "python -m benchmarks.experiments ": (
+        experiments.main,
+        lambda words: experiments.build_parser().parse_args(words),
+    ),
+    "python -m benchmarks.grid ": (grid.main, lambda words: grid.build_parser().parse_args(words)),
 }
 """Our command lines, by how they begin."""
 OURS = [
@@ -155,7 +158,7 @@ def reader(tmp_path, monkeypatch, kept):
         shutil.copytree(made, ".", symlinks=True, dirs_exist_ok=True)  # with what belongs to it
 
     def carry_out(command, more="", supplied=True):
-        main, parser_of = PROGRAMS[_begins(command, PROGRAMS)]
+        main, parsed = PROGRAMS[_begins(command, PROGRAMS)]
         words = _words(command, more)
         named = [word.removeprefix("realsense:") for word in words]
         packages = [NEEDS[word] for word in named if word in NEEDS]
@@ -166,13 +169,13 @@ def reader(tmp_path, monkeypatch, kept):
         also = _begins(command, ALSO)
         words += shlex.split(ALSO[also]) if also else []
         under_way[:] = words
-        options = {} if "--help" in words else vars(parser_of().parse_args(words))
-        out = options.get("out")
+        options = None if "--help" in words else parsed(words)
+        out = getattr(options, "out", None)
         for name in [input_of(word) for word in words if word != str(out)]:
             if name is not None and supplied:
                 supply(name)
         again = out is not None and out.exists()
-        if again and options.get("overwrite") is False:
+        if again and getattr(options, "overwrite", None) is False:
             words.append("--overwrite")
         try:
             code = main(words)
@@ -265,20 +268,23 @@ def test_the_readme_runs_as_printed(reader, monkeypatch):
 
 @pytest.mark.parametrize(("page", "command"), OURS)
 def test_every_command_parses(page, command):
-    words, (_, parser_of) = _words(command), PROGRAMS[_begins(command, PROGRAMS)]
+    words, (_, parsed) = _words(command), PROGRAMS[_begins(command, PROGRAMS)]
     if "--help" not in words:
-        assert hasattr(parser_of().parse_args(words), "run"), f"{page.name}: {command}"
+        assert parsed(words) is not None, f"{page.name}: {command}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
 def test_commands_within_sentences_have_these_options(page):
     """They may lack what is required, and say N for a number."""
-    parser = build_parser()
+    app = build_app()
     for command in spoken(page.read_text(encoding="utf-8")):
         words = [word.strip("[]") for word in shlex.split(command)[1:]]
-        leaf = leaf_of(parser, words)
-        assert leaf is not parser or not words[0].isalpha(), f"{command}: no such command"
-        wrong = {w for w in words if w.startswith("--")} - set(leaf._option_string_actions)
+        named = list(itertools.takewhile(lambda word: word.isalpha(), words))
+        leaf, chain = leaf_of(app, named), app.parse_commands(named)[0]
+        assert chain or not named, f"{command}: no such command"
+        known = {"--help", "--version", "--config"}
+        known |= {name for one in leaf.arguments.values() for name in one.names} if leaf else set()
+        wrong = {w for w in words if w.startswith("--")} - known
         assert not wrong, f"{command}: no such option: {wrong}"
 
 

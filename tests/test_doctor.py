@@ -122,4 +122,4 @@ def test_extras_and_core_are_those_of_the_project():
     offered = set(project["optional-dependencies"]) - {"dev", "bench", "docs"}
     assert {extra.name for extra in extras.EXTRAS} == offered
     needed = {re.split(r"[<>=\[]", line)[0] for line in project["dependencies"]}
-    assert needed - {"shtab"} == set(doctor.CORE) - {"shtab", "jaxlib"}  # which JAX brings
+    assert needed == set(doctor.CORE) - {"jaxlib"}  # which JAX brings

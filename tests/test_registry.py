@@ -2,14 +2,14 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from jshape.camera import PAPER_BOX
-from jshape.cli.completion import script_of
 from jshape.cli.main import main
-from jshape.cli.parser import build_parser
 from jshape.errors import JShapeError
 from jshape.robot.arms.base import OpenedArm
 from jshape.robot.arms.dry_run import DryRun
@@ -74,12 +74,27 @@ def test_an_arm_opens_at_its_raw_address(toys, tmp_path, capsys):
         assert said in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_help_and_completion_name_every_row(toys):
-    help_of = build_parser(["mold"])._subparsers._group_actions[0].choices["mold"].format_help()
-    assert "toy:HOST:PORT" in help_of
-    script = script_of("fish")
-    for table in (ARMS, CAMERAS):
-        assert f"printf '%s\\n' {' '.join(table)}\n" in script
+ROWS = """
+from jshape.cli.completion import script_of
+from jshape.cli.main import main
+from jshape.robot.arms.names import ARMS
+from jshape.robot.cameras.names import CAMERAS
+from jshape.robot.registry import DeviceKind
+
+for table in (ARMS, CAMERAS):
+    table["toy"] = DeviceKind(lambda address, settings: None, "a toy", ":HOST:PORT")
+main(["mold", "--help"])
+script = script_of("fish")
+for table in (ARMS, CAMERAS):
+    assert f"-a '{' '.join(table)}'" in script
+"""
+
+
+def test_help_and_completion_name_every_row():
+    """A row that is there before a command's file is read, in a process of its own."""
+    done = subprocess.run([sys.executable, "-c", ROWS], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.count("toy:HOST:PORT") == 2
 
 
 def test_a_wrong_name_or_address_is_refused(toys):

@@ -42,4 +42,4 @@ def test_the_wheel_installs_elsewhere_and_plans(tmp_path):
     said = run(python, "-c", PLAN, cwd=tmp_path)
     assert str(tmp_path / "empty") in said
     help_ = run(tmp_path / "empty" / "bin" / "jshape", "plan", "--help", cwd=tmp_path)
-    assert "usage: jshape plan" in help_
+    assert "Usage: jshape plan" in help_

@@ -24,5 +24,5 @@ COMMANDS = {
     "config": "the settings of jshape.toml, and which commands they reach",
     "completion": "the script that lets a shell complete jshape's commands and options",
 }
-"""Each is a file of this folder, whose `add` adds its parser, and the line that says what it does;
-a new command is one file, its line here, and its examples in `examples`."""
+"""Each is a function in the file of its name, and the line that says what it does; a new command is
+one file, its line here, and its examples in `examples`."""

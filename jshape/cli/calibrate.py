@@ -1,32 +1,56 @@
 """`jshape calibrate POSES --out FILE`."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import Parameter
 
-from jshape.cli import arguments
+from jshape.cli.names import Preset
+from jshape.cli.options import CameraFile, File, Writes
 from jshape.cli.tables import print_table, warn
 from jshape.errors import BadFile
 from jshape.io.cameras import described
-from jshape.robot import pose_file as poses
-from jshape.robot.calibration import METHODS, TARGET, Calibration, calibrate
+from jshape.robot import calibration, pose_file
+from jshape.robot.calibration import METHODS, TARGET, Calibration
 
 
-def run(options: argparse.Namespace) -> dict[str, Any]:
-    """Read pose pairs, find the camera, print how well they fit, write its pose."""
+@dataclass(frozen=True, kw_only=True)
+class Options(Writes):
+    """Of `jshape calibrate`."""
+
+    out: Annotated[Path, File]
+    """File for the camera's pose (JSON)."""
+    camera_file: Annotated[Preset | None, CameraFile] = None
+    """camera.json, or a preset's name: gives errors in its pixels too."""
+    name: str = ""
+    """What to call the camera (default: as that file)."""
+    method: Annotated[str | None, Parameter(choices=tuple(METHODS), metavar="NAME")] = None
+    """How it is found (default: the one that fits best)."""
+    eye_in_hand: bool = False
+    """The camera is in the gripper, the target lies still (default: a fixed camera, the target in
+    the gripper)."""
+
+
+def calibrate(poses: Path, /, options: Options) -> dict[str, Any]:
+    """Read pose pairs, find the camera, print how well they fit, write its pose.
+
+    Args:
+      poses: JSON: pairs of base_gripper and camera_target.
+      options: how.
+    """
     check_new(options.out, options.overwrite)
-    pairs = poses.read_pairs(options.poses)
-    found = calibrate(
+    pairs = pose_file.read_pairs(poses)
+    found = calibration.calibrate(
         *pairs,
         eye_in_hand=options.eye_in_hand,
         method=options.method,
-        camera=None if options.camera is None else described(options.camera, 1.0)[0],
+        camera=None if options.camera_file is None else described(options.camera_file, 1.0)[0],
     )
-    name = options.name or (Path(options.camera).name if options.camera else "")
-    pose = poses.pose_of_calibration(found, name)
-    poses.write_pose(options.out, pose)
+    name = options.name or (Path(options.camera_file).name if options.camera_file else "")
+    pose = pose_file.pose_of_calibration(found, name)
+    pose_file.write_pose(options.out, pose)
     if not options.json:
         _print(found)
         print(f"pose of the camera: {options.out}")
@@ -81,27 +105,3 @@ def _print(found: Calibration) -> None:
     print_table(head, rows)
     for line in found.warnings:
         warn(line)
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape calibrate`."""
-    parser = arguments.command(commands, "calibrate", run)
-    parser.add_argument("poses", type=Path, help="JSON: pairs of base_gripper and camera_target")
-    parser.add_argument("--out", type=Path, required=True, help="file for the camera's pose (JSON)")
-    parser.add_argument(
-        "--camera-file", "--camera", dest="camera", metavar="FILE",
-        help="camera.json, or a preset's name: gives errors in its pixels too",
-    )  # fmt: skip
-    parser.add_argument("--name", default="", help="what to call the camera (that file's name)")
-    parser.add_argument(
-        "--method",
-        choices=METHODS,
-        metavar="NAME",
-        help=f"{', '.join(METHODS)} (default: the one that fits best)",
-    )
-    parser.add_argument(
-        "--eye-in-hand",
-        action="store_true",
-        help="the camera is in the gripper, the target lies still (default: a fixed camera, the "
-        "target in the gripper)",
-    )

@@ -1,16 +1,19 @@
 """`jshape camera check` and `jshape camera list`."""
 
-import argparse
 import math
 from collections import Counter
 from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import App, Parameter
 
-from jshape.cli import COMMANDS, arguments, cameras
+from jshape.cli import cameras
+from jshape.cli.cameras import CAMERA_HELP, Camera, LooksOnce
+from jshape.cli.options import Common, File, PositiveCount, Writes
 from jshape.cli.tables import print_table, progress
 from jshape.data import camera_check
 from jshape.data.missing import said as said_of
@@ -21,30 +24,47 @@ from jshape.io.cameras import camera_fields
 from jshape.robot.cameras.base import EndOfFrames, next_frame, still
 from jshape.viz.style import drawn
 
+camera = App(name="camera")
 
-def check(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape camera check CAMERA`: measures the set-up and says whether it will do."""
+
+@dataclass(frozen=True, kw_only=True)
+class Options(LooksOnce, Writes):
+    """Of `jshape camera check`."""
+
+    out: Annotated[Path | None, File] = None
+    """Picture of what was measured."""
+    frames: PositiveCount = 60
+    """How many."""
+
+
+@camera.command
+def check(
+    camera: Annotated[Camera | None, Parameter(help=CAMERA_HELP)] = None,
+    /,
+    options: Options = Options(),
+) -> dict[str, Any]:
+    """Look at a levelled, resting bed and say whether the set-up is good enough."""
     if options.out is not None and options.out.exists() and not options.overwrite:
         raise BadFile(f"{options.out}: exists; choose another name, or --overwrite")
     frames, left_out = [], Counter()
-    with closing(cameras.opened(options)) as camera:
+    with closing(cameras.opened(camera, options)) as device:
         try:
             for _ in progress(range(options.frames), options.frames, "looking"):
-                frames.append(next_frame(camera, left_out))
+                frames.append(next_frame(device, left_out))
         except EndOfFrames:  # a recording may be shorter
             if not frames:
                 raise
     measured = camera_check.measure(
-        np.stack(frames), camera.camera, camera.depth_unit, still=still(camera)
+        np.stack(frames), device.camera, device.depth_unit, still=still(device)
     )
-    said = camera_check.verdict(measured.setup, camera.camera)
+    said = camera_check.verdict(measured.setup, device.camera)
     if all(fine for fine, _ in said):  # else that is to be mended first
-        taken = plannable(measured.depth, camera.camera, own=bool(options.window))
+        taken = plannable(measured.depth, device.camera, own=bool(options.window))
         said += [] if taken is None else [(False, taken)]
     good = all(fine for fine, _ in said)
     result = {
-        "camera": camera.name,
-        "intrinsics": camera_fields(camera.camera) | {"depth_unit": camera.depth_unit},
+        "camera": device.name,
+        "intrinsics": camera_fields(device.camera) | {"depth_unit": device.depth_unit},
         **{name: _plain(value) for name, value in measured.setup._asdict().items()},
         "left_out": left_out,
         "good": good,
@@ -57,7 +77,7 @@ def check(options: argparse.Namespace) -> dict[str, Any]:
 
         seen = measured.depth, measured.noise, measured.off
         name = str(options.out)
-        for picture in drawn({name: partial(check_figure, *seen, camera.name)}).values():
+        for picture in drawn({name: partial(check_figure, *seen, device.name)}).values():
             files.write_atomic(options.out, picture)
             result["out"] = name
             if not options.json:
@@ -84,8 +104,9 @@ def _print(result: dict[str, Any]) -> None:
           if bad else "good enough to record and to plan with")  # fmt: skip
 
 
-def list_cameras(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape camera list`: the RealSense cameras that are connected, and what else opens."""
+@camera.command(name="list")
+def list_cameras(*, options: Common = Common()) -> dict[str, Any]:
+    """The RealSense cameras that are connected, and what else opens."""
     from jshape.robot.cameras.names import names
     from jshape.robot.cameras.realsense import devices
 
@@ -98,24 +119,3 @@ def list_cameras(options: argparse.Namespace) -> dict[str, Any]:
         print("\nwhat opens as a camera:")
         print_table(("name", "what it is"), names())
     return {"devices": [{"name": d.name, "serial": d.serial} for d in found]}
-
-
-def add(commands: Any) -> None:
-    """The parsers of `jshape camera`."""
-    camera = commands.add_parser("camera", help=COMMANDS["camera"])
-    camera.set_defaults(help_of=camera)
-    within = camera.add_subparsers(dest="subcommand", metavar="WHAT", parser_class=arguments.Parser)
-    parser = arguments.command(
-        within,
-        "check",
-        check,
-        "look at a levelled, resting bed and say whether the set-up is good enough",
-    )
-    cameras.add_camera(parser)
-    parser.add_argument(
-        "--frames", type=arguments.positive_count, default=60, help="how many (default: 60)"
-    )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="picture of what was measured")
-    arguments.command(
-        within, "list", list_cameras, "the RealSense cameras that are connected", writes=False
-    )

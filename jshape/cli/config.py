@@ -1,11 +1,14 @@
 """`jshape config [COMMAND]` and `jshape config --init`."""
 
-import argparse
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jshape.cli import arguments, settings
+from jshape.cli import settings
+from jshape.cli.commands import Leaf, build_app, leaves
+from jshape.cli.options import Common
+from jshape.cli.parser import value_of
 from jshape.cli.tables import print_table
 from jshape.errors import BadSetting, UnknownName
 
@@ -42,39 +45,52 @@ EXAMPLE = """\
 """
 
 
-def config(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape config`: what applies and where it comes from; with `--init` the example's file."""
-    named = getattr(options, "config", None)
-    if options.init:
-        return _init(Path(named or os.environ.get(settings.VARIABLE) or settings.NAME), options)
-    from jshape.cli.parser import build_parser
+@dataclass(frozen=True, kw_only=True)
+class Options(Common):
+    """Of `jshape config`."""
 
-    file = settings.file_of(named)
-    leaves = {settings.table_of(leaf): leaf for leaf in settings.leaves(build_parser())}
-    spoken = {name: " ".join(leaf.prog.split()[1:]) for name, leaf in leaves.items()}
+    computes = False
+
+    init: bool = False
+    """Write an example to jshape.toml, or to --config."""
+
+
+def config(*command: str, options: Options = Options()) -> dict[str, Any]:
+    """What applies and where it comes from; with `--init` the example's file.
+
+    Args:
+      command: All options of this one, such as dataset simulate.
+      options: what is asked.
+    """
+    if options.init:
+        named = options.config or os.environ.get(settings.VARIABLE) or settings.NAME
+        return _init(Path(named), options)
+    file = settings.file_of(options.config)
+    found = {leaf.table: leaf for leaf in leaves(build_app())}
+    spoken = {name: " ".join(leaf.words) for name, leaf in found.items()}
     if file is not None:
         for name in (k for k, part in settings.read(file).items() if isinstance(part, dict)):
-            if name not in leaves:
-                raise BadSetting(f"{file}: {UnknownName('table', name, leaves)}")
+            if name not in found:
+                raise BadSetting(f"{file}: {UnknownName('table', name, found)}")
     # All of them: whoever asks wants to know whether the file is in order.
-    given = {
-        name: settings.settings_for(leaf, file) if file is not None else {}
-        for name, leaf in leaves.items()
-    }
-    if options.of:
-        name = "-".join(options.of)
-        if name not in leaves:
-            raise UnknownName("command", " ".join(options.of), spoken.values())
-        rows = _all_of(leaves[name], given[name], file)
+    given = {name: settings.settings_for(leaf, file) if file is not None else {}
+             for name, leaf in found.items()}  # fmt: skip
+    for one in (one for of_one in given.values() for one in of_one.values()):
+        value_of(one.argument, one.tokens)
+    if command:
+        name = "-".join(command)
+        if name not in found:
+            raise UnknownName("command", " ".join(command), spoken.values())
+        rows = _all_of(found[name], given[name], file)
     else:
-        rows = _said({spoken[name]: found for name, found in given.items()}, file)
+        rows = _said({spoken[name]: of_one for name, of_one in given.items()}, file)
     result = {"file": None if file is None else str(file), "settings": rows}
     if not options.json:
-        _print(result, of_one=bool(options.of))
+        _print(result, of_one=bool(command))
     return result
 
 
-def _init(file: Path, options: argparse.Namespace) -> dict[str, Any]:
+def _init(file: Path, options: Options) -> dict[str, Any]:
     from jshape.io.files import write_atomic
 
     if os.path.lexists(file):
@@ -90,27 +106,20 @@ def _said(given: dict[str, dict[str, settings.Given]], file: Path | None) -> lis
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for name, found in given.items():
         for one in found.values():
-            row = rows.setdefault(
-                (one.table, one.key),
-                {"key": one.key, "value": _plain(one.value), "from": _from(one, file), "of": []},
-            )
-            row["of"].append(name)
+            row = {"key": one.key, "value": one.value, "from": _from(one, file), "of": []}
+            rows.setdefault((one.table, one.key), row)["of"].append(name)
     return list(rows.values())
 
 
 def _all_of(
-    leaf: argparse.ArgumentParser, given: dict[str, settings.Given], file: Path | None
+    leaf: Leaf, given: dict[str, settings.Given], file: Path | None
 ) -> list[dict[str, Any]]:
     """Every option of a command, with where its value comes from."""
     return [
-        {"key": key, "value": _plain(given[key].value), "from": _from(given[key], file)}
+        {"key": key, "value": given[key].value, "from": _from(given[key], file)}
         if key in given
-        else {
-            "key": key,
-            "value": _plain(getattr(action, "usual", action.default)),
-            "from": "default",
-        }
-        for key, action in settings.options_of(leaf).items()
+        else {"key": key, "value": _plain(leaf.usual(argument)), "from": "default"}
+        for key, argument in leaf.settable.items()
     ]
 
 
@@ -143,14 +152,3 @@ def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape config`."""
-    parser = arguments.command(commands, "config", config, writes=False, computes=False)
-    parser.add_argument(
-        "of", nargs="*", metavar="COMMAND", help="all options of this one, such as dataset simulate"
-    )
-    parser.add_argument(
-        "--init", action="store_true", help=f"write an example to {settings.NAME}, or to --config"
-    )

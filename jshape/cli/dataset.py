@@ -1,22 +1,63 @@
-"""`jshape dataset simulate` and `jshape dataset info`, and the parsers of the others."""
+"""`jshape dataset simulate` and `jshape dataset info`, and where the others are."""
 
-import argparse
 from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import App, Parameter
 
 from jshape.camera import Camera
-from jshape.cli import COMMANDS, arguments, dataset_annotate, dataset_import, dataset_recording
+from jshape.cli.names import Action, Agent, Simulates
+from jshape.cli.options import Common, Positive, PositiveCount, Seed, Several, Writes
 from jshape.cli.tables import print_table, progress
 from jshape.data.missing import said as said_of
 from jshape.io import cameras, datasets
 from jshape.io.simulated import agent_of, material_of
 
+dataset = App(name="dataset")
+for name, where, what in (
+    ("simulate-recording", "dataset_recording:simulate_recording",
+     "a simulated recording: a hand comes, acts and leaves, again and again"),
+    ("segment", "dataset_recording:segment",
+     "pairs of frames from a recording of repeated actions"),
+    ("annotate", "dataset_annotate:annotate",
+     "find where each pair changed; boxes drawn by hand stay"),
+    ("import", "dataset_import:import_dataset", "pairs that others recorded, as a data set"),
+    ("merge", "dataset_import:merge", "one data set of several of one camera"),
+):  # fmt: skip
+    dataset.command(f"jshape.cli.{where}", name=name, help=what)
 
-def simulate(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape dataset simulate OUT`."""
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Simulates, Writes):
+    """Of `jshape dataset simulate`."""
+
+    pairs: PositiveCount = 25
+    """Per action and agent."""
+    actions: Annotated[list[Action] | None, Several] = None
+    """Which (default: all five)."""
+    agents: Annotated[list[Agent], Several] = field(default_factory=lambda: ["robot"])
+    """Who acts: names or FILE.toml."""
+    beds: Annotated[list[str], Several] = field(default_factory=lambda: ["flat"])
+    """Flat, irregular, curved."""
+    frames: PositiveCount = 5
+    """Averaged per look."""
+    strengths: Annotated[tuple[Positive, Positive], Parameter(metavar="LOW HIGH")] = (1.0, 1.0)
+    """How many times as deep as the agent's own, drawn between these."""
+    seed: Seed = 0
+    """Of everything random."""
+
+
+@dataset.command(help="simulated pairs of frames")
+def simulate(out: Path, /, options: Options = Options()) -> dict[str, Any]:
+    """`jshape dataset simulate OUT`.
+
+    Args:
+      out: Folder of the new data set.
+      options: what of it.
+    """
     import jax
 
     from jshape.camera import PAPER_BOX
@@ -32,11 +73,9 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         material=material_of(options.material),
         beds=options.beds,
         frames=options.frames,
-        strengths=tuple(options.strengths),
+        strengths=options.strengths,
     )
-    with datasets.dataset_writer(
-        options.out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite
-    ) as add:
+    with datasets.dataset_writer(out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite) as add:
         for index, pair in enumerate(progress(pairs, total, "simulating")):
             add(
                 id=f"{pair.action}_{pair.agent}_{index:05d}",
@@ -52,14 +91,15 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
                 strength=pair.strength,
             )
     if not options.json:
-        print(f"{total} pairs: {options.out}")
-    return {"out": str(options.out), "pairs": total}
+        print(f"{total} pairs: {out}")
+    return {"out": str(out), "pairs": total}
 
 
-def info(options: argparse.Namespace) -> dict[str, Any]:
+@dataset.command(help="what a data set holds")
+def info(dataset: Path, /, options: Common = Common()) -> dict[str, Any]:
     """`jshape dataset info DATASET`."""
     left_out: Counter[str] = Counter()
-    pairs = datasets.load_pairs(options.dataset, left_out)
+    pairs = datasets.load_pairs(dataset, left_out)
     missing = [
         float(np.mean([(counts == 0).mean() for counts in frames]))
         for frames in (pairs.prior, pairs.posterior)
@@ -102,38 +142,3 @@ def _print_camera(camera: Camera, unit: float) -> None:
     fields = cameras.camera_fields(camera)
     print(", ".join(f"{name} {value}" for name, value in fields.items()), f"depth_unit {unit}",
           sep=", ")  # fmt: skip
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape dataset`."""
-    dataset = commands.add_parser("dataset", help=COMMANDS["dataset"])
-    dataset.set_defaults(help_of=dataset)
-    datasets = dataset.add_subparsers(
-        dest="subcommand", metavar="WHAT", parser_class=arguments.Parser
-    )
-    parser = arguments.command(datasets, "simulate", simulate, "simulated pairs of frames")
-    parser.add_argument("out", type=Path, help="folder of the new data set")
-    parser.add_argument(
-        "--pairs",
-        type=arguments.positive_count,
-        default=25,
-        help="per action and agent (default: 25)",
-    )
-    parser.add_argument("--actions", nargs="+", default=None, help="default: all five")
-    parser.add_argument("--agents", nargs="+", default=["robot"], help=arguments.agents_help())
-    arguments.add_material(parser)
-    parser.add_argument("--beds", nargs="+", default=["flat"], help="flat, irregular, curved")
-    parser.add_argument(
-        "--frames", type=arguments.positive_count, default=5, help="averaged per look"
-    )
-    parser.add_argument(
-        "--strengths", nargs=2, type=arguments.positive, default=[1.0, 1.0],
-        metavar=("LOW", "HIGH"),
-        help="how many times as deep as the agent's own, drawn between these (default: 1 1)",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=arguments.seed, default=0)
-    parser = arguments.command(datasets, "info", info, "what a data set holds", writes=False)
-    parser.add_argument("dataset", type=Path)
-    dataset_recording.add(datasets)
-    dataset_annotate.add(datasets)
-    dataset_import.add(datasets)

@@ -1,13 +1,13 @@
 """`jshape dataset annotate`: find the box of every pair."""
 
-import argparse
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jshape.cli import arguments
+from jshape.cli.options import Writes
 from jshape.cli.tables import print_table, progress
 from jshape.data import annotate as finding
 from jshape.data.annotate import Effect
@@ -21,17 +21,33 @@ _DOUBT = 0.35
 """A box whose area is off the action's mean by more than this share is worth a look."""
 
 
-def annotate(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape dataset annotate DATASET OUT`."""
-    folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
-    pairs = datasets.load_pairs(options.dataset)
+@dataclass(frozen=True, kw_only=True)
+class Options(Writes):
+    """Of `jshape dataset annotate`."""
+
+    skip: bool = False
+    """Leave out pairs without an effect."""
+    all: bool = False
+    """Find boxes anew where they were given by hand."""
+
+
+def annotate(dataset: Path, out: Path, /, options: Options = Options()) -> dict[str, Any]:
+    """`jshape dataset annotate DATASET OUT`.
+
+    Args:
+      dataset: Pairs of frames.
+      out: Folder of the new data set; the same as DATASET with --overwrite replaces it.
+      options: how.
+    """
+    folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    pairs = datasets.load_pairs(dataset)
     annotations.sheet_name((len(pairs) - 1) // sheets.PER_PAGE)  # too many are refused at once
-    by_hand = annotations.boxes_by_hand(options.dataset)
+    by_hand = annotations.boxes_by_hand(dataset)
     if options.all:
         by_hand[:] = False
     elif by_hand.all():
         raise BadDataset(
-            f"{options.dataset}: all {len(pairs)} boxes were given by hand (no row has a box in "
+            f"{dataset}: all {len(pairs)} boxes were given by hand (no row has a box in "
             f"the column {annotations.FOUND!r} that is still its own); --all finds them anew"
         )
     effects = [
@@ -45,15 +61,15 @@ def annotate(options: argparse.Namespace) -> dict[str, Any]:
     if unseen and not options.skip:
         noise = np.median([e.noise_mm for e in effects])
         raise BadDataset(
-            f"{options.dataset}: nothing changed beyond the noise of {noise:.2f} mm in "
+            f"{dataset}: nothing changed beyond the noise of {noise:.2f} mm in "
             f"{one_line(', '.join(unseen), 120)}; --skip leaves such pairs out"
         )
     if not there.any():
-        raise BadDataset(f"{options.dataset}: no pair shows a change, so none is left")
+        raise BadDataset(f"{dataset}: no pair shows a change, so none is left")
     doubts = _doubts(found, effects, by_hand, there)
     kept = np.flatnonzero(there).tolist()
     with annotations.found_writer(
-        options.out, pairs.camera, pairs.depth_unit, overwrite=options.overwrite
+        out, pairs.camera, pairs.depth_unit, overwrite=options.overwrite
     ) as add:
         for k in kept:
             add(by_hand=bool(by_hand[k]), **datasets.row_of(found, k))
@@ -72,9 +88,9 @@ def annotate(options: argparse.Namespace) -> dict[str, Any]:
             print(f"look at {name}: {why}")
         if unseen:
             print(f"left out, nothing changed: {', '.join(unseen)}")
-        print(f"{len(kept)} pairs, and contact_sheet.png to check: {options.out}")
+        print(f"{len(kept)} pairs, and contact_sheet.png to check: {out}")
     return {
-        "out": str(options.out),
+        "out": str(out),
         "pairs": len(kept),
         "by_hand": int(by_hand[there].sum()),
         "groups": [dict(zip(("action", "pairs", "by_hand", "roi"), r, strict=True)) for r in rows],
@@ -129,20 +145,4 @@ def _tile(pairs: Pairs, effect: Effect, k: int, by_hand: bool, doubt: bool) -> s
         effect.change_mm,
         (u - w // 2, v - h // 2, w, h),
         by_hand,
-    )
-
-
-def add(commands: Any) -> None:
-    """The parser, below `jshape dataset`."""
-    parser = arguments.command(
-        commands, "annotate", annotate, "find where each pair changed; boxes drawn by hand stay"
-    )
-    parser.add_argument("dataset", type=Path)
-    parser.add_argument(
-        "out", type=Path,
-        help="folder of the new data set; the same as DATASET with --overwrite replaces it",
-    )  # fmt: skip
-    parser.add_argument("--skip", action="store_true", help="leave out pairs without an effect")
-    parser.add_argument(
-        "--all", action="store_true", help="find boxes anew where they were given by hand"
     )

@@ -1,11 +1,12 @@
 """`jshape dataset import` and `jshape dataset merge`."""
 
-import argparse
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from jshape.cli import arguments
+from jshape.cli.names import Action
+from jshape.cli.options import CameraFile, File, Writes
 from jshape.cli.tables import progress
 from jshape.data.missing import said as said_of
 from jshape.errors import BadDataset, one_line, quoted
@@ -14,15 +15,44 @@ from jshape.io.recordings import LEAVE_OUT, Label
 from jshape.io.tables import check_action
 
 
-def import_dataset(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape dataset import SOURCE OUT`."""
-    folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
-    found = imports.before_after_files(options.source)
-    camera, unit = imports.before_after_camera(options.source, options.camera)
-    labels = _labels(options, list(found))
+@dataclass(frozen=True, kw_only=True)
+class Labelled(Writes):
+    """What was done in every pair, and by whom."""
+
+    action: Action | None = None
+    """What was done, every time."""
+    agent: str | None = None
+    """Who or what did it: human, robot ..."""
+    material: str | None = None
+    """Flour, sand ..."""
+    labels: Annotated[Path | None, File] = None
+    """Instead of --action: a CSV with the column action, of an import name too (agent and material
+    if need be); of a recording one row per action in order; '-' leaves one out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Labelled):
+    """Of `jshape dataset import`."""
+
+    camera_file: Annotated[Path | None, CameraFile] = None
+    """camera.json instead of SOURCE's own."""
+
+
+def import_dataset(source: Path, out: Path, /, options: Options = Options()) -> dict[str, Any]:
+    """`jshape dataset import SOURCE OUT`.
+
+    Args:
+      source: camera.json with NAME_before.png and NAME_after.png, or before/ and after/.
+      out: Folder of the new data set.
+      options: what of it.
+    """
+    folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    found = imports.before_after_files(source)
+    camera, unit = imports.before_after_camera(source, options.camera_file)
+    labels = _labels(options, source, list(found))
     kept = {name: paths for name, paths in found.items() if labels[name].action != LEAVE_OUT}
     still, left_out = [], Counter()
-    with annotations.found_writer(options.out, camera, unit, overwrite=options.overwrite) as add:
+    with annotations.found_writer(out, camera, unit, overwrite=options.overwrite) as add:
         pairs = imports.before_after_pairs(kept, camera, unit, left_out)
         for pair in progress(pairs, len(kept), "importing"):
             (left, top, w, h), label = pair.box, labels[pair.name]
@@ -40,16 +70,16 @@ def import_dataset(options: argparse.Namespace) -> dict[str, Any]:
         said.append(f"no single place that changed in {one_line(', '.join(still), 80)}")
     said.append("next: jshape dataset annotate")
     if not options.json:
-        print("; ".join(said) + f": {options.out}")
+        print("; ".join(said) + f": {out}")
     return {
-        "out": str(options.out),
+        "out": str(out),
         "pairs": len(kept),
         "without_effect": still,
         "left_out": left_out,
     }
 
 
-def _labels(options: argparse.Namespace, names: list[str]) -> dict[str, Label]:
+def _labels(options: Options, source: Path, names: list[str]) -> dict[str, Label]:
     """The label of every name, from a file with the columns name and action, or one for all."""
     if options.labels is not None:
         if options.action is not None:
@@ -63,36 +93,44 @@ def _labels(options: argparse.Namespace, names: list[str]) -> dict[str, Label]:
                 if lacking
                 else f"no frames for {quoted(unknown[0])}"
             )
-            raise BadDataset(f"{options.labels}: {what} ({len(names)} names in {options.source})")
+            raise BadDataset(f"{options.labels}: {what} ({len(names)} names in {source})")
         return labels
+    one = Label(options.action or "", options.agent or "", options.material or "")
     for name in ("action", "agent", "material"):
-        if not (getattr(options, name) or "").strip():
+        if not getattr(one, name).strip():
             hint = ", or --labels FILE with the columns name and action" * (name == "action")
             raise BadDataset(f"what was done? give --{name}{hint}")
-    check_action(options.action, "--action")
-    return dict.fromkeys(names, Label(options.action, options.agent, options.material))
+    check_action(one.action, "--action")
+    return dict.fromkeys(names, one)
 
 
-def merge(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape dataset merge OUT DATASET...`."""
-    folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
-    parts = [datasets.load_pairs(folder) for folder in options.datasets]
+def merge(out: Path, dataset: Path, /, *more: Path, options: Writes = Writes()) -> dict[str, Any]:
+    """`jshape dataset merge OUT DATASET...`.
+
+    Args:
+      out: Folder of the new data set.
+      dataset: The first to take.
+      more: Others.
+      options: how.
+    """
+    whole = (dataset, *more)
+    folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    parts = [datasets.load_pairs(folder) for folder in whole]
     first = parts[0]
-    for folder, pairs in zip(options.datasets, parts, strict=True):
+    for folder, pairs in zip(whole, parts, strict=True):
         fields = (cameras.camera_fields(p.camera) | {"depth_unit": p.depth_unit}
                   for p in (first, pairs))  # fmt: skip
         differs = [(k, a, b) for (k, a), b in zip(*_items(*fields), strict=True) if a != b]
         if differs:
             name, ours, theirs = differs[0]
             raise BadDataset(
-                f"{folder}: another camera: its {name} is {theirs}, that of "
-                f"{options.datasets[0]} {ours}"
+                f"{folder}: another camera: its {name} is {theirs}, that of {dataset} {ours}"
             )
     seen = set()
     with annotations.found_writer(
-        options.out, first.camera, first.depth_unit, overwrite=options.overwrite
+        out, first.camera, first.depth_unit, overwrite=options.overwrite
     ) as add:
-        for folder, pairs in zip(options.datasets, parts, strict=True):
+        for folder, pairs in zip(whole, parts, strict=True):
             by_hand = annotations.boxes_by_hand(folder)
             for k in range(len(pairs)):
                 name = str(pairs.id[k])
@@ -102,35 +140,9 @@ def merge(options: argparse.Namespace) -> dict[str, Any]:
                 seen.add(name)
                 add(by_hand=bool(by_hand[k]), **datasets.row_of(pairs, k) | {"id": name})
     if not options.json:
-        print(f"{len(seen)} pairs of {len(parts)} data sets: {options.out}")
-    return {"out": str(options.out), "pairs": len(seen)}
+        print(f"{len(seen)} pairs of {len(parts)} data sets: {out}")
+    return {"out": str(out), "pairs": len(seen)}
 
 
 def _items(ours: dict[str, Any], theirs: dict[str, Any]) -> tuple[list, list]:
     return list(ours.items()), [theirs[name] for name in ours]
-
-
-def add(commands: Any) -> None:
-    """The parsers, below `jshape dataset`."""
-    parser = arguments.command(
-        commands, "import", import_dataset, "pairs that others recorded, as a data set"
-    )
-    parser.add_argument(
-        "source",
-        type=Path,
-        help="camera.json with NAME_before.png and NAME_after.png, or before/ and after/",
-    )
-    parser.add_argument("out", type=Path, help="folder of the new data set")
-    parser.add_argument("--camera-file", "--camera", dest="camera", type=Path, metavar="FILE",
-                        help="camera.json instead of SOURCE's own")  # fmt: skip
-    parser.add_argument("--action", help="what was done, every time")
-    parser.add_argument("--agent", help="who or what did it")
-    parser.add_argument("--material", help="flour, sand ...")
-    parser.add_argument(
-        "--labels", type=Path, metavar="FILE",
-        help="instead of --action: a CSV with the columns name and action (agent and material if "
-        "need be); '-' leaves one out",
-    )  # fmt: skip
-    parser = arguments.command(commands, "merge", merge, "one data set of several of one camera")
-    parser.add_argument("out", type=Path, help="folder of the new data set")
-    parser.add_argument("datasets", type=Path, nargs="+", metavar="DATASET")

@@ -1,13 +1,15 @@
 """`jshape dataset simulate-recording` and `jshape dataset segment`."""
 
-import argparse
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from jshape.cli import arguments
+from jshape.cli.dataset_import import Labelled
+from jshape.cli.names import Action, Agent, Simulates
+from jshape.cli.options import Count, Positive, PositiveCount, Seed, Several, Share, Writes
 from jshape.cli.tables import print_table, progress
 from jshape.data import segment as cutting
 from jshape.errors import BadDataset
@@ -21,15 +23,56 @@ from jshape.viz.style import drawn
 _COLOURS = {"action": "black", "none": "0.55", "reset": "tab:red"}
 
 
-def simulate_recording(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape dataset simulate-recording OUT`."""
+@dataclass(frozen=True, kw_only=True)
+class Simulated(Simulates, Writes):
+    """Of `jshape dataset simulate-recording`."""
+
+    actions: Annotated[list[Action], Several] = field(default_factory=lambda: ["poke"])
+    """In turn."""
+    count: PositiveCount = 6
+    """How many actions."""
+    agent: Agent = "human"
+    """Who acts: robot, human or FILE.toml."""
+    bed: str = "flat"
+    """Flat, irregular or curved."""
+    still_frames: PositiveCount = 10
+    """Of the open bed between two visits of the hand."""
+    idle: Count = 0
+    """Visits of the hand without a touch."""
+    level_every: Count = 0
+    """Level the bed after so many actions; 0: never."""
+    seed: Seed = 0
+    """Of everything random."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segmented(Labelled):
+    """Of `jshape dataset segment`."""
+
+    min_frames: PositiveCount = cutting.MIN_FRAMES
+    """Least length of a still segment."""
+    near_mm: Positive = cutting.NEAR_MM
+    """What rises this far above the bed is a hand or an arm."""
+    reset_share: Share = cutting.RESET_SHARE
+    """A change of more than this share of the bed is levelling, and makes no pair."""
+    allow_gaps: bool = False
+    """Frame numbers may be missing."""
+
+
+def simulate_recording(out: Path, /, options: Simulated = Simulated()) -> dict[str, Any]:
+    """`jshape dataset simulate-recording OUT`.
+
+    Args:
+      out: Folder of the new recording.
+      options: what of it.
+    """
     import jax
 
     from jshape.camera import PAPER_BOX
     from jshape.data import recording
     from jshape.data.simulate import DEPTH_UNIT
 
-    folders.check_target(options.out, options.overwrite, contents=recordings.CONTENTS)
+    folders.check_target(out, options.overwrite, contents=recordings.CONTENTS)
     actions = [options.actions[k % len(options.actions)] for k in range(options.count)]
     truth, frames = recording.simulate_recording(
         jax.random.key(options.seed),
@@ -42,22 +85,28 @@ def simulate_recording(options: argparse.Namespace) -> dict[str, Any]:
         level_every=options.level_every,
     )
     with recordings.recording_writer(
-        options.out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite
+        out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite
     ) as add:
         for counts in progress(frames, truth.frames, "recording"):
             add(counts)
         add.labels = actions
         add.truth = {"still": truth.still, "changes": truth.changes}
     if not options.json:
-        print(f"{add.count} frames, {len(actions)} actions: {options.out}")
-    return {"out": str(options.out), "frames": add.count, "actions": actions}
+        print(f"{add.count} frames, {len(actions)} actions: {out}")
+    return {"out": str(out), "frames": add.count, "actions": actions}
 
 
-def segment(options: argparse.Namespace) -> dict[str, Any]:
-    """`jshape dataset segment RECORDING OUT`."""
-    folders.check_target(options.out, options.overwrite, contents=annotations.FOUND_CONTENTS)
-    recording = recordings.open_recording(options.recording, allow_gaps=options.allow_gaps)
-    labels = _labels(options)
+def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dict[str, Any]:
+    """`jshape dataset segment RECORDING OUT`.
+
+    Args:
+      folder: camera.json and numbered frames.
+      out: Folder of the new data set.
+      options: how.
+    """
+    folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    recording = recordings.open_recording(folder, allow_gaps=options.allow_gaps)
+    labels = _labels(folder, options)
     thumbs = np.stack([
         cutting.thumbnail(counts)
         for counts in progress(recording.frames(), len(recording), "reading")
@@ -77,14 +126,12 @@ def segment(options: argparse.Namespace) -> dict[str, Any]:
     named = _match(options, recording, labels, changes)
     kept = [(c, label) for c, label in zip(actions, named, strict=True) if label is not None]
     if not kept:
-        raise BadDataset(
-            f"{options.recording}: no pair is left of {len(changes)} changes: {_story(changes)}"
-        )
-    name = options.recording.resolve().name
+        raise BadDataset(f"{folder}: no pair is left of {len(changes)} changes: {_story(changes)}")
+    name = folder.resolve().name
     texts = iter([label.action if label else "left out" for label in named])
     story = [next(texts) if c.kind == "action" else c.kind for c in changes]
     with annotations.found_writer(
-        options.out, recording.camera, recording.depth_unit, overwrite=options.overwrite
+        out, recording.camera, recording.depth_unit, overwrite=options.overwrite
     ) as add:
         for number, (change, label) in enumerate(kept):
             left, top, w, h = cutting.provisional_box(change.effect, recording.camera.shape)
@@ -123,9 +170,9 @@ def segment(options: argparse.Namespace) -> dict[str, Any]:
             f"{hidden} at rest but hidden; noise {noise:.2f} mm after averaging"
         )
         print_table(("frames before / after", "what", "why no pair"), rows)
-        print(f"{len(kept)} pairs, and {annotations.TIMELINE} to check: {options.out}")
+        print(f"{len(kept)} pairs, and {annotations.TIMELINE} to check: {out}")
     return {
-        "out": str(options.out),
+        "out": str(out),
         "frames": len(recording),
         "segments": [[s.start, s.stop, s.state] for s in cut.segments],
         "changes": [
@@ -138,7 +185,7 @@ def segment(options: argparse.Namespace) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _labels(options: argparse.Namespace) -> list[Label] | None:
+def _labels(folder: Path, options: Segmented) -> list[Label] | None:
     """The labels of a file, checked before anything is read; None: one action for all changes."""
     if options.labels is not None:
         if options.action is not None:
@@ -151,10 +198,10 @@ def _labels(options: argparse.Namespace) -> list[Label] | None:
     ]
     if lacking:
         hint = ", or --labels FILE with one row per change" if "action" in lacking else ""
-        if "action" in lacking and (options.recording / LABELS).is_file():
-            hint = f", or --labels {options.recording / LABELS}"
+        if "action" in lacking and (folder / LABELS).is_file():
+            hint = f", or --labels {folder / LABELS}"
         raise BadDataset(f"what was done? give --{lacking[0]}{hint}")
-    check_action(options.action, "--action")
+    check_action(options.action or "", "--action")
     return None
 
 
@@ -187,7 +234,7 @@ def _check(recording: Recording, cut: cutting.Cut, least: int) -> None:
 
 
 def _match(
-    options: argparse.Namespace,
+    options: Segmented,
     recording: Recording,
     labels: list[Label] | None,
     changes: list[cutting.Change],
@@ -195,7 +242,8 @@ def _match(
     """A label, or None to leave it out, for every change that is an action."""
     actions = [c for c in changes if c.kind == "action"]
     if labels is None:
-        return [Label(options.action, options.agent, options.material)] * len(actions)
+        one = Label(options.action or "", options.agent or "", options.material or "")
+        return [one for _ in actions]
     if len(labels) != len(actions):
         raise BadDataset(
             f"{options.labels}: has {len(labels)} rows; {recording.folder} shows "
@@ -208,60 +256,3 @@ def _story(changes: list[cutting.Change]) -> str:
     """What was found between which frames, in one line."""
     parts = [f"{c.kind} at {c.before.segment.stop}-{c.after.segment.start - 1}" for c in changes]
     return ", ".join(parts[:20]) + (f" and {len(parts) - 20} more" if len(parts) > 20 else "")
-
-
-def add(commands: Any) -> None:
-    """The parsers, below `jshape dataset`."""
-    parser = arguments.command(
-        commands, "simulate-recording", simulate_recording,
-        "a simulated recording: a hand comes, acts and leaves, again and again",
-    )  # fmt: skip
-    parser.add_argument("out", type=Path, help="folder of the new recording")
-    parser.add_argument("--actions", nargs="+", default=["poke"], help="in turn (default: poke)")
-    parser.add_argument(
-        "--count", type=arguments.positive_count, default=6, help="how many actions (default: 6)"
-    )
-    parser.add_argument("--agent", default="human", help="robot or human (default)")
-    arguments.add_material(parser)
-    parser.add_argument("--bed", default="flat", help="flat, irregular or curved")
-    parser.add_argument(
-        "--still-frames", type=arguments.positive_count, default=10,
-        help="of the open bed between two visits of the hand (default: 10)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--idle", type=arguments.count, default=0, help="visits of the hand without a touch"
-    )
-    parser.add_argument(
-        "--level-every", type=arguments.count, default=0,
-        help="level the bed after so many actions (default: never)",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=arguments.seed, default=0)
-
-    parser = arguments.command(
-        commands, "segment", segment, "pairs of frames from a recording of repeated actions"
-    )
-    parser.add_argument("recording", type=Path, help="folder with camera.json and numbered frames")
-    parser.add_argument("out", type=Path, help="folder of the new data set")
-    parser.add_argument("--action", help="what was done, every time")
-    parser.add_argument("--agent", help="who or what did it: human, robot ...")
-    parser.add_argument("--material", help="flour, sand ...")
-    parser.add_argument(
-        "--labels", type=Path, metavar="FILE",
-        help="instead of --action: a CSV with the column action (agent and material if need be), "
-        "one row per action in order; '-' leaves one out",
-    )  # fmt: skip
-    parser.add_argument(
-        "--min-frames", type=arguments.positive_count, default=cutting.MIN_FRAMES,
-        help=f"least length of a still segment (default: {cutting.MIN_FRAMES})",
-    )  # fmt: skip
-    parser.add_argument(
-        "--near-mm", type=arguments.positive, default=cutting.NEAR_MM,
-        help="what rises this far above the bed is a hand or an arm "
-        f"(default: {cutting.NEAR_MM:g})",
-    )  # fmt: skip
-    parser.add_argument(
-        "--reset-share", type=arguments.share, default=cutting.RESET_SHARE,
-        help="a change of more than this share of the bed is levelling, and makes no pair "
-        f"(default: {cutting.RESET_SHARE:g})",
-    )  # fmt: skip
-    parser.add_argument("--allow-gaps", action="store_true", help="frame numbers may be missing")

@@ -1,15 +1,32 @@
 """`jshape demo`."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jshape.cli import arguments
-from jshape.cli.search_options import add_search, search_of
+from jshape.cli.names import Agent, Bank, Simulates
+from jshape.cli.options import Count, Writes
+from jshape.cli.search_options import Search, search_of
 from jshape.io.simulated import agent_of, material_of
 
 
-def demo(options: argparse.Namespace) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class Options(Search, Simulates, Writes):
+    """Of `jshape demo`."""
+
+    out: Path = Path("runs/demo")
+    """Folder for the run."""
+    bank: Bank | None = None
+    """Name or folder (default: the bundled one)."""
+    actions: Count = 4
+    """Actions that make the goal."""
+    agent: Agent = "robot"
+    """Who acts: a name or FILE.toml."""
+    open_loop: bool = False
+    """Plan once, then act blindly."""
+
+
+def demo(*, options: Options = Options()) -> dict[str, Any]:
     """`jshape demo`: the main job in simulation, closed loop."""
     search = search_of(options)  # before anything is computed: it chooses JAX's devices
     from jshape.demo import run_demo
@@ -17,7 +34,7 @@ def demo(options: argparse.Namespace) -> dict[str, Any]:
     return run_demo(
         options.out,
         bank_name=options.bank,
-        seed=options.seed or 0,
+        seed=options.seed,
         actions=options.actions,
         material=material_of(options.material),
         agent=agent_of(options.agent),
@@ -26,17 +43,3 @@ def demo(options: argparse.Namespace) -> dict[str, Any]:
         overwrite=options.overwrite,
         say=(lambda line: None) if options.json else lambda line: print(line, flush=True),
     )
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape demo`."""
-    parser = arguments.command(commands, "demo", demo)
-    parser.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder for the run")
-    parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
-    parser.add_argument(
-        "--actions", type=arguments.count, default=4, help="actions that make the goal"
-    )
-    arguments.add_material(parser)
-    parser.add_argument("--agent", default="robot", help=f"who acts: {arguments.agents_help()}")
-    parser.add_argument("--open-loop", action="store_true", help="plan once, then act blindly")
-    add_search(parser)

@@ -1,25 +1,26 @@
 """`jshape doctor`: what is installed and works.  It needs nothing that might be broken itself."""
 
-import argparse
 import importlib
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from jshape import __version__
-from jshape.cli import arguments, extras
+from jshape.cli import extras
 from jshape.cli.colours import coloured
+from jshape.cli.options import Common
 from jshape.cli.tables import print_table
 
 CORE = {
     "jax": "jax", "jaxlib": "jaxlib", "flax": "flax", "optax": "optax",
     "numpy": "numpy", "scipy": "scipy", "opencv-python-headless": "cv2",
-    "matplotlib": "matplotlib", "tqdm": "tqdm", "shtab": "shtab",
+    "matplotlib": "matplotlib", "tqdm": "tqdm", "cyclopts": "cyclopts",
     "filelock": "filelock", "platformdirs": "platformdirs",
 }  # fmt: skip
 """What jshape cannot do without: packages, and the module that each brings."""
@@ -29,7 +30,18 @@ PLACE, NEAR = (230, 200), 25
 """Where the self-test knocks, and how far from it a plan on a 9x7 grid may find that, pixels."""
 
 
-def doctor(options: argparse.Namespace) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class Options(Common):
+    """Of `jshape doctor`."""
+
+    computes = False  # it does, but must speak where JAX does not even import
+
+    def exit_code(self, result: Mapping[str, Any]) -> int:
+        """1 where something is bad."""
+        return int(not result["good"])
+
+
+def doctor(*, options: Options = Options()) -> dict[str, Any]:
     """`jshape doctor`: load everything, check banks, compute something that is known."""
     with ThreadPoolExecutor(2) as pool:  # each is a process of its own
         looked = [pool.submit(extras.look, extra) for extra in extras.EXTRAS]
@@ -51,7 +63,6 @@ def doctor(options: argparse.Namespace) -> dict[str, Any]:
             if row["problem"]]  # fmt: skip
     bad += [f"{row['test']}: {row['problem']}" for row in result["selftest"] if row["problem"]]
     result |= {"good": not bad, "problems": bad}
-    options.exit_code = int(bool(bad))
     if not options.json:
         _print(result)
     return result
@@ -229,9 +240,3 @@ def _extra(row: dict[str, Any]) -> str:
     if not row["installed"]:
         return f"not installed: {row['pip']}{system}"
     return f"BAD: {row['problem']}{system}"
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape doctor`."""
-    # It computes, but must speak where JAX does not even import.
-    arguments.command(commands, "doctor", doctor, writes=False, computes=False)

@@ -1,16 +1,18 @@
 """`jshape evaluate DATASET`."""
 
-import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from tqdm import tqdm
 
-from jshape.cli import arguments
+from jshape.cli.learning import Kind, Trains
+from jshape.cli.names import Bank
+from jshape.cli.options import PositiveCount, Several, Writes
 from jshape.cli.tables import print_table
 from jshape.errors import JShapeError
 from jshape.io import banks, datasets, files, folders
@@ -24,7 +26,33 @@ LEARNING = ("width", "epochs", "batch", "learning_rate", "patience", "validation
 """Options of training that make sense here; there is nothing to resume."""
 
 
-def evaluate(options: argparse.Namespace) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class Options(Trains, Writes):
+    """Of `jshape evaluate`."""
+
+    at_once = True
+
+    bank: Bank | None = None
+    """Test this bank on the whole data set."""
+    kind: Kind | None = None
+    """Kind to fit to each partition (default: D)."""
+    kinds: Annotated[list[Kind] | None, Several] = None
+    """Several kinds to compare."""
+    partitions: PositiveCount = 4
+    """How many."""
+    across_agents: bool = False
+    """Test each agent's bank on the others too."""
+    sizes: Annotated[list[PositiveCount] | None, Several] = None
+    """Compare training sets of N pairs per action (the paper: 5 10 25 50 75)."""
+    start: Bank | None = None
+    """Adapt this bank with few pairs."""
+    few: Annotated[list[PositiveCount] | None, Several] = None
+    """How many pairs per action (default: 5 10 25)."""
+    out: Path | None = None
+    """Folder for the tables and pictures."""
+
+
+def evaluate(dataset: Path, /, options: Options = Options()) -> dict[str, Any]:
     """`jshape evaluate DATASET`."""
     from jshape.learn import evaluate as evaluation
     from jshape.learn.floor import noise_floor
@@ -32,7 +60,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, Any]:
     _check(options)
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=SCORES)
-    pairs = datasets.load_pairs(options.dataset)
+    pairs = datasets.load_pairs(dataset)
     comparisons: list[Any] = []
     studies: dict[str, list[Any]] = {}
     notes: list[str] = []
@@ -62,7 +90,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, Any]:
         {k: None if v != v else v for k, v in c._asdict().items()} for c in comparisons
     ]
     if options.out is not None:
-        _write(options, how, scores, studies, comparisons)
+        _write(options.out, options.overwrite, how, scores, studies, comparisons)
     if not options.json:
         _print(how, scores, studies, comparisons, notes)
     return result
@@ -87,14 +115,14 @@ def _explained(scores: Sequence[Any], comparisons: Sequence[Any]) -> list[str]:
 
 
 def _studies(
-    options: argparse.Namespace, pairs: Any, watch: Any, notes: list[str]
+    options: Options, pairs: Any, watch: Any, notes: list[str]
 ) -> tuple[Any, dict[str, Any]]:
     """The comparison of kinds, and the other studies that were asked for, by name."""
     from jshape.learn import evaluate as evaluation
     from jshape.learn.partitions import Study
 
     candidates = evaluation.candidates_of(options.kinds or options.kind or "D")
-    more: dict[str, Any] = {"partitions": options.partitions or 4, "seed": options.seed}
+    more: dict[str, Any] = {"partitions": options.partitions, "seed": options.seed}
     more |= {"report": watch, "options": _learning(options)}
     main = Study(pairs, candidates, across=options.across_agents, **more)
     others = {}
@@ -112,11 +140,9 @@ def _studies(
     return main, others
 
 
-def _check(options: argparse.Namespace) -> None:
+def _check(options: Options) -> None:
     fitting = ("kind", "kinds", "partitions", "sizes", "start", "few", "across_agents", *LEARNING)
-    values = {name: getattr(options, name) for name in fitting}
-    # 0 is a value that somebody gave.
-    given = [name for name, value in values.items() if value is not None and value is not False]
+    given = [name for name in fitting if name in options.given]
     if options.bank is not None and given:
         named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise JShapeError(f"{named}: for fitting; with --bank nothing is fitted")
@@ -126,9 +152,9 @@ def _check(options: argparse.Namespace) -> None:
         raise JShapeError("--few needs the bank to start from: --start BANK")
 
 
-def _learning(options: argparse.Namespace) -> dict[str, Any]:
-    given = {name: getattr(options, name) for name in LEARNING}
-    return {k: v for k, v in given.items() if v is not None} | {"seed": options.seed}
+def _learning(options: Options) -> dict[str, Any]:
+    given = {name: getattr(options, name) for name in LEARNING if name in options.given}
+    return given | {"seed": options.seed}
 
 
 def _sizes(pairs: Any, wanted: Sequence[int], notes: list[str]) -> list[int]:
@@ -176,12 +202,12 @@ class _Watch:
         return found
 
 
-def _write(options: argparse.Namespace, how: str, scores: Any, studies: Any, pairs: Any) -> None:
+def _write(out: Path, overwrite: bool, how: str, scores: Any, studies: Any, pairs: Any) -> None:
     from jshape.learn import scores as drawn
     from jshape.viz import style
 
     pictures = {"scores.png": partial(drawn.scores_figure, scores)}
-    with folders.atomic_folder(options.out, options.overwrite, contents=SCORES) as folder:
+    with folders.atomic_folder(out, overwrite, contents=SCORES) as folder:
         files.write_atomic(folder / "scores.csv", drawn.scores_csv(scores))
         text = f"{how}\n\n{drawn.markdown(*drawn.scores_table(scores))}"
         if pairs:
@@ -192,7 +218,7 @@ def _write(options: argparse.Namespace, how: str, scores: Any, studies: Any, pai
             text += f"\n{TITLES[study]}:\n\n{drawn.markdown(*drawn.sizes_table(found))}"
         files.write_atomic(folder / "scores.md", text)
     for name, picture in style.drawn(pictures).items():
-        files.write_atomic(options.out / name, picture)
+        files.write_atomic(out / name, picture)
 
 
 TITLES = {
@@ -221,30 +247,3 @@ def _print(how: str, scores: Any, studies: Any, comparisons: Any, notes: list[st
     }
     listed = ", ".join(f"f_{name} {mean:.3f}" for name, mean in means.items())
     print(f"\nmean error: {listed if len(means) > 1 else f'{next(iter(means.values())):.3f}'} mm")
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape evaluate`."""
-    parser = arguments.command(commands, "evaluate", evaluate, at_once=True)
-    count = arguments.positive_count
-    parser.add_argument("dataset", type=Path)
-    parser.add_argument("--bank", default=None, help="test this bank on the whole data set")
-    parser.add_argument("--kind", default=None, help="kind to fit to each partition (D)")
-    parser.add_argument("--kinds", nargs="+", metavar="KIND", help="several kinds to compare")
-    parser.add_argument("--partitions", type=count, default=None, help="how many (4)")
-    parser.add_argument("--seed", type=arguments.seed, default=0)
-    parser.add_argument(
-        "--across-agents", action="store_true", help="test each agent's bank on the others too"
-    )
-    parser.add_argument(
-        "--sizes", nargs="+", type=count, metavar="N",
-        help="compare training sets of N pairs per action (the paper: 5 10 25 50 75)",
-    )  # fmt: skip
-    parser.add_argument("--start", metavar="BANK", help="adapt this bank with few pairs")
-    parser.add_argument(
-        "--few", nargs="+", type=count, metavar="N", help="how many pairs per action (5 10 25)"
-    )
-    for name in LEARNING:
-        read, what = arguments.TRAINING[name]
-        parser.add_argument(f"--{name.replace('_', '-')}", type=read, default=None, help=what)
-    parser.add_argument("--out", type=Path, help="folder for the tables and pictures")

@@ -1,7 +1,5 @@
 """What `--help` of every command ends with: command lines that work, and what they are for."""
 
-import argparse
-
 GENERAL = (
     ("jshape doctor", "what is installed and works"),
     ("jshape demo", "everything in simulation: pictures and a report in runs/demo"),
@@ -115,24 +113,13 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
 """By the words of the command."""
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    """Put the examples behind the help of all commands of a parser."""
-    if parser.epilog is None:
-        name = " ".join(parser.prog.split()[1:])
-        parser.epilog = _text(of(name) if name else GENERAL)
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for child in action.choices.values():
-                add(child)
-
-
 def of(name: str) -> tuple[tuple[str, str], ...]:
     """The examples of a command, by its words."""
     return EXAMPLES.get(name, ())
 
 
-def _text(examples: tuple[tuple[str, str], ...]) -> str | None:
-    if not examples:
-        return None
-    lines = [f"  {line}\n      {what}" for line, what in examples]
-    return "\n".join(["examples:", *lines])
+def text(name: str = "") -> str:
+    """The examples of a command, or of jshape, behind its help."""
+    found = of(name) if name else GENERAL
+    lines = [f"  {line}\n      {what}\n" for line, what in found]
+    return "".join(["\nexamples:\n", *lines]) if found else ""

@@ -1,6 +1,5 @@
 """`jshape goal BED`."""
 
-import argparse
 import math
 from collections import Counter
 from functools import partial
@@ -11,21 +10,19 @@ import numpy as np
 
 from jshape import sim
 from jshape.camera import Camera, window_of
-from jshape.cli import arguments
-from jshape.cli.cameras import add_part
+from jshape.cli.goal_options import Options
 from jshape.cli.goal_sources import NAMES, wanted_of
 from jshape.data.intrinsics import within
 from jshape.data.missing import said as said_of
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.errors import BadCamera, BadImage, quoted
+from jshape.errors import BadCamera, BadImage, JShapeError
 from jshape.goals import Goal, Limits, bed_map, make_goal, report
-from jshape.goals.goal import BALANCES
 from jshape.io import banks, cameras, drawings, files, folders, formats, images
 from jshape.io.frames import Source, frame_of, source_of
 from jshape.io.simulated import material_of
 from jshape.models.bank import Bank
 from jshape.planning.options import DEFAULT_BANK
-from jshape.sim.material import MATERIALS, Material
+from jshape.sim.material import Material
 from jshape.viz.style import drawn
 
 FLAT = "flat"
@@ -52,36 +49,44 @@ class GoalFrame(NamedTuple):
     """Why pixels are no readings."""
 
 
-def goal(options: argparse.Namespace) -> dict[str, Any]:
-    """Make a goal, print and write."""
+def goal(bed: str, /, options: Options = Options()) -> dict[str, Any]:
+    """Make a goal, print and write.
+
+    Args:
+      bed: Depth image now, or `flat`: a simulated level bed.
+      options: what of it.
+    """
+    if not set(NAMES) & set(options.given):
+        named = ", ".join(f"--{name.replace('_', '-')}" for name in NAMES)
+        raise JShapeError(f"what is the goal made from? give one of {named}")
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=CONTENTS)
     material = material_of(options.material)
     bank = banks.load_bank(options.bank or DEFAULT_BANK)
-    now = _bed(options, bank)
+    now = _bed(bed, options, bank)
     at = window_of(bank.camera, now.camera)
     window = None if at is None else (*at, bank.camera.width, bank.camera.height)
-    bed = bed_map(
-        now.depth, now.camera, window=window, max_missing=options.max_missing, where=options.bed
+    ground = bed_map(
+        now.depth, now.camera, window=window, max_missing=options.max_missing, where=bed
     )
-    wanted = wanted_of(options, bed, now.camera, now.source, bank)
+    wanted = wanted_of(options, bed, ground, now.camera, now.source, bank)
     limits = Limits(
         steepest=_steepest(options, material, wanted.stands),
         floor=options.floor_mm / 1e3,
         reach=_reach(options.reachable, now.camera),
     )
-    made = make_goal(bed, wanted.change, limits, balance=options.balance, like=wanted.frame)
+    made = make_goal(ground, wanted.change, limits, balance=options.balanced, like=wanted.frame)
     result = {
         "made_from": wanted.name,
-        "bed": options.bed,
+        "bed": bed,
         "camera": now.source.said,
         "assumed": wanted.assumed,
         "size_mm": wanted.size_mm,
         "at": wanted.at,
         "material": material.name,
         "window": None if window is None else list(window),
-        "level_m": bed.level,
-        "filled": bed.filled,
+        "level_m": ground.level,
+        "filled": ground.filled,
         "left_out": now.left_out,
         **report(made, material),
     }
@@ -94,15 +99,15 @@ def goal(options: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
-def _bed(options: argparse.Namespace, bank: Bank) -> GoalFrame:
+def _bed(bed: str, options: Options, bank: Bank) -> GoalFrame:
     """The frame of the bed: a file's, or a simulated level one.
 
     Raises:
       BadFile, BadImage, BadCamera: as for `jshape plan`.
     """
-    path = Path(options.bed)
-    if options.bed == FLAT and not path.exists():
-        if options.camera is not None:
+    path = Path(bed)
+    if bed == FLAT and not path.exists():
+        if options.camera_file is not None:
             raise BadCamera("a simulated bed (flat) is the bundled camera's; leave --camera out")
         depth = np.asarray(sim.render(sim.flat_bed(), bank.camera))
         raw = images.to_counts(depth, DEPTH_UNIT)
@@ -110,7 +115,7 @@ def _bed(options: argparse.Namespace, bank: Bank) -> GoalFrame:
         source = Source(bank.camera, DEPTH_UNIT, said, True)
         return GoalFrame(raw, raw * np.float32(DEPTH_UNIT), bank.camera, source, Counter())
     raw = formats.read_array(path)
-    source = source_of(path, raw.shape, options.camera, bank, options.depth_unit)
+    source = source_of(path, raw.shape, options.camera_file, bank, options.depth_unit)
     left_out: Counter[str] = Counter()
     # A goal may lie at any height.
     depth = frame_of(path, source, reproject=True, raw=raw, left_out=left_out)
@@ -122,7 +127,7 @@ def _bed(options: argparse.Namespace, bank: Bank) -> GoalFrame:
     return GoalFrame(raw, depth, camera, source, left_out)
 
 
-def _steepest(options: argparse.Namespace, material: Material, stands: bool) -> float:
+def _steepest(options: Options, material: Material, stands: bool) -> float:
     """Rise over run that the goal may have: as asked for, or as the material holds it.
 
     A drawing is loose material at its angle of repose; what a camera saw or a hand pressed
@@ -145,9 +150,7 @@ def _reach(path: Path | None, camera: Camera) -> np.ndarray | None:
     return np.ma.filled(mask, 0) != 0
 
 
-def _write(
-    options: argparse.Namespace, now: GoalFrame, made: Goal, said: dict[str, Any]
-) -> dict[str, Any]:
+def _write(options: Options, now: GoalFrame, made: Goal, said: dict[str, Any]) -> dict[str, Any]:
     """The folder; returns where it is and how to plan for it."""
     from jshape.goals.picture import goal_figure
 
@@ -155,7 +158,8 @@ def _write(
     # 8 bits are luminance: both frames become counts, finer than its levels.
     unit = now.source.depth_unit if now.raw.dtype != np.uint8 else DEPTH_UNIT
     suffix = "png" if counts else "npy"
-    out = Path(options.out)
+    out = options.out
+    assert out is not None
     names = f"{out / f'now.{suffix}'} {out / f'goal.{suffix}'}"
     # What is written is the part that was asked for.
     part = options.window or options.depth_range
@@ -189,113 +193,3 @@ def _print(said: dict[str, Any]) -> None:
         print(line)
     for line in said["warnings"]:
         print(f"warning: {line}")
-
-
-def _place(text: str) -> tuple[float, float]:
-    """A pixel "U,V"."""
-    try:
-        u, v = (float(part) for part in text.split(","))
-    except ValueError:
-        u = v = math.nan
-    if not (math.isfinite(u) and math.isfinite(v)):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a place like 240,197")
-    return u, v
-
-
-def _degrees(text: str) -> float:
-    """A turn."""
-    try:
-        turn = float(text)
-    except ValueError:
-        turn = math.nan
-    if not abs(turn) <= 360:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a turn from -360 to 360 degrees")
-    return turn
-
-
-def _slope(text: str) -> float:
-    """A slope that a surface can have."""
-    slope = arguments.positive(text)
-    if slope > 85:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a slope from 0 to 85 degrees")
-    return slope
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape goal`."""
-    parser = arguments.command(commands, "goal", goal)
-    parser.add_argument(
-        "bed", metavar="BED", help=f"depth image now, or {FLAT!r}: a simulated level bed"
-    )
-    what = parser.add_mutually_exclusive_group(required=True)
-    helps = {
-        "text": ("WORD", "letters, sunk or raised"),
-        "mask": ("FILE", "a drawing, bright on dark: what to sink or raise"),
-        "height_map": ("FILE", "grey levels between --depth-mm and --raise-mm, or metres (NPY)"),
-        "mesh": ("FILE", "STL, OBJ or PLY, or a point cloud (PLY, PCD), seen from above"),
-        "frame": ("FILE", "another depth image of the same camera"),
-        "actions": ("LIST", "what the bank predicts of 'knock 240,197; grasp 312,91x1.5@30' "
-                            "(u,v x strength @ degrees), of a JSON file or of a plan.json"),
-    }  # fmt: skip
-    for name in NAMES:
-        where, text = helps[name]
-        parser_name = f"--{name.replace('_', '-')}"
-        what.add_argument(parser_name, metavar=where, help=text)
-    parser.add_argument("--out", type=Path, help="folder for goal, bed, camera.json and picture")
-    parser.add_argument(
-        "--depth-mm", type=arguments.positive, metavar="MM", help="sunk so deep (text, mask: 8)"
-    )
-    parser.add_argument("--raise-mm", type=arguments.positive, metavar="MM", help="raised so high")
-    parser.add_argument(
-        "--at", type=_place, metavar="U,V", help="pixel of its middle (default: of the view)"
-    )
-    parser.add_argument(
-        "--size-mm", type=arguments.positive, metavar="MM",
-        help="its longer side (default: six tenths of what fits; a mesh: its own)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--turn", type=_degrees, default=0.0, metavar="DEG", help="clockwise as the camera sees it"
-    )
-    parser.add_argument("--invert", action="store_true", help="a drawing that is dark on bright")
-    parser.add_argument(
-        "--mesh-unit", choices=("m", "cm", "mm", "inch"), help="of the mesh (default: guessed)"
-    )
-    parser.add_argument(
-        "--mesh-up", choices=("x", "y", "z"), default="z", help="its axis that points up (z)"
-    )
-    parser.add_argument(
-        "--material", default="flour",
-        help=f"{', '.join(MATERIALS)} or FILE.toml: slopes are at most its angle of repose, "
-        "and of frames and actions what it holds when pressed (default: flour)",
-    )  # fmt: skip
-    parser.add_argument("--slope", type=_slope, metavar="DEG", help="steepest slope instead")
-    parser.add_argument(
-        "--floor-mm", type=arguments.positive, default=1e3 * sim.DEPTH, metavar="MM",
-        help=f"how deep the material is (default: {1e3 * sim.DEPTH:g})",
-    )  # fmt: skip
-    parser.add_argument(
-        "--balance", nargs="?", choices=BALANCES, const=BALANCES[0],
-        help="as much in as out: spread the rest around it (the default), or move the level",
-    )  # fmt: skip
-    parser.add_argument(
-        "--reachable",
-        type=Path,
-        metavar="MASK",
-        help="image that is not 0 where the bed may change",
-    )
-    parser.add_argument(
-        "--camera-file",
-        "--camera",
-        dest="camera",
-        metavar="FILE",
-        help="camera.json, or a preset's name (default: camera.json beside BED, else the bank's)",
-    )
-    parser.add_argument(
-        "--depth-unit", type=arguments.positive, help="metres per count of 16-bit images"
-    )
-    add_part(parser)
-    parser.add_argument("--bank", default=None, help="name or folder, for --actions")
-    parser.add_argument(
-        "--max-missing", type=arguments.share, default=0.1,
-        help="largest share of pixels without depth to fill (0.1)",
-    )  # fmt: skip

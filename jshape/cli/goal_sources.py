@@ -1,6 +1,5 @@
 """What `jshape goal` can make a goal from: files and words to a change of the bed's height."""
 
-import argparse
 import math
 import re
 from collections import Counter
@@ -14,6 +13,7 @@ from scipy import ndimage
 
 from jshape import metric
 from jshape.camera import Camera, check_same_camera, differing, window_of
+from jshape.cli.goal_options import Options
 from jshape.data.intrinsics import within
 from jshape.data.missing import fill_missing
 from jshape.data.missing import said as said_of
@@ -85,12 +85,13 @@ class Acts(NamedTuple):
 
 
 def wanted_of(
-    options: argparse.Namespace, bed: BedMap, camera: Camera, source: Source, bank: Bank
+    options: Options, where: str, bed: BedMap, camera: Camera, source: Source, bank: Bank
 ) -> Wanted:
     """The change that the options ask for.
 
     Args:
       options: of `jshape goal`.
+      where: the bed's file.
       bed: to change.
       camera: of the frame, or of the part of it that was asked for.
       source: of the whole frame, and of another frame unless its own folder says otherwise.
@@ -99,33 +100,34 @@ def wanted_of(
     Raises:
       JShapeError: whatever is wrong with a file, a text or a place.
     """
-    kind = next(name for name in NAMES if getattr(options, name) is not None)
+    kind, value = next(
+        (name, value) for name in NAMES if (value := getattr(options, name)) is not None
+    )
     if kind in ("frame", "actions"):
         for name in ("at", "size_mm", "turn", "raise_mm", "depth_mm"):
             if getattr(options, name):
                 option = name.replace("_", "-")
                 raise JShapeError(f"--{option} says nothing of --{kind}: its places are its own")
     if kind == "frame":
-        return _frame(options, bed, camera, source)
+        return _frame(value, options, where, bed, camera, source)
     if kind == "actions":
-        return _actions(options, bed, camera, bank)
-    return _DRAWN[kind](options, bed)
+        return _actions(value, where, bed, camera, bank)
+    return _DRAWN[kind](value, options, bed)
 
 
-def _text(options: argparse.Namespace, bed: BedMap) -> Wanted:
-    return _laid(relief_of_text(options.text, _height(options)), options, bed)
+def _text(text: str, options: Options, bed: BedMap) -> Wanted:
+    return _laid(relief_of_text(text, _height(options)), options, bed)
 
 
-def _mask(options: argparse.Namespace, bed: BedMap) -> Wanted:
-    drawn, name = _drawing(options.mask, options), f"mask {Path(options.mask).name}"
+def _mask(path: str, options: Options, bed: BedMap) -> Wanted:
+    drawn, name = _drawing(path, options), f"mask {Path(path).name}"
     if _is_placed(options):
         return _laid(relief_of_mask(drawn, _height(options), name), options, bed)
     return _on_image(inked(drawn, name) * np.float32(_height(options)), bed, name)
 
 
-def _height_map(options: argparse.Namespace, bed: BedMap) -> Wanted:
-    path, name = options.height_map, f"height map {Path(options.height_map).name}"
-    drawn = _drawing(path, options)
+def _height_map(path: str, options: Options, bed: BedMap) -> Wanted:
+    drawn, name = _drawing(path, options), f"height map {Path(path).name}"
     low: float | None
     low, high = (0.0 if mm is None else sign * mm / 1e3
                  for mm, sign in ((options.depth_mm, -1), (options.raise_mm, 1)))  # fmt: skip
@@ -137,8 +139,8 @@ def _height_map(options: argparse.Namespace, bed: BedMap) -> Wanted:
     return _on_image(relief.heights, bed, name)
 
 
-def _mesh(options: argparse.Namespace, bed: BedMap) -> Wanted:
-    corners, faces = points.read_mesh(options.mesh)
+def _mesh(path: str, options: Options, bed: BedMap) -> Wanted:
+    corners, faces = points.read_mesh(path)
     assumed, unit = [], options.mesh_unit
     if unit is None:
         sides = np.ptp(corners, axis=0)
@@ -150,7 +152,7 @@ def _mesh(options: argparse.Namespace, bed: BedMap) -> Wanted:
             )
     if options.depth_mm and options.raise_mm:
         raise JShapeError("a mesh is raised or sunk: give --raise-mm or --depth-mm, not both")
-    name = f"mesh {Path(options.mesh).name}"
+    name = f"mesh {Path(path).name}"
     relief = relief_of_solid(corners, faces, unit=UNITS[unit], up=options.mesh_up, name=name)
     if options.size_mm is not None:
         relief = relief.sized(options.size_mm / 1e3, whole=True)
@@ -160,9 +162,11 @@ def _mesh(options: argparse.Namespace, bed: BedMap) -> Wanted:
     return _laid(relief, options, bed, assumed, sized=True)
 
 
-def _frame(options: argparse.Namespace, bed: BedMap, camera: Camera, source: Source) -> Wanted:
-    path = Path(options.frame)
-    own = goal_source(path, source, Path(options.bed).parent)
+def _frame(
+    name: str, options: Options, where: str, bed: BedMap, camera: Camera, source: Source
+) -> Wanted:
+    path = Path(name)
+    own = goal_source(path, source, Path(where).parent)
     left_out: Counter[str] = Counter()
     # Its depths may be any: neither range matters.
     found = frame_of(path, own._replace(stated=False), reproject=True, left_out=left_out)
@@ -173,19 +177,19 @@ def _frame(options: argparse.Namespace, bed: BedMap, camera: Camera, source: Sou
             f"{path}: of another camera than the bed: {differing(theirs, camera, 'bed')}"
         )
     found = found[at[1] : at[1] + camera.height, at[0] : at[0] + camera.width]
-    frame, filled = fill_missing(found, limit=options.max_missing, where=options.frame)
-    gaps = f"{filled} pixels of {options.frame} without depth, filled{said_of(left_out)}"
+    frame, filled = fill_missing(found, limit=options.max_missing, where=name)
+    gaps = f"{filled} pixels of {name} without depth, filled{said_of(left_out)}"
     said = [gaps] if filled else []
     change = bed.heights_of(frame) - bed.height
-    return Wanted(f"frame {Path(options.frame).name}", change, said, frame=frame, stands=True)
+    return Wanted(f"frame {path.name}", change, said, frame=frame, stands=True)
 
 
-def _actions(options: argparse.Namespace, bed: BedMap, camera: Camera, bank: Bank) -> Wanted:
+def _actions(text: str, where: str, bed: BedMap, camera: Camera, bank: Bank) -> Wanted:
     """What the bank predicts, on the bed's own map: effects keep their size in metres."""
     own = window_of(bank.camera, camera) is not None
     view = view_of(camera, bank.camera, bed.frame, reproject=not own)
-    now = image_of_depth(bed.frame, bank.camera, view=view, where=options.bed).image
-    acts = _acts(options.actions, bank, lambda at: _in_bank(at, view, bed.level))
+    now = image_of_depth(bed.frame, bank.camera, view=view, where=where).image
+    acts = _acts(text, bank, lambda at: _in_bank(at, view, bed.level))
     then = rollout(
         now, now, acts.actions, acts.positions, strengths=acts.strengths, yaws=acts.yaws, bank=bank
     ).images[-1]
@@ -196,8 +200,8 @@ def _actions(options: argparse.Namespace, bed: BedMap, camera: Camera, bank: Ban
     change = seen.heights_of(after) - seen.height
     (x, y), (x0, y0) = bed.axes(), seen.axes()
     rows, columns = (y - y0[0]) / seen.cell, (x - x0[0]) / seen.cell
-    where = np.meshgrid(rows, columns, indexing="ij")
-    change = ndimage.map_coordinates(change, where, order=1, mode="constant")
+    cells = np.meshgrid(rows, columns, indexing="ij")
+    change = ndimage.map_coordinates(change, cells, order=1, mode="constant")
     said = [] if own else ["the bank's camera is another one: seen as it would see the bed"]
     name = f"{len(acts.actions)} action{'s' * (len(acts.actions) > 1)}"
     return Wanted(name, change.astype(np.float32), said, stands=True)
@@ -282,7 +286,7 @@ def _written(row: Any, where: str) -> tuple[str, tuple[float, float], float, flo
 
 def _laid(
     relief: Relief,
-    options: argparse.Namespace,
+    options: Options,
     bed: BedMap,
     assumed: list[str] | None = None,
     *,
@@ -313,11 +317,11 @@ def _on_image(heights: np.ndarray, bed: BedMap, name: str) -> Wanted:
     return Wanted(name, drawn_on_image(heights, bed, name), [])
 
 
-def _is_placed(options: argparse.Namespace) -> bool:
+def _is_placed(options: Options) -> bool:
     return options.size_mm is not None or options.at is not None or options.turn != 0
 
 
-def _height(options: argparse.Namespace) -> float:
+def _height(options: Options) -> float:
     """Metres up of what is raised or sunk.
 
     Raises:
@@ -330,14 +334,14 @@ def _height(options: argparse.Namespace) -> float:
     return -(options.depth_mm or DEPTH_MM) / 1e3
 
 
-def _drawing(path: str, options: argparse.Namespace) -> np.ndarray:
+def _drawing(path: str, options: Options) -> np.ndarray:
     drawn = drawings.read_drawing(path)
     if not options.invert:
         return drawn
     return np.nanmax(np.ma.compressed(drawn)) - drawn
 
 
-_DRAWN: dict[str, Callable[[argparse.Namespace, BedMap], Wanted]] = {
+_DRAWN: dict[str, Callable[[str, Options, BedMap], Wanted]] = {
     "text": _text, "mask": _mask, "height_map": _height_map, "mesh": _mesh,
 }  # fmt: skip
 

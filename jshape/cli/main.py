@@ -11,9 +11,8 @@ from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
 
-from jshape.cli import settings
 from jshape.cli.colours import coloured
-from jshape.cli.parser import build_parser
+from jshape.cli.parser import parse
 from jshape.cli.tables import waiting
 from jshape.errors import JShapeError, one_line, quoted
 
@@ -96,43 +95,31 @@ def _prepare() -> None:
 
 
 def _run(words: list[str]) -> int:
-    named, rest = settings.named(words)
-    parser = build_parser(rest)
-    leaf = settings.leaf_of(parser, rest)
-    file, given = None, []
-    if leaf.get_default("computes") and not {"-h", "--help"} & {*rest}:
-        file = settings.file_of(named)
-        given = settings.apply(leaf, file)
-    options = parser.parse_args(words)
-    if getattr(options, "config", None) != named:
-        parser.error("--config is written in full")
-    settings.give_way(leaf, given, options)
-    if options.version:
-        from jshape import __version__
-
-        print(__version__)
-        return 0
-    if not hasattr(options, "run"):
-        getattr(options, "help_of", parser).print_help(sys.stderr)
+    asked = parse(words)
+    if asked is None:
         return 2
-    if given:
-        said = f"settings of {file}: {', '.join(one.key for one in given)}"
+    options = asked.options
+    if options is None:  # --help, --version
+        asked()
+        return 0
+    if asked.keys:
+        said = f"settings of {asked.file}: {', '.join(asked.keys)}"
         print(coloured(said, "quiet", sys.stderr), file=sys.stderr)
     if options.computes:
         from jshape.planning.devices import remember_compiled
 
         remember_compiled()
-    if isinstance(getattr(options, "out", None), Path):
+    if isinstance(out := getattr(options, "out", None), Path):
         from jshape.io.folders import left_behind
 
-        for line in left_behind(options.out):
+        for line in left_behind(out):
             print(coloured(one_line(line, 2000), "warning", sys.stderr), file=sys.stderr)
     with waiting(at_once=options.at_once) if options.computes else nullcontext():
-        result = options.run(options)
+        result = asked()
     if options.json:
         print(json.dumps(result))
     sys.stdout.flush()
-    return getattr(options, "exit_code", 0)
+    return options.exit_code(result)
 
 
 if __name__ == "__main__":

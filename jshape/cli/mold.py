@@ -1,32 +1,28 @@
 """`jshape mold DESIRED`: look, plan, act, look again, until the bed is as wanted."""
 
-import argparse
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jshape.camera import Camera, differing, window_of
-from jshape.cli import arguments, settings
-from jshape.cli.robot import (
-    add_robot,
-    add_run,
-    asking,
-    may_move,
-    resumed,
-    robot_of,
-    tell,
-)
-from jshape.cli.search_options import KEPT, add_search, kept_of, reachable, search_of
+from jshape.cli import settings
+from jshape.cli.commands import build_app, leaf_of
+from jshape.cli.names import Bank as BankName
+from jshape.cli.options import Positive
+from jshape.cli.parser import value_of
+from jshape.cli.robot import Runs, asking, may_move, resumed, robot_of, tell
+from jshape.cli.search_options import KEPT, Search, kept_of, reachable, search_of
 from jshape.data.intrinsics import within
 from jshape.data.view import View, image_of_depth, middle_depth, view_of
-from jshape.errors import BadCamera, BadFile, JShapeError
+from jshape.errors import BadCamera, BadFile, BadSetting
 from jshape.io import banks, formats, points
 from jshape.io.frames import Source, frame_of, goal_source, source_of
 from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
-from jshape.planning.options import DEFAULT_BANK, Constraints
+from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
 from jshape.robot.loop import HEAD
 from jshape.robot.robot import Robot
@@ -34,24 +30,40 @@ from jshape.robot.session import Session
 from jshape.viz.pictures import molding_pictures
 
 
-def mold(options: argparse.Namespace) -> dict[str, Any]:
-    """Mold what the camera sees into what is wanted."""
+@dataclass(frozen=True, kw_only=True)
+class Options(Search, Runs):
+    """Of `jshape mold`."""
+
+    bank: BankName | None = None
+    """Name or folder (default: the bundled one)."""
+    depth_unit: Positive | None = None
+    """Metres per count of DESIRED."""
+
+
+def mold(desired: Path | None = None, /, *, options: Options) -> dict[str, Any]:
+    """Mold what the camera sees into what is wanted.
+
+    Args:
+      desired: Depth image wanted, or a PLY or PCD.
+      options: how.
+    """
     over_devices(options.devices)  # before anything starts JAX
     say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
-    if options.resume == (options.desired is not None):
+    if options.resume == (desired is not None):
         raise BadFile("give either the image DESIRED, or --resume to go on with the run in --out")
     session = resumed(options, say) if options.resume else None
     if session is not None:
-        keep_on(session.run.meta, options, say)
+        options = keep_on(session.run.meta, options, say)
     bank_name = options.bank or (session.run.meta["bank"] if session else DEFAULT_BANK)
     bank = banks.load_bank(bank_name)
     confirm = asking(options)
-    with robot_of(options, bank, say) as robot:
+    with robot_of(options, options.out, bank, say) as robot:
         if session is None:
-            goal, bank, known = goal_of(options.desired, robot, bank, options, say)
+            assert desired is not None
+            goal, bank, known = goal_of(desired, robot, bank, options, say)
             meta = {
                 "what": "mold", "bank": str(bank_name), "arm": options.arm,
-                "camera": robot.eye.name, "goal": str(options.desired),
+                "camera": robot.eye.name, "goal": str(desired),
                 **kept_of(options), **known,
             }  # fmt: skip
             session = Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
@@ -74,7 +86,7 @@ def mold(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def goal_of(
-    path: Path, robot: Robot, bank: Bank, options: argparse.Namespace, say: Callable[[str], Any]
+    path: Path, robot: Robot, bank: Bank, options: Options, say: Callable[[str], Any]
 ) -> tuple[np.ndarray, Bank, dict[str, float]]:
     """What is wanted, from a file of any camera that can be known, and how the robot is to look.
 
@@ -102,7 +114,9 @@ def goal_of(
             unit = options.depth_unit or own.depth_unit
             source = own._replace(camera=of_eye[0], depth_unit=unit)  # no preset of the same size
         else:
-            source = source_of(path, shape, options.camera_file, bank, options.depth_unit)
+            source = source_of(
+                path, shape, str(options.camera_file or "") or None, bank, options.depth_unit
+            )
     depth = frame_of(path, source, reproject=bool(options.reproject))
     theirs = within(source.camera, (float(eye.z_min), float(eye.z_max)))
     at = window_of(eye, theirs)
@@ -126,12 +140,9 @@ def goal_of(
     if at is not None and view.window is None:
         known["rise_m"] = view.rise
         robot.view = view
-    max_missing = options.max_missing
-    if max_missing is None:
-        max_missing = Constraints().max_missing
     image = image_of_depth(
-        depth, bank.camera, max_missing=max_missing, where=str(path), view=view
-    ).image  # fmt: skip
+        depth, bank.camera, max_missing=options.max_missing, where=str(path), view=view
+    ).image
     return image, bank, known
 
 
@@ -151,41 +162,30 @@ def gone_on(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
     return bank
 
 
-def keep_on(
-    known: Mapping[str, Any], options: argparse.Namespace, say: Callable[[str], Any]
-) -> None:
-    """Set the options of `KEPT` as a run began; what differs from the defaults is said.
+def keep_on(known: Mapping[str, Any], options: Options, say: Callable[[str], Any]) -> Options:
+    """The options, those of `KEPT` as a run began; what differs from the defaults is said.
 
     Raises:
       BadFile: one that the option does not take, in a run.json that was changed.
     """
-    said = []
-    for action in options.kept:
-        name, key = action.dest, settings.key_of(action)
-        if known.get(name) is None or name in getattr(options, "given", ()):
+    leaf = leaf_of(build_app(), ["mold"])
+    assert leaf is not None
+    kept, said = {}, []
+    for name in KEPT:
+        key, then = name.replace("_", "-"), known.get(name)
+        if then is None or options.given.get(name) == "cli":
             continue  # a run of an older version does not say it
+        argument = leaf.arguments[key]
         try:
-            then = settings.read_value(action, key, known[name], options.out)
-        except JShapeError as problem:
-            raise BadFile(f"{options.out}: the run's {key}: {problem}") from None
-        now = getattr(options, name)
-        usual = getattr(action, "usual", None) if now is None else now
-        if then != (list(usual) if isinstance(usual, tuple) else usual):
-            setattr(options, name, then)
-            text = ",".join(map(str, then)) if isinstance(then, list) else str(then)
+            tokens = settings.tokens_of(argument, key, then, options.out, "")
+            value = value_of(argument, tokens)
+        except BadSetting as problem:
+            text = str(problem).removeprefix(f"{key}: ")
+            raise BadFile(f"{options.out}: the run's {key}: {text}") from None
+        if value != getattr(options, name):
+            kept[name] = value
+            text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
             said.append(f"--{key} {text}")
     if said:
         say(f"going on with: {' '.join(said)}")
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape mold`."""
-    parser = arguments.command(commands, "mold", mold)
-    parser.register("action", None, arguments.Remembered)
-    parser.add_argument("desired", type=Path, nargs="?", help="depth image wanted, or a PLY or PCD")
-    add_robot(parser, plans=True)
-    add_run(parser)
-    parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
-    parser.add_argument("--depth-unit", type=arguments.positive, help="metres per count of DESIRED")
-    add_search(parser)
-    parser.set_defaults(kept=[one for one in parser._actions if one.dest in KEPT])
+    return replace(options, **kept, given={**options.given, **dict.fromkeys(kept, "run")})

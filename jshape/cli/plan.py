@@ -1,17 +1,17 @@
 """`jshape plan INITIAL DESIRED`."""
 
-import argparse
 from collections import Counter
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from jshape.camera import differing
-from jshape.cli import arguments
-from jshape.cli.cameras import add_part
-from jshape.cli.search_options import add_search, reachable, search_of
+from jshape.cli.names import Bank, Preset
+from jshape.cli.options import CameraFile, Part, Positive, Writes
+from jshape.cli.search_options import Search, reachable, search_of
 from jshape.cli.tables import print_table
 from jshape.data.intrinsics import within
 from jshape.data.missing import said as said_of
@@ -31,8 +31,31 @@ CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
 """Files of a plan's folder."""
 
 
-def plan(options: argparse.Namespace) -> dict[str, Any]:
-    """Read two images, plan, print and write."""
+@dataclass(frozen=True, kw_only=True)
+class Options(Search, Part, Writes):
+    """Of `jshape plan`."""
+
+    at_once = True
+
+    out: Path | None = None
+    """Folder for plan.json and pictures."""
+    bank: Bank | None = None
+    """Name or folder (default: the bundled one)."""
+    camera_file: Annotated[Preset | None, CameraFile] = None
+    """camera.json, or a preset's name (default: camera.json beside INITIAL, else the bank's); of
+    DESIRED too, unless its own folder has one."""
+    depth_unit: Positive | None = None
+    """Metres per count of 16-bit images."""
+
+
+def plan(initial: Path, desired: Path, /, options: Options = Options()) -> dict[str, Any]:
+    """Read two images, plan, print and write.
+
+    Args:
+      initial: Depth image now: 16-bit PNG, TIFF, NPY, EXR.
+      desired: The same wanted, or a point cloud (PLY, PCD).
+      options: how.
+    """
     search = search_of(options)  # first of all: it chooses JAX's devices, and a bank starts JAX
     bank_name = options.bank or DEFAULT_BANK
     bank = banks.load_bank(bank_name)
@@ -43,17 +66,17 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
             "--reproject looks as the bank's camera would, --window and --depth-range plan on the "
             "frames as they are; give one or the other"
         )
-    raw = formats.read_array(options.initial)
-    source = source_of(options.initial, raw.shape, options.camera, bank, options.depth_unit)
+    raw = formats.read_array(initial)
+    source = source_of(initial, raw.shape, options.camera_file, bank, options.depth_unit)
     if raw.dtype == np.uint8:
         near, far = float(source.camera.z_min), float(source.camera.z_max)
         light = f"8 bits are luminance: white is {near:g} m away, black {far:g} m"
         source = source._replace(said=f"{source.said}; {light}")
     left_out: tuple[Counter[str], Counter[str]] = Counter(), Counter()
     again = bool(options.reproject)
-    first = frame_of(options.initial, source, reproject=again, raw=raw, left_out=left_out[0])
-    wanted = goal_source(options.desired, source, options.initial.parent)
-    goal = frame_of(options.desired, wanted, reproject=again, left_out=left_out[1])
+    first = frame_of(initial, source, reproject=again, raw=raw, left_out=left_out[0])
+    wanted = goal_source(desired, source, initial.parent)
+    goal = frame_of(desired, wanted, reproject=again, left_out=left_out[1])
     if options.window or options.depth_range:
         own = within(source.camera, options.depth_range)
         bank = bank_over(bank, own.crop(*options.window) if options.window else own, first, own)
@@ -70,13 +93,13 @@ def plan(options: argparse.Namespace) -> dict[str, Any]:
         goal,
         bank=bank,
         camera=(source.camera, wanted.camera),
-        names=(str(options.initial), str(options.desired)),
+        names=(str(initial), str(desired)),
         **keywords(search, reachable=mask),
     )
     said = {
         "bank": str(bank_name),
         "source": source.said,
-        "planner": search.get("planner", "greedy"),
+        "planner": options.planner,
     }
     if wanted.said != source.said:
         said["goal_source"] = wanted.said
@@ -127,25 +150,3 @@ def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]
     print(f"{found.status.name}: {found.status.meaning} ({spent})")
     if not found.actions and found.status is Status.NO_IMPROVEMENT:
         print("no action of the bank helps at these positions: try a smaller --stride")
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape plan`."""
-    parser = arguments.command(commands, "plan", plan, at_once=True)
-    parser.add_argument("initial", type=Path, help="depth image now: 16-bit PNG, TIFF, NPY, EXR")
-    parser.add_argument("desired", type=Path, help="the same wanted, or a point cloud (PLY, PCD)")
-    parser.add_argument(
-        "--camera-file",
-        "--camera",
-        dest="camera",
-        metavar="FILE",
-        help="camera.json, or a preset's name (default: camera.json beside INITIAL, else the "
-        "bank's); of DESIRED too, unless its own folder has one",
-    )
-    add_part(parser)
-    parser.add_argument(
-        "--depth-unit", type=arguments.positive, help="metres per count of 16-bit images"
-    )
-    parser.add_argument("--bank", default=None, help="name or folder (default: the bundled one)")
-    add_search(parser)
-    parser.add_argument("--out", type=Path, help="folder for plan.json and pictures")

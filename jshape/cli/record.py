@@ -1,16 +1,19 @@
 """`jshape record CAMERA --out DIR`: depth frames for `jshape dataset segment`."""
 
-import argparse
 import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import Parameter
 
-from jshape.cli import arguments, cameras
+from jshape.cli import cameras
+from jshape.cli.cameras import CAMERA_HELP, Camera, LooksOnce
+from jshape.cli.options import Duration, PositiveCount, Writes
 from jshape.cli.tables import progress
 from jshape.data.camera_check import VALID_LEAST
 from jshape.data.depth import check_unit
@@ -21,25 +24,41 @@ from jshape.io import folders, recordings
 from jshape.robot.cameras.base import FRAMES, CameraLost, DepthCamera, EndOfFrames, still
 
 
-def record(options: argparse.Namespace) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class Options(LooksOnce, Writes):
+    """Of `jshape record`."""
+
+    out: Path
+    """Folder of the recording."""
+    frames: PositiveCount | None = None
+    """How many (default: until Ctrl-C)."""
+    seconds: Duration | None = None
+    """How long (default: until Ctrl-C)."""
+    every: Duration | None = None
+    """Time between frames, as 0.5s (default: all that come)."""
+
+
+def record(
+    camera: Annotated[Camera | None, Parameter(help=CAMERA_HELP)] = None, /, *, options: Options
+) -> dict[str, Any]:
     """Record until as many frames or seconds as asked, the end of what is played, or Ctrl-C."""
     folders.check_target(options.out, options.overwrite, contents=recordings.CONTENTS)
     problem: JShapeError | None = None
     valid, left_out = 0.0, Counter()
     why = "as many as asked"
-    with closing(cameras.opened(options)) as camera:
-        asked, frames = _frames(camera, options)
+    with closing(cameras.opened(camera, options)) as device:
+        asked, frames = _frames(device, options)
         started = time.monotonic()
         with recordings.recording_writer(
-            options.out, camera.camera, camera.depth_unit, overwrite=options.overwrite
+            options.out, device.camera, device.depth_unit, overwrite=options.overwrite
         ) as add:
             try:
                 for counts in progress(frames, asked or 0, "recording"):
                     seen = only_readings(counts, left_out)
                     valid += float((seen > 0).mean())
                     if not add.count:
-                        depth = np.float32(camera.depth_unit) * seen
-                        check_unit(depth, camera.camera, camera.name, camera.depth_unit)
+                        depth = np.float32(device.depth_unit) * seen
+                        check_unit(depth, device.camera, device.name, device.depth_unit)
                     add(counts)  # as it came
             except EndOfFrames:
                 why = "the end of the recording"
@@ -60,15 +79,15 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
         )
     if not valid:
         raise JShapeError(
-            f"{camera.name}: no pixel has a reading in {count} frame{'s' * (count > 1)}, kept in "
+            f"{device.name}: no pixel has a reading in {count} frame{'s' * (count > 1)}, kept in "
             f"{options.out} all the same; jshape camera check says more"
         )
     result = {
-        "out": str(options.out), "camera": camera.name, "frames": count, "valid_share": share,
+        "out": str(options.out), "camera": device.name, "frames": count, "valid_share": share,
         "seconds": took, "stopped": why, "left_out": left_out,
     }  # fmt: skip
     if not options.json:
-        _print(result, camera)
+        _print(result, device)
     return result
 
 
@@ -82,9 +101,7 @@ def _print(result: dict[str, Any], camera: DepthCamera) -> None:
     print("" if share >= VALID_LEAST else "; too few: see jshape camera check")
 
 
-def _frames(
-    camera: DepthCamera, options: argparse.Namespace
-) -> tuple[int | None, Iterator[np.ndarray]]:
+def _frames(camera: DepthCamera, options: Options) -> tuple[int | None, Iterator[np.ndarray]]:
     """How many frames there will be, if that is known; and the frames."""
     live = bool(getattr(camera, "live", False))
     if not live and (options.seconds or options.every):
@@ -101,9 +118,7 @@ def _frames(
     return asked, _take(camera, count, options)
 
 
-def _take(
-    camera: DepthCamera, count: int | None, options: argparse.Namespace
-) -> Iterator[np.ndarray]:
+def _take(camera: DepthCamera, count: int | None, options: Options) -> Iterator[np.ndarray]:
     """The frames to keep.
 
     Raises:
@@ -131,15 +146,3 @@ def _take(
             due = max(due + options.every, now)
         taken += 1
         yield counts
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape record`."""
-    parser = arguments.command(commands, "record", record)
-    cameras.add_camera(parser)
-    parser.add_argument("--out", type=Path, required=True, help="folder of the recording")
-    parser.add_argument("--frames", type=arguments.positive_count, help="how many (until Ctrl-C)")
-    parser.add_argument("--seconds", type=arguments.duration, help="how long (until Ctrl-C)")
-    parser.add_argument(
-        "--every", type=arguments.duration, help="time between frames, as 0.5s (all that come)"
-    )

@@ -1,16 +1,19 @@
 """What `jshape mold` and `jshape execute` share: robot, question, pictures of the run."""
 
-import argparse
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from cyclopts import Parameter
 
-from jshape.cli import arguments, cameras
+from jshape.cli.cameras import CAMERA_HELP, Camera, Looks, looking
+from jshape.cli.names import Simulates
+from jshape.cli.options import Common, File, PositiveCount, Writes
 from jshape.errors import JShapeError, one_line
 from jshape.io import folders, runs
 from jshape.io.simulated import material_of
@@ -28,9 +31,55 @@ from jshape.robot.robot import Robot
 from jshape.robot.session import CONTENTS, Session
 from jshape.robot.signals import SIGNALS, uninterrupted
 
+if TYPE_CHECKING:
+    Arm = str
+else:
+    Arm = Annotated[Literal[tuple(ARMS)] | str, Parameter(metavar="ARM", help=described(ARMS))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robots(Looks, Simulates):
+    """Which robot acts, and how it looks."""
+
+    arm: Arm | None = "dry"
+    camera: Annotated[Camera | None, Parameter(help=f"{CAMERA_HELP} (default: the arm's own)")] = (
+        None
+    )
+    camera_file: Annotated[Path | None, File] = None
+    temporal: Annotated[bool, Parameter(negative="--no-temporal")] = True
+    base: Annotated[Path | None, Parameter(metavar="POSE")] = None
+    """Of the camera, from `jshape calibrate`."""
+    gripper: Annotated[Path | None, Parameter(metavar="POSE")] = None
+    """Of the gripper, for a camera in the hand."""
+    hand: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
+    """limits.yaml and ACTION.yaml (default: the twin's)."""
+    frames: PositiveCount = 15
+    """Of a look."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reprojects(Common):
+    """Whether the camera is another than the bank's."""
+
+    reproject: bool = False
+    """The camera is another than the bank's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Runs(Robots, Writes):
+    """Where a run is kept, and whether anybody is asked."""
+
+    arm: Arm = "dry"
+    out: Path
+    """Folder of the run."""
+    yes: bool = False
+    """Act without asking."""
+    resume: bool = False
+    """Go on with the run in --out from what is seen now."""
+
 
 @contextmanager
-def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any]) -> Iterator[Robot]:
+def robot_of(options: Any, out: Path, bank: Bank, say: Callable[[str], Any]) -> Iterator[Robot]:
     """The robot that the options name; stopped and closed at the end, at home if people agree.
 
     Everything is read before the arm is opened, which is the last thing that can fail.
@@ -39,8 +88,11 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
       JShapeError: no such arm or camera, no camera for an arm that brings none, or nothing that
         says where the camera is.
     """
-    if not options.resume:
-        folders.check_target(options.out, options.overwrite, contents=(*runs.CONTENTS, *CONTENTS))
+    reproject = options.reproject
+    run = options if isinstance(options, Runs) else None
+    if run is None or not run.resume:
+        whole = (*runs.CONTENTS, *CONTENTS)
+        folders.check_target(out, run is not None and run.overwrite, contents=whole)
     hand, material = load_hand(options.hand), material_of(options.material)
     base_camera = options.base and read_base_camera(options.base, options.gripper)
     with ExitStack() as stack:
@@ -67,7 +119,7 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
             )
         robot = Robot(
             eye, arm, hand, bank.camera, base_camera=base_camera, frames=options.frames,
-            reproject=bool(options.reproject),
+            reproject=reproject,
         )  # fmt: skip
         try:
             yield robot
@@ -77,18 +129,18 @@ def robot_of(options: argparse.Namespace, bank: Bank, say: Callable[[str], Any])
                 for said in getattr(problem, "__notes__", ()):  # how the run goes on
                     print(one_line(said, 2000), file=sys.stderr)
             if robot.moved:
-                _offer_home(robot, options, problem, broken)
+                _offer_home(robot, run, problem, broken)
             raise
 
 
-def _eye(options: argparse.Namespace) -> DepthCamera | None:
+def _eye(options: Robots) -> DepthCamera | None:
     """The camera that was named, started; None: the arm brings its own.
 
     Raises:
       JShapeError: options that say how to look through the camera, and there is none.
     """
     if options.camera is not None:
-        return cameras.looking(options.camera, options.camera_file, options)
+        return looking(options.camera, options)
     for name in ("topic", "window", "depth_range", "fill_holes"):
         if getattr(options, name):
             raise JShapeError(
@@ -110,9 +162,7 @@ def _interrupt(number: int, frame: Any) -> None:
     raise KeyboardInterrupt
 
 
-def _offer_home(
-    robot: Robot, options: argparse.Namespace, problem: BaseException, broken: str | None
-) -> None:
+def _offer_home(robot: Robot, run: Runs | None, problem: BaseException, broken: str | None) -> None:
     """Say why the arm was stopped, and ask whether it should go home; nobody there: it stays."""
     why = "interrupted" if isinstance(problem, KeyboardInterrupt) else one_line(problem, 2000)
     print(
@@ -121,7 +171,7 @@ def _offer_home(
     )
     if broken is not None:
         print(broken, file=sys.stderr)
-    if options.yes or not sys.stdin.isatty():
+    if run is None or run.yes or not sys.stdin.isatty():
         return
     try:
         if _asked("go home? [y/N] ") in YES:
@@ -131,7 +181,7 @@ def _offer_home(
         print(f"not at home: {str(more) or 'interrupted'}", file=sys.stderr)
 
 
-def may_move(options: argparse.Namespace) -> None:
+def may_move(options: Runs) -> None:
     """Ask whether the arm may go home, out of the camera's view, before the first look.
 
     Raises:
@@ -148,7 +198,7 @@ YES, ALL = ("y", "yes"), ("a", "all")
 """What people answer."""
 
 
-def asking(options: argparse.Namespace) -> Callable[[Plan], bool] | None:
+def asking(options: Runs) -> Callable[[Plan], bool] | None:
     """What asks before each action; None where `--yes` says that nobody is to be asked.
 
     Raises:
@@ -184,7 +234,7 @@ def _asked(question: str) -> str:
     return sys.stdin.readline().strip().lower()
 
 
-def resumed(options: argparse.Namespace, say: Callable[[str], Any]) -> Session:
+def resumed(options: Any, say: Callable[[str], Any]) -> Session:
     """The run to go on with, if it was made with the same arm and bank.
 
     Raises:
@@ -208,52 +258,3 @@ def tell(summary: Mapping[str, Any]) -> None:
         f"{summary['obtained_mm']:.3f} mm obtained"
     )
     print(f"run and pictures: {summary['out']}")
-
-
-def add_robot(
-    parser: argparse.ArgumentParser, arm: str | None = "dry", *, plans: bool = False
-) -> None:
-    """The options that say which robot; those of a search say more where the command plans.
-
-    Args:
-      parser: of the command.
-      arm: the one that is meant without `--arm`.
-      plans: `add_search` adds its options too.
-    """
-    if not plans:
-        parser.add_argument(
-            "--reproject", action="store_true", help="the camera is another than the bank's"
-        )
-    parser.add_argument(
-        "--arm", default=arm, metavar="ARM", help=f"{described(ARMS)}; default: {arm or 'none'}"
-    )
-    parser.add_argument(
-        "--camera", metavar="CAMERA", help=f"{cameras.CAMERA_HELP}; default: the arm's own"
-    )
-    parser.add_argument(
-        "--camera-file", type=Path, metavar="FILE",
-        help="camera.json to believe instead of what the camera says",
-    )  # fmt: skip
-    cameras.add_looking(parser, temporal=True)
-    parser.add_argument(
-        "--base", type=Path, metavar="POSE", help="of the camera, from `jshape calibrate`"
-    )
-    parser.add_argument(
-        "--gripper", type=Path, metavar="POSE", help="of the gripper, for a camera in the hand"
-    )
-    parser.add_argument(
-        "--hand", type=Path, metavar="FOLDER", help="limits.yaml and ACTION.yaml (the twin's)"
-    )
-    arguments.add_material(parser)
-    parser.add_argument(
-        "--frames", type=arguments.positive_count, default=15, help="of a look (15)"
-    )
-
-
-def add_run(parser: argparse.ArgumentParser) -> None:
-    """The options that say where a run is kept, and whether anybody is asked."""
-    parser.add_argument("--yes", action="store_true", help="act without asking")
-    parser.add_argument("--out", type=Path, required=True, help="folder of the run")
-    parser.add_argument(
-        "--resume", action="store_true", help="go on with the run in --out from what is seen now"
-    )

@@ -1,7 +1,7 @@
 """`jshape samples OUT`: the files that the documentation's commands name, from the simulator."""
 
-import argparse
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jshape.camera import PAPER_BOX
-from jshape.cli import arguments
+from jshape.cli.options import Writes
 from jshape.data.simulate import DEPTH_UNIT, look
 from jshape.io import cameras, files, folders, images
 from jshape.robot.simulated import SimulatedWorld, bed_of
@@ -30,16 +30,26 @@ NOISE_MM, NOISE_DEG = 0.4, 0.1
 """Of what the camera sees of a target, per axis."""
 
 
-def samples(options: argparse.Namespace) -> dict[str, Any]:
-    """Write them; returns where."""
-    with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
+@dataclass(frozen=True, kw_only=True)
+class Options(Writes):
+    """Of `jshape samples`."""
+
+
+def samples(out: Path, /, options: Options = Options()) -> dict[str, Any]:
+    """Write them; returns where.
+
+    Args:
+      out: Folder to make.
+      options: how.
+    """
+    with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
         cameras.write_camera(folder / "camera.json", PAPER_BOX, DEPTH_UNIT)
         for name, depth in zip(("now", "wanted"), _beds(), strict=True):
             images.write_depth_png(folder / f"{name}.png", depth, DEPTH_UNIT)
         files.write_atomic(folder / "poses.json", _poses(np.random.default_rng(SEED)))
     if not options.json:
-        print(f"{', '.join(CONTENTS)}: {options.out}")
-    return {"out": str(options.out), "files": list(CONTENTS)}
+        print(f"{', '.join(CONTENTS)}: {out}")
+    return {"out": str(out), "files": list(CONTENTS)}
 
 
 def _beds() -> tuple[np.ndarray, np.ndarray]:
@@ -73,9 +83,3 @@ def _poses(rng: np.random.Generator) -> str:
         both = {"base_gripper": gripper, "camera_target": seen}
         pairs.append({name: matrix.round(6).tolist() for name, matrix in both.items()})
     return json.dumps(pairs) + "\n"
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape samples`."""
-    parser = arguments.command(commands, "samples", samples)
-    parser.add_argument("out", type=Path, help="folder to make")

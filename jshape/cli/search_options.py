@@ -1,100 +1,97 @@
 """The options of a search, for all commands that plan: the fields of `planning/options.py`."""
 
-import argparse
 from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from cyclopts import Parameter
 
-from jshape.cli import arguments
+from jshape.cli.options import (
+    Common,
+    Count,
+    Devices,
+    Duration,
+    Nonnegative,
+    PositiveCount,
+    Positives,
+    Seed,
+    Share,
+    Use,
+)
 from jshape.data.view import View
 from jshape.errors import BadImage, BadPosition
 from jshape.io import drawings, files
 from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
-from jshape.planning.options import fields_of, options
+from jshape.planning.options import (
+    GROUPS,
+    Constraints,
+    SearchBudget,
+    SearchSpace,
+    StopCriteria,
+    options,
+)
 from jshape.planning.search import PLANNERS
 
-FIELDS: dict[str, tuple[Any, str, str]] = {
-    "positions": (str, "CxR|FILE", "a grid of positions for each action, paper for the paper's 15, "
-                                   "or a JSON file"),
-    "stride": (arguments.positive_count, "PIXELS", "between positions that are not given (12; less "
-                                                 "for small ROIs)"),
-    "strengths": (arguments.positives, "S,S,...", "depths to try, times the trained one"),
-    "yaws": (arguments.positive_count, "N", "number of yaw angles in [0, pi) (4 where the bank can "
-                                            "turn the hand; 1 disables rotation)"),
-    "out_of_bounds": (str, "WHAT", "positions whose ROI leaves the image: refuse, shift, drop"),
-    "reachable": (str, "MASK", "image, not 0 where the hand may be placed, of the frames' size "
-                               "or the bank's"),
-    "clearance_mm": (arguments.nonnegative, "MM", "least distance of positions to the image's edge "
-                                                  "and to what --reachable leaves out"),
-    "max_uses": (arguments.use, "ACTION=N", "use an action at most N times; may be given again"),
-    "max_missing": (arguments.share, "SHARE", "largest share of pixels without depth to fill"),
-    "reproject": (bool, "", "see frames of another camera or height as the bank's camera would"),
-    "max_steps": (arguments.count, "N", "most actions"),
-    "min_gain_mm": (arguments.nonnegative, "MM", "an action must gain more than this"),
-    "tolerance_mm": (arguments.nonnegative, "MM", "stop when the goal is this near"),
-    "error_margin": (arguments.nonnegative, "X", "an action must also gain more than X times its "
-                                                 "usual error (0.5 where the bank knows it)"),
-    "seconds": (arguments.duration, "TIME", "of a search: 5s, 500ms, 2min; compiling not counted"),
-    "evaluations": (arguments.positive_count, "N", "most predictions of a search"),
-    "seed": (arguments.seed, "N", "of searches that draw"),
-}  # fmt: skip
-"""How each field is read, what stands for its value, and what it is."""
+
+@dataclass(frozen=True, kw_only=True)
+class Search(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
+    """The fields of the records of `jshape.plan`, as the command line reads them."""
+
+    planner: Annotated[str, Parameter(choices=tuple(PLANNERS), metavar="NAME")] = "greedy"
+    """Which search; greedy is the quickest."""
+    devices: Devices | None = None
+    """CPU devices that share the work (default: one per core, at most 8)."""
+    positions: Annotated[str | None, Parameter(metavar="CxR|FILE")] = None
+    """A grid of positions for each action, paper for the paper's 15, or a JSON file (default: every
+    `--stride` pixels)."""
+    stride: PositiveCount | None = None
+    strengths: Positives = field(default_factory=lambda: list(SearchSpace.strengths))
+    yaws: PositiveCount | None = None
+    out_of_bounds: Literal["refuse", "shift", "drop"] = "refuse"
+    reachable: Annotated[str | None, Parameter(metavar="MASK")] = None
+    """Image, not 0 where the hand may be placed, of the frames' size or the bank's."""
+    clearance_mm: Nonnegative = Constraints.clearance_mm
+    max_uses: list[Use] | None = None
+    """Use an action at most N times; may be given again."""
+    max_missing: Share = Constraints.max_missing
+    max_steps: Count = StopCriteria.max_steps
+    min_gain_mm: Nonnegative = StopCriteria.min_gain_mm
+    tolerance_mm: Nonnegative = StopCriteria.tolerance_mm
+    error_margin: Nonnegative | None = None
+    seconds: Duration | None = None
+    evaluations: PositiveCount | None = None
+    seed: Seed = SearchBudget.seed
+
+
+FIELDS = tuple(one.name for kind in GROUPS.values() for one in fields(kind))
+"""Of the records."""
 KEPT = ("planner", *FIELDS)
 """Options that a resumed run keeps."""
 
 
-def add_search(parser: argparse.ArgumentParser) -> None:
-    """The options that say how to search; those not given keep the defaults of the records."""
-    usual = fields_of({})
-    where = parser.add_mutually_exclusive_group()
-    for name, (kind, metavar, what) in FIELDS.items():
-        more: dict[str, Any] = {"type": kind, "metavar": metavar}
-        if kind is bool:
-            more = {"action": "store_true", "default": None}
-        elif kind is arguments.use:
-            more["action"] = "append"
-        elif name == "out_of_bounds":
-            more["choices"] = ("refuse", "shift", "drop")
-        default = usual[name]
-        if isinstance(default, tuple):
-            default = ",".join(f"{x:g}" for x in default)
-        said = "" if default in (None, False) else f" (default: {default})"
-        to: Any = where if name in ("positions", "stride") else parser
-        added = to.add_argument(f"--{name.replace('_', '-')}", help=what + said, **more)
-        added.usual = usual[name]  # what holds where the option is None: not given
-    planner: Any = parser.add_argument(
-        "--planner",
-        choices=tuple(PLANNERS),
-        metavar="NAME",
-        help=f"which search: {', '.join(PLANNERS)} (default: greedy, the quickest)",
-    )
-    planner.usual = "greedy"
-    arguments.add_devices(parser)
-
-
-def search_of(given: argparse.Namespace) -> dict[str, Any]:
-    """Keywords of `jshape.plan` from the options that `add_search` added, but the reachable mask.
+def search_of(given: Search) -> dict[str, Any]:
+    """Keywords of `jshape.plan` from the options, but the reachable mask.
 
     Raises:
       BadPosition, BadFile: a file of positions that is none.
     """
-    found = {name: getattr(given, name) for name in FIELDS if getattr(given, name) is not None}
+    found = {name: getattr(given, name) for name in FIELDS if name in given.given}
     found.pop("reachable", None)
     if "positions" in found:
         found["positions"] = _positions(found["positions"])
     if "max_uses" in found:
         found["max_uses"] = dict(found["max_uses"])
-    if given.planner:
+    if "planner" in given.given:
         found["planner"] = given.planner
     return options(None, execution=over_devices(given.devices), **found)
 
 
-def kept_of(given: argparse.Namespace) -> dict[str, Any]:
-    """The options of `KEPT` as a run keeps them."""
-    found = {name: getattr(given, name) for name in KEPT}
+def kept_of(given: Search) -> dict[str, Any]:
+    """The options of `KEPT` that were given, as a run keeps them."""
+    found = {name: getattr(given, name) for name in KEPT if name in given.given}
     if given.max_uses:
         found["max_uses"] = [f"{name}={count}" for name, count in given.max_uses]
     return found

@@ -5,27 +5,21 @@ Each key is the long name of an option.  It reaches the commands that have the o
 The command line beats the file.
 """
 
-import argparse
 import os
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
-from jshape.cli import COMMANDS, arguments
-from jshape.errors import BadSetting, JShapeError, UnknownName, did_you_mean, one_line, quoted
+from cyclopts import Argument, Token
+
+from jshape.cli import COMMANDS
+from jshape.cli.commands import EACH_TIME, Leaf, build_app, leaves
+from jshape.errors import BadSetting, UnknownName, did_you_mean, one_line, quoted
 
 NAME, VARIABLE, OFF = "jshape.toml", "JSHAPE_CONFIG", "off"
 LIMIT = 64 * 1024
 """Largest file that is read, bytes."""
-EACH_TIME = ("yes", "overwrite", "resume", "restart", "host")
-"""What moves an arm unasked, replaces work or lets others in is said each time, at the command
-line: a file that happens to lie in a folder must not say it."""
-NO_SETTINGS = ("help", "json", "config", "version")
-"""Options that say something of one run."""
-OWN_TABLE = ("dataset", "train", "evaluate")
-"""Commands about data and measurements, which a camera and a bank for molding must not change: keys
-outside of their own table do not reach them."""
 OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "goal")
 """Options that say how to look through a camera, and commands that take frames which may be cut
 already: they read these only from tables of their own."""
@@ -33,24 +27,42 @@ NAMES_OR_FILES = ("bank", "camera", "camera-file", "positions", "start")
 """Options that take the name of something, or a file or folder."""
 
 
+EXCLUDE = (
+    ("positions", "stride"),
+    ("text", "mask", "height-map", "mesh", "frame", "actions"),
+)
+"""Options of which only one can be given."""
+
+
 class Given(NamedTuple):
     """A setting that reaches a command."""
 
     key: str
-    action: argparse.Action
+    argument: Argument
     value: Any
-    before: Any
-    """The option's own default."""
     table: str
     """Where in the file: "" is outside of all tables."""
+    tokens: list[Token]
 
 
 def named(words: Sequence[str]) -> tuple[str | None, list[str]]:
-    """What `--config` says on a command line, and the line without it."""
-    before = arguments.Parser(prog="jshape", add_help=False, allow_abbrev=False)
-    before.add_argument("--config")
-    found, rest = before.parse_known_args(list(words))
-    return found.config, rest
+    """What `--config` says on a command line, and the line without it.
+
+    Raises:
+      BadSetting: it says nothing.
+    """
+    found, rest = None, []
+    left = iter(words)
+    for word in left:
+        if word == "--":
+            rest += [word, *left]
+        elif word.partition("=")[0] == "--config":
+            found = word.partition("=")[2] if "=" in word else next(left, "")
+            if not found:
+                raise BadSetting("--config: needs the name of a file, or off")
+        else:
+            rest.append(word)
+    return found, rest
 
 
 def file_of(name: str | None) -> Path | None:
@@ -68,105 +80,60 @@ def file_of(name: str | None) -> Path | None:
     return path
 
 
-def leaf_of(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser of the command that the words name."""
-    for word in words:
-        parser = _children(parser).get(word, parser)
-    return parser
-
-
-def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """The parsers of all commands that do something."""
-    children = _children(parser)
-    if not children:
-        yield parser
-    for child in children.values():
-        yield from leaves(child)
-
-
-def table_of(leaf: argparse.ArgumentParser) -> str:
-    """The name of a command's own table: "plan", "dataset-simulate"."""
-    return "-".join(leaf.prog.split()[1:])
-
-
-def options_of(leaf: argparse.ArgumentParser) -> dict[str, argparse.Action]:
-    """The options of a command that a file may set, by key."""
-    found = {}
-    for action in leaf._actions if leaf.get_default("computes") else ():
-        key = key_of(action)
-        if key and key not in (*NO_SETTINGS, *EACH_TIME):
-            found[key] = action
-    return found
-
-
-def key_of(action: argparse.Action) -> str:
-    """The key of an option: its first long name, or its own; "" for those that have none."""
-    long = next((one for one in action.option_strings if one.startswith("--")), "")
-    return getattr(action, "setting", long.removeprefix("--"))
-
-
-def apply(leaf: argparse.ArgumentParser, file: Path | None) -> list[Given]:
-    """Make what a file says the defaults of a command's options; returns what it said.
+def apply(leaf: Leaf, file: Path, arguments: Iterable[Argument]) -> list[str]:
+    """Give a command's arguments what a file says of those that were not given; returns the keys.
 
     Raises:
       BadSetting: a key or a table that no command has, or a value that the option does not take.
     """
-    given = {} if file is None else settings_for(leaf, file)
-    for one in given.values():
-        one.action.default, one.action.required = one.value, False
-        leaf.set_defaults(**{one.action.dest: one.value})
-    return list(given.values())
+    found = settings_for(leaf, file)
+    mine = {one.name: one for one in arguments}
+    said = {one.name.lstrip("-") for one in mine.values() if one.tokens}
+    for key, one in found.items():
+        if key in said or said.intersection(excluded(key)) or mine[one.argument.name].tokens:
+            continue
+        for token in one.tokens:
+            mine[one.argument.name].append(token)
+    return list(found)
 
 
-def settings_for(leaf: argparse.ArgumentParser, file: Path) -> dict[str, Given]:
+def settings_for(leaf: Leaf, file: Path) -> dict[str, Given]:
     """What a file says of a command's options, by key.
 
     Raises:
-      BadSetting: as for `apply`.
+      BadSetting: as for `apply`, but for values that the option's type does not take.
     """
     content = read(file)
-    mine, table = options_of(leaf), table_of(leaf)
+    mine, table = leaf.settable, leaf.table
     tables = {name: part for name, part in content.items() if isinstance(part, dict)}
     shared = {name: value for name, value in content.items() if name not in tables}
     _check_tables(tables, file)
-    if not _is_shared(leaf) or any(name not in mine for name in shared):
+    if not leaf.shared or any(name not in mine for name in shared):
         _check_shared(shared, file)
     given: dict[str, Given] = {}
     if table in FROM_FILES:
         shared = {name: value for name, value in shared.items() if name not in OF_A_CAMERA}
-    layers = {"": shared if _is_shared(leaf) else {}, table: tables.get(table, {})}
+    layers = {"": shared if leaf.shared else {}, table: tables.get(table, {})}
     for name, part in layers.items():
         where = f"{file}: [{name}] " if name else f"{file}: "
         for key in part if name else [key for key in part if key in mine]:
             if key not in mine:
                 raise BadSetting(where + _unknown(key, mine))
             try:
-                value = read_value(mine[key], key, part[key], file.parent)
-            except JShapeError as problem:
+                tokens = tokens_of(mine[key], key, part[key], file.parent, where)
+            except BadSetting as problem:
                 raise BadSetting(f"{where}{key}: {problem}") from None
-            for other in excluded(leaf, mine[key]):
-                rival = next((k for k, one in given.items() if one.action is other), None)
-                if rival is not None and given[rival].table == name:
+            for rival in excluded(key):
+                if rival in given and given[rival].table == name:
                     raise BadSetting(f"{where}{key}: excludes {rival}; give one of them")
-                given.pop(rival or "", None)
-            given[key] = Given(key, mine[key], value, mine[key].default, name)
+                given.pop(rival, None)
+            given[key] = Given(key, mine[key], part[key], name, tokens)
     return given
 
 
-def give_way(
-    leaf: argparse.ArgumentParser, given: Sequence[Given], options: argparse.Namespace
-) -> None:
-    """Take back settings that an option of the command line excludes."""
-    for one in given:
-        rivals = excluded(leaf, one.action)
-        if any(getattr(options, rival.dest) != rival.default for rival in rivals):
-            setattr(options, one.action.dest, one.before)
-
-
-def excluded(leaf: argparse.ArgumentParser, action: argparse.Action) -> list[argparse.Action]:
+def excluded(key: str) -> list[str]:
     """The options that cannot be given together with one."""
-    groups = [group._group_actions for group in leaf._mutually_exclusive_groups]
-    return [one for group in groups if action in group for one in group if one is not action]
+    return [one for group in EXCLUDE if key in group for one in group if one != key]
 
 
 def read(file: Path) -> dict[str, Any]:
@@ -187,43 +154,41 @@ def read(file: Path) -> dict[str, Any]:
     return _dashed(tables, file)
 
 
-def read_value(action: argparse.Action, key: str, value: Any, folder: Path) -> Any:
-    """A value of a file as the command line would have read it; files are relative to `folder`.
+def tokens_of(argument: Argument, key: str, value: Any, folder: Path, where: str) -> list[Token]:
+    """A value of a file as the command line would have given it; files are relative to `folder`.
 
     Raises:
-      BadSetting: it is nothing that the option takes.
+      BadSetting: it is of another kind than the option's.
     """
-    if action.nargs == 0 or isinstance(action, argparse.BooleanOptionalAction):
+    if argument.is_flag():
         if not isinstance(value, bool):
             raise BadSetting(f"{_text(value)} is not true or false")
-        return value
-    several = action.nargs is not None and action.nargs != "?"
-    if several or isinstance(action, argparse._AppendAction):
+        return [Token(keyword=f"--{key}", source=where, implicit_value=value)]
+    many, rest = argument.token_count()
+    if argument.parameter.n_tokens is None and (many != 1 or rest):
         if not isinstance(value, list) or not value:
             raise BadSetting(f"{_text(value)} is not a list [...]")
-        if isinstance(action.nargs, int) and len(value) != action.nargs:
-            raise BadSetting(f"{_text(value)} has {len(value)} values; {action.nargs} are needed")
-        return [_read_one(action, key, one, folder) for one in value]
-    if isinstance(value, list) and value and all(_is_number(one) for one in value):
-        value = ",".join(str(one) for one in value)  # as --strengths takes them
-    return _read_one(action, key, value, folder)
+        if not rest and len(value) != many:
+            raise BadSetting(f"{_text(value)} has {len(value)} values; {many} are needed")
+    elif isinstance(value, list) and value and all(_is_number(one) for one in value):
+        value = [",".join(str(one) for one in value)]  # as --strengths takes them
+    else:
+        value = [value]
+    texts = [_read(argument, key, one, folder) for one in value]
+    return [Token(keyword=f"--{key}", value=text, source=where, index=index)
+            for index, text in enumerate(texts)]  # fmt: skip
 
 
-def _read_one(action: argparse.Action, key: str, value: Any, folder: Path) -> Any:
-    kind: Any = action.type or str
-    if not isinstance(value, str) and (kind in (str, Path) or not _is_number(value)):
-        expected = "text" if kind in (str, Path) else "a number or text"
-        raise BadSetting(f"{_text(value)} is not {expected}")
+def _read(argument: Argument, key: str, value: Any, folder: Path) -> str:
+    kinds = {argument.hint, *get_args(argument.hint)}
+    kinds |= {part for kind in kinds for part in get_args(kind)}
+    number = bool({int, float} & kinds)
+    if not isinstance(value, str) and not (number and _is_number(value)):
+        raise BadSetting(f"{_text(value)} is not {'a number or text' if number else 'text'}")
     text = str(value)
-    if kind is Path or key in NAMES_OR_FILES:
-        text = _from_folder(text, folder, always=kind is Path)
-    try:
-        found = kind(text)
-    except (argparse.ArgumentTypeError, ValueError, TypeError) as problem:
-        raise BadSetting(str(problem)) from None
-    if action.choices is not None and found not in action.choices:
-        raise UnknownName("value", found, [str(one) for one in action.choices])
-    return found
+    if Path in kinds or key in NAMES_OR_FILES:
+        text = _from_folder(text, folder, always=Path in kinds)
+    return text
 
 
 def _from_folder(text: str, folder: Path, always: bool) -> str:
@@ -244,11 +209,6 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return "a table" if isinstance(value, dict) else quoted(value)
-
-
-def _is_shared(leaf: argparse.ArgumentParser) -> bool:
-    """Whether keys outside of tables reach a command."""
-    return leaf.prog.split()[1] not in OWN_TABLE
 
 
 def _dashed(content: Mapping[str, Any], file: Path) -> dict[str, Any]:
@@ -274,10 +234,7 @@ def _check_tables(tables: Mapping[str, Any], file: Path) -> None:
 
 
 def _check_shared(shared: Mapping[str, Any], file: Path) -> None:
-    from jshape.cli.parser import build_parser
-
-    reached = filter(_is_shared, leaves(build_parser()))
-    known = {key for leaf in reached for key in options_of(leaf)}
+    known = {key for leaf in leaves(build_app()) if leaf.shared for key in leaf.settable}
     for key in shared:
         if key not in known:
             raise BadSetting(f"{file}: {_unknown(key, sorted(known))}")
@@ -286,10 +243,3 @@ def _check_shared(shared: Mapping[str, Any], file: Path) -> None:
 def _unknown(key: str, known: Sequence[str] | Mapping[str, Any]) -> str:
     near = did_you_mean(key, known)
     return f"unknown key {quoted(key)}{near or '; allowed: ' + ', '.join(known)}"
-
-
-def _children(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            return dict(action.choices)
-    return {}

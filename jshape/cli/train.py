@@ -1,7 +1,7 @@
 """`jshape train DATASET --out BANK`."""
 
-import argparse
 import sys
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,20 +9,42 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from jshape.cli import arguments
+from jshape.cli.learning import Kind, Trains
+from jshape.cli.names import Bank
+from jshape.cli.options import Devices, Writes
 from jshape.cli.tables import print_table
 from jshape.errors import JShapeError
 from jshape.io import banks, checkpoints, datasets, folders
+from jshape.learn.settings import Training
 from jshape.planning import devices
 from jshape.viz.style import drawn
 
 WITHOUT_CHECKPOINTS = ("D", "P")
 """Kinds that are fitted in seconds: there is nothing to go on from."""
-OF_NETWORKS = (*(name for name in arguments.TRAINING if name != "seed"), "morphology")
+OF_NETWORKS = tuple(one.name for one in fields(Training) if one.name != "seed")
 """Options that those kinds do not use."""
 
 
-def train(options: argparse.Namespace) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class Options(Trains, Writes):
+    """Of `jshape train`."""
+
+    out: Path
+    """Folder of the new bank."""
+    kind: Kind = "P"
+    """P: a tool pressed into the ground, the best; D: the mean difference; C, DC: a U-Net, alone or
+    after D; CR, DCR: the same, refined as in the paper."""
+    licence: str = ""
+    """Licence of the bank, for its manifest."""
+    start: Bank | None = None
+    """Train on from this bank."""
+    restart: bool = False
+    """Forget an interrupted training in OUT.training instead of going on with it."""
+    devices: Devices | None = None
+    """CPU devices that share a network's batches (default: 1)."""
+
+
+def train(dataset: Path, /, options: Options) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
     mesh = _mesh(options)  # first of all: what loads a bank starts JAX
     from jshape import metric
@@ -43,9 +65,9 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
             f"{kept}: holds an interrupted training of another kind; --restart removes it"
         )
     start = banks.load_bank(options.start) if options.start is not None else None
-    pairs = datasets.load_pairs(options.dataset)
-    settings = {name: getattr(options, name) for name in (*arguments.TRAINING, "morphology")}
-    settings = {name: value for name, value in settings.items() if value is not None}
+    pairs = datasets.load_pairs(dataset)
+    learning = [one.name for one in fields(Training) if one.name in options.given]
+    settings = {name: getattr(options, name) for name in learning}
     to_mm = float(metric.to_mm(1.0, pairs.camera))
     going_on = f"going on from {kept} (--restart starts again)"
     watch = _Watch(to_mm, going_on if resumed and not options.json else "")
@@ -120,7 +142,7 @@ def train(options: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
-def _mesh(options: argparse.Namespace) -> Any:
+def _mesh(options: Options) -> Any:
     """The devices that share the batches, or None."""
     if options.devices is None:
         return None
@@ -147,8 +169,8 @@ def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> li
         return held_out(bank, pairs, start=start, report=tell, **settings)
 
 
-def _refuse_unused(options: argparse.Namespace) -> None:
-    given = [name for name in OF_NETWORKS if getattr(options, name) is not None]
+def _refuse_unused(options: Options) -> None:
+    given = [name for name in OF_NETWORKS if name in options.given]
     if given:
         named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise JShapeError(f"{named}: kind {options.kind} trains no network and does not use it")
@@ -210,35 +232,3 @@ class _Watch:
             }
             for name, rows in self.curves.items()
         }
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape train`."""
-    parser = arguments.command(commands, "train", train)
-    parser.add_argument("dataset", type=Path)
-    parser.add_argument(
-        "--kind",
-        default="P",
-        help="P: a tool pressed into the ground, the best (default); D: the mean difference; "
-        "C, DC: a U-Net, alone or after D; CR, DCR: the same, refined as in the paper",
-    )
-    parser.add_argument("--out", type=Path, required=True, help="folder of the new bank")
-    parser.add_argument("--licence", default="", help="licence of the bank, for its manifest")
-    parser.add_argument("--start", default=None, metavar="BANK", help="train on from this bank")
-    parser.add_argument(
-        "--restart",
-        action="store_true",
-        help="forget an interrupted training in OUT.training instead of going on with it",
-    )
-    for name, (read, what) in arguments.TRAINING.items():
-        parser.add_argument(f"--{name.replace('_', '-')}", type=read, default=None, help=what)
-    parser.add_argument(
-        "--morphology", choices=("erode", "dilate"), default=None,
-        help="what B goes through: erode (the paper), dilate (its authors' code)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--devices",
-        type=arguments.devices,
-        metavar="N",
-        help="CPU devices that share a network's batches (1)",
-    )

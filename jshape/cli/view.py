@@ -1,28 +1,49 @@
 """`jshape view RUN`: a plan or a run in 3-D, in the browser or as a Rerun recording."""
 
-import argparse
 import signal
 import sys
 import webbrowser
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from cyclopts import Parameter
 
 from jshape.app.ports import LOCAL
-from jshape.cli import arguments
+from jshape.cli.options import File, Port, Writes
 from jshape.io.cameras import read_camera
 
-PORT = 8080
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Writes):
+    """Of `jshape view`."""
+
+    save: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
+    """Write a Rerun recording, open no browser."""
+    host: str = "127.0.0.1"
+    """To listen at (127.0.0.1: only here)."""
+    port: Port = 8080
+    """To listen at; 0: any free one."""
+    no_open: bool = False
+    """Open no browser."""
+    camera_file: Annotated[Path | None, File] = None
+    """camera.json, if the run's bank is gone."""
 
 
-def view(options: argparse.Namespace) -> dict[str, Any]:
-    """Read the story; write it, or show it until Ctrl-C."""
+def view(run: Path, /, options: Options = Options()) -> dict[str, Any]:
+    """Read the story; write it, or show it until Ctrl-C.
+
+    Args:
+      run: A run's or a plan's folder, or plan.json.
+      options: how.
+    """
     from jshape.app.view.read import read_story
     from jshape.app.view.recording import check_target, write_recording
 
     if options.save is not None:
         check_target(options.save, options.overwrite)
     camera = None if options.camera_file is None else read_camera(options.camera_file, 1.0)[0]
-    story = read_story(options.run_folder, camera=camera)
+    story = read_story(run, camera=camera)
     if not options.json:
         print("\n".join([story.title, *story.notes]), flush=True)
     result = {
@@ -38,7 +59,7 @@ def view(options: argparse.Namespace) -> dict[str, Any]:
     return result | {"recording": str(out)}
 
 
-def _show(story: Any, options: argparse.Namespace) -> str:
+def _show(story: Any, options: Options) -> str:
     """Serve the story until Ctrl-C; returns where it was."""
     from jshape.app.view.browser import Viewer
 
@@ -61,22 +82,3 @@ def _show(story: Any, options: argparse.Namespace) -> str:
 
 def _interrupt(number: int, frame: Any) -> None:
     raise KeyboardInterrupt
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape view`."""
-    parser = arguments.command(commands, "view", view)
-    parser.add_argument(
-        "run_folder", type=Path, metavar="RUN", help="a run's or a plan's folder, or plan.json"
-    )
-    parser.add_argument(
-        "--save", type=Path, metavar="FILE.rrd", help="write a Rerun recording, open no browser"
-    )
-    parser.add_argument("--host", default="127.0.0.1", help="to listen at (127.0.0.1: only here)")
-    parser.add_argument(
-        "--port", type=arguments.port, default=PORT, help=f"to listen at ({PORT}; 0: any free one)"
-    )
-    parser.add_argument("--no-open", action="store_true", help="open no browser")
-    parser.add_argument(
-        "--camera-file", type=Path, metavar="FILE", help="camera.json, if the run's bank is gone"
-    )

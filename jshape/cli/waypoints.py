@@ -1,37 +1,60 @@
 """`jshape waypoints PLAN --out FILE`."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from cyclopts import Parameter
 
 from jshape.actions import PAPER_Z
-from jshape.cli import arguments
 from jshape.cli.calibrate import check_new
+from jshape.cli.options import File, Positive, Writes, plan_file
 from jshape.cli.tables import print_table
 from jshape.errors import BadFile
 from jshape.planning.plan import Plan
 from jshape.robot import pose_file as poses
 from jshape.robot import procedure_file as procedures
-from jshape.robot import waypoint_file as waypoints
+from jshape.robot import waypoint_file
 from jshape.robot.waypoints import Waypoints, waypoints_of
 
 
-def run(options: argparse.Namespace) -> dict[str, Any]:
-    """Read a plan, make the poses of its operations, print where they are, write them."""
-    check_new(waypoints.check_ending(options.out), options.overwrite)
+@dataclass(frozen=True, kw_only=True)
+class Options(Writes):
+    """Of `jshape waypoints`."""
+
+    out: Annotated[Path, File]
+    """.json, .yaml or .yml."""
+    base: Annotated[Path | None, Parameter(metavar="POSE")] = None
+    """Pose of the camera from `jshape calibrate` (default: poses in the camera's frame)."""
+    gripper: Annotated[Path | None, Parameter(metavar="POSE")] = None
+    """JSON with base_gripper when the camera looked, for a camera in the hand."""
+    hand: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
+    """Procedures and limits (default: the bundled)."""
+    place_depth: Positive = PAPER_Z
+    """Depth from the bank's camera at which its places are meant, metres."""
+
+
+def waypoints(plan: Path, /, options: Options) -> dict[str, Any]:
+    """Read a plan, make the poses of its operations, print where they are, write them.
+
+    Args:
+      plan: plan.json, or the folder of `jshape plan --out`.
+      options: how.
+    """
+    check_new(waypoint_file.check_ending(options.out), options.overwrite)
     if options.base is None and options.gripper is not None:
         raise BadFile("--gripper goes with --base, the pose of a camera in the hand")
     base_camera = None
     if options.base is not None:
         base_camera = poses.read_base_camera(options.base, options.gripper)
     hand = procedures.load_hand(options.hand)
-    path = options.plan / "plan.json" if options.plan.is_dir() else options.plan
-    ways = waypoints_of(Plan.from_json(path), hand, base_camera, place_depth=options.place_depth)
-    waypoints.write_waypoints(options.out, ways)
+    made = Plan.from_json(plan_file(plan))
+    ways = waypoints_of(made, hand, base_camera, place_depth=options.place_depth)
+    waypoint_file.write_waypoints(options.out, ways)
     if not options.json:
         _print(ways)
         print(f"waypoints: {options.out}")
-    return waypoints.waypoint_fields(ways) | {"out": str(options.out)}
+    return waypoint_file.waypoint_fields(ways) | {"out": str(options.out)}
 
 
 def _print(ways: Waypoints) -> None:
@@ -53,32 +76,3 @@ def _print(ways: Waypoints) -> None:
             )
         )
     print_table(head, rows)
-
-
-def add(commands: Any) -> None:
-    """The parser of `jshape waypoints`."""
-    parser = arguments.command(commands, "waypoints", run)
-    parser.add_argument("plan", type=Path, help="plan.json, or the folder of jshape plan --out")
-    parser.add_argument("--out", type=Path, required=True, help="file: .json, .yaml or .yml")
-    parser.add_argument(
-        "--base",
-        type=Path,
-        metavar="POSE",
-        help="pose of the camera from jshape calibrate (default: poses in the camera's frame)",
-    )
-    parser.add_argument(
-        "--gripper",
-        type=Path,
-        metavar="POSE",
-        help="JSON with base_gripper when the camera looked, for a camera in the hand",
-    )
-    parser.add_argument(
-        "--hand", type=Path, metavar="FOLDER", help="procedures and limits (default: the bundled)"
-    )
-    parser.add_argument(
-        "--place-depth",
-        type=arguments.positive,
-        default=PAPER_Z,
-        metavar="METRES",
-        help=f"depth from the bank's camera at which its places are meant (default: {PAPER_Z})",
-    )

@@ -14,7 +14,7 @@ import pytest
 from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
 from jshape.cli.main import main
-from jshape.cli.mold import Options, goal_of, gone_on, keep_on
+from jshape.cli.mold import MoldOptions, goal_of, gone_on, keep_on
 from jshape.cli.parser import parse
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile
@@ -197,7 +197,7 @@ def goal_for(tmp_path, camera, bank, **more):
              "depth_range": None, "max_missing": 0.1} | more  # fmt: skip
     said = []
     found = goal_of(
-        tmp_path / "wanted.png", robot, bank, Options(out=tmp_path, **given), said.append
+        tmp_path / "wanted.png", robot, bank, MoldOptions(out=tmp_path, **given), said.append
     )  # fmt: skip
     return now, robot, said, *found
 

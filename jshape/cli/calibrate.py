@@ -17,7 +17,7 @@ from jshape.robot.calibration import METHODS, TARGET, Calibration
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Writes):
+class CalibrateOptions(Writes):
     """Of `jshape calibrate`."""
 
     out: Annotated[Path, File]
@@ -33,7 +33,7 @@ class Options(Writes):
     the gripper)."""
 
 
-def calibrate(poses: Path, /, options: Options) -> dict[str, Any]:
+def calibrate(poses: Path, /, options: CalibrateOptions) -> dict[str, Any]:
     """Read pose pairs, find the camera, print how well they fit, write its pose.
 
     Args:

@@ -28,7 +28,7 @@ camera = App(name="camera")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(LooksOnce, Writes):
+class CameraOptions(LooksOnce, Writes):
     """Of `jshape camera check`."""
 
     out: Annotated[Path | None, File] = None
@@ -41,7 +41,7 @@ class Options(LooksOnce, Writes):
 def check(
     camera: Annotated[Camera | None, Parameter(help=CAMERA_HELP)] = None,
     /,
-    options: Options = Options(),
+    options: CameraOptions = CameraOptions(),
 ) -> dict[str, Any]:
     """Look at a levelled, resting bed and say whether the set-up is good enough."""
     if options.out is not None and options.out.exists() and not options.overwrite:

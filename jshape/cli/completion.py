@@ -13,18 +13,18 @@ from jshape.cli.settings import NAMES_OR_FILES
 
 SHELLS = ("bash", "zsh", "fish")
 FILES_TOO = "|".join((*NAMES_OR_FILES, "material", "agent", "agents"))
-"""Options whose value may be a name, or a file or folder."""
+"""CompletionOptions whose value may be a name, or a file or folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Common):
+class CompletionOptions(Common):
     """Of `jshape completion`."""
 
     computes = False
 
 
 def completion(
-    shell: Literal["bash", "zsh", "fish"], /, options: Options = Options()
+    shell: Literal["bash", "zsh", "fish"], /, options: CompletionOptions = CompletionOptions()
 ) -> dict[str, Any]:
     """Print the script; with `--json` it is the value of `script`.
 

@@ -46,7 +46,7 @@ EXAMPLE = """\
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Common):
+class ConfigOptions(Common):
     """Of `jshape config`."""
 
     computes = False
@@ -55,7 +55,7 @@ class Options(Common):
     """Write an example to jshape.toml, or to --config."""
 
 
-def config(*command: str, options: Options = Options()) -> dict[str, Any]:
+def config(*command: str, options: ConfigOptions = ConfigOptions()) -> dict[str, Any]:
     """What applies and where it comes from; with `--init` the example's file.
 
     Args:
@@ -90,7 +90,7 @@ def config(*command: str, options: Options = Options()) -> dict[str, Any]:
     return result
 
 
-def _init(file: Path, options: Options) -> dict[str, Any]:
+def _init(file: Path, options: ConfigOptions) -> dict[str, Any]:
     from jshape.io.files import write_atomic
 
     if os.path.lexists(file):

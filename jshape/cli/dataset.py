@@ -31,7 +31,7 @@ for name, where, what in (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Simulates, Writes):
+class DatasetOptions(Simulates, Writes):
     """Of `jshape dataset simulate`."""
 
     pairs: PositiveCount = 25
@@ -51,7 +51,7 @@ class Options(Simulates, Writes):
 
 
 @dataset.command(help="simulated pairs of frames")
-def simulate(out: Path, /, options: Options = Options()) -> dict[str, Any]:
+def simulate(out: Path, /, options: DatasetOptions = DatasetOptions()) -> dict[str, Any]:
     """`jshape dataset simulate OUT`.
 
     Args:

@@ -22,7 +22,7 @@ _DOUBT = 0.35
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Writes):
+class DatasetAnnotateOptions(Writes):
     """Of `jshape dataset annotate`."""
 
     skip: bool = False
@@ -31,7 +31,9 @@ class Options(Writes):
     """Find boxes anew where they were given by hand."""
 
 
-def annotate(dataset: Path, out: Path, /, options: Options = Options()) -> dict[str, Any]:
+def annotate(
+    dataset: Path, out: Path, /, options: DatasetAnnotateOptions = DatasetAnnotateOptions()
+) -> dict[str, Any]:
     """`jshape dataset annotate DATASET OUT`.
 
     Args:

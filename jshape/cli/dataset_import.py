@@ -31,14 +31,16 @@ class Labelled(Writes):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Labelled):
+class DatasetImportOptions(Labelled):
     """Of `jshape dataset import`."""
 
     camera_file: Annotated[Path | None, CameraFile] = None
     """camera.json instead of SOURCE's own."""
 
 
-def import_dataset(source: Path, out: Path, /, options: Options = Options()) -> dict[str, Any]:
+def import_dataset(
+    source: Path, out: Path, /, options: DatasetImportOptions = DatasetImportOptions()
+) -> dict[str, Any]:
     """`jshape dataset import SOURCE OUT`.
 
     Args:
@@ -79,7 +81,7 @@ def import_dataset(source: Path, out: Path, /, options: Options = Options()) -> 
     }
 
 
-def _labels(options: Options, source: Path, names: list[str]) -> dict[str, Label]:
+def _labels(options: DatasetImportOptions, source: Path, names: list[str]) -> dict[str, Label]:
     """The label of every name, from a file with the columns name and action, or one for all."""
     if options.labels is not None:
         if options.action is not None:

@@ -11,7 +11,7 @@ from jshape.io.simulated import agent_of, material_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Search, Simulates, Writes):
+class DemoOptions(Search, Simulates, Writes):
     """Of `jshape demo`."""
 
     out: Path = Path("runs/demo")
@@ -26,7 +26,7 @@ class Options(Search, Simulates, Writes):
     """Plan once, then act blindly."""
 
 
-def demo(*, options: Options = Options()) -> dict[str, Any]:
+def demo(*, options: DemoOptions = DemoOptions()) -> dict[str, Any]:
     """`jshape demo`: the main job in simulation, closed loop."""
     search = search_of(options)  # before anything is computed: it chooses JAX's devices
     from jshape.demo import run_demo

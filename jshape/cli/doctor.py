@@ -31,7 +31,7 @@ PLACE, NEAR = (230, 200), 25
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Common):
+class DoctorOptions(Common):
     """Of `jshape doctor`."""
 
     computes = False  # it does, but must speak where JAX does not even import
@@ -41,7 +41,7 @@ class Options(Common):
         return int(not result["good"])
 
 
-def doctor(*, options: Options = Options()) -> dict[str, Any]:
+def doctor(*, options: DoctorOptions = DoctorOptions()) -> dict[str, Any]:
     """`jshape doctor`: load everything, check banks, compute something that is known."""
     with ThreadPoolExecutor(2) as pool:  # each is a process of its own
         looked = [pool.submit(extras.look, extra) for extra in extras.EXTRAS]

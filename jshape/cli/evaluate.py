@@ -23,11 +23,11 @@ SCORES = ("scores.csv", "scores.png", "scores.md", "sizes.csv", "sizes.png", "tr
 AT_FLOOR = 1.1
 """Times its noise floor: a predictor so near to it leaves nothing to win."""
 LEARNING = ("width", "epochs", "batch", "learning_rate", "patience", "validation")
-"""Options of training that make sense here; there is nothing to resume."""
+"""EvaluateOptions of training that make sense here; there is nothing to resume."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Trains, Writes):
+class EvaluateOptions(Trains, Writes):
     """Of `jshape evaluate`."""
 
     at_once = True
@@ -52,7 +52,7 @@ class Options(Trains, Writes):
     """Folder for the tables and pictures."""
 
 
-def evaluate(dataset: Path, /, options: Options = Options()) -> dict[str, Any]:
+def evaluate(dataset: Path, /, options: EvaluateOptions = EvaluateOptions()) -> dict[str, Any]:
     """`jshape evaluate DATASET`."""
     from jshape.learn import evaluate as evaluation
     from jshape.learn.floor import noise_floor
@@ -115,7 +115,7 @@ def _explained(scores: Sequence[Any], comparisons: Sequence[Any]) -> list[str]:
 
 
 def _studies(
-    options: Options, pairs: Any, watch: Any, notes: list[str]
+    options: EvaluateOptions, pairs: Any, watch: Any, notes: list[str]
 ) -> tuple[Any, dict[str, Any]]:
     """The comparison of kinds, and the other studies that were asked for, by name."""
     from jshape.learn import evaluate as evaluation
@@ -140,7 +140,7 @@ def _studies(
     return main, others
 
 
-def _check(options: Options) -> None:
+def _check(options: EvaluateOptions) -> None:
     fitting = ("kind", "kinds", "partitions", "sizes", "start", "few", "across_agents", *LEARNING)
     given = [name for name in fitting if name in options.given]
     if options.bank is not None and given:
@@ -152,7 +152,7 @@ def _check(options: Options) -> None:
         raise JShapeError("--few needs the bank to start from: --start BANK")
 
 
-def _learning(options: Options) -> dict[str, Any]:
+def _learning(options: EvaluateOptions) -> dict[str, Any]:
     given = {name: getattr(options, name) for name in LEARNING if name in options.given}
     return given | {"seed": options.seed}
 

@@ -22,7 +22,7 @@ from jshape.viz.pictures import molding_pictures
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Runs, Reprojects):
+class ExecuteOptions(Runs, Reprojects):
     """Of `jshape execute`."""
 
     bank: Bank | None = None
@@ -31,7 +31,7 @@ class Options(Runs, Reprojects):
     """Largest share of pixels without depth to fill."""
 
 
-def execute(plan: Path, /, options: Options) -> dict[str, Any]:
+def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
     """Carry a plan out.
 
     Args:

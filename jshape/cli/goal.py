@@ -10,7 +10,7 @@ import numpy as np
 
 from jshape import sim
 from jshape.camera import Camera, window_of
-from jshape.cli.goal_options import Options
+from jshape.cli.goal_options import GoalOptions
 from jshape.cli.goal_sources import NAMES, wanted_of
 from jshape.data.intrinsics import within
 from jshape.data.missing import said as said_of
@@ -49,7 +49,7 @@ class GoalFrame(NamedTuple):
     """Why pixels are no readings."""
 
 
-def goal(bed: str, /, options: Options = Options()) -> dict[str, Any]:
+def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
     """Make a goal, print and write.
 
     Args:
@@ -99,7 +99,7 @@ def goal(bed: str, /, options: Options = Options()) -> dict[str, Any]:
     return result
 
 
-def _bed(bed: str, options: Options, bank: Bank) -> GoalFrame:
+def _bed(bed: str, options: GoalOptions, bank: Bank) -> GoalFrame:
     """The frame of the bed: a file's, or a simulated level one.
 
     Raises:
@@ -127,7 +127,7 @@ def _bed(bed: str, options: Options, bank: Bank) -> GoalFrame:
     return GoalFrame(raw, depth, camera, source, left_out)
 
 
-def _steepest(options: Options, material: Material, stands: bool) -> float:
+def _steepest(options: GoalOptions, material: Material, stands: bool) -> float:
     """Rise over run that the goal may have: as asked for, or as the material holds it.
 
     A drawing is loose material at its angle of repose; what a camera saw or a hand pressed
@@ -150,7 +150,9 @@ def _reach(path: Path | None, camera: Camera) -> np.ndarray | None:
     return np.ma.filled(mask, 0) != 0
 
 
-def _write(options: Options, now: GoalFrame, made: Goal, said: dict[str, Any]) -> dict[str, Any]:
+def _write(
+    options: GoalOptions, now: GoalFrame, made: Goal, said: dict[str, Any]
+) -> dict[str, Any]:
     """The folder; returns where it is and how to plan for it."""
     from jshape.goals.picture import goal_figure
 

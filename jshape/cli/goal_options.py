@@ -32,7 +32,7 @@ Millimetres = Annotated[Positive, Parameter(metavar="MM")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Part, Writes):
+class GoalOptions(Part, Writes):
     """Of `jshape goal`."""
 
     text: Annotated[str | None, Parameter(metavar="WORD")] = None

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from jshape import metric
 from jshape.camera import Camera, check_same_camera, differing, window_of
-from jshape.cli.goal_options import Options
+from jshape.cli.goal_options import GoalOptions
 from jshape.data.intrinsics import within
 from jshape.data.missing import fill_missing
 from jshape.data.missing import said as said_of
@@ -85,7 +85,7 @@ class Acts(NamedTuple):
 
 
 def wanted_of(
-    options: Options, where: str, bed: BedMap, camera: Camera, source: Source, bank: Bank
+    options: GoalOptions, where: str, bed: BedMap, camera: Camera, source: Source, bank: Bank
 ) -> Wanted:
     """The change that the options ask for.
 
@@ -115,18 +115,18 @@ def wanted_of(
     return _DRAWN[kind](value, options, bed)
 
 
-def _text(text: str, options: Options, bed: BedMap) -> Wanted:
+def _text(text: str, options: GoalOptions, bed: BedMap) -> Wanted:
     return _laid(relief_of_text(text, _height(options)), options, bed)
 
 
-def _mask(path: str, options: Options, bed: BedMap) -> Wanted:
+def _mask(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
     drawn, name = _drawing(path, options), f"mask {Path(path).name}"
     if _is_placed(options):
         return _laid(relief_of_mask(drawn, _height(options), name), options, bed)
     return _on_image(inked(drawn, name) * np.float32(_height(options)), bed, name)
 
 
-def _height_map(path: str, options: Options, bed: BedMap) -> Wanted:
+def _height_map(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
     drawn, name = _drawing(path, options), f"height map {Path(path).name}"
     low: float | None
     low, high = (0.0 if mm is None else sign * mm / 1e3
@@ -139,7 +139,7 @@ def _height_map(path: str, options: Options, bed: BedMap) -> Wanted:
     return _on_image(relief.heights, bed, name)
 
 
-def _mesh(path: str, options: Options, bed: BedMap) -> Wanted:
+def _mesh(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
     corners, faces = points.read_mesh(path)
     assumed, unit = [], options.mesh_unit
     if unit is None:
@@ -163,7 +163,7 @@ def _mesh(path: str, options: Options, bed: BedMap) -> Wanted:
 
 
 def _frame(
-    name: str, options: Options, where: str, bed: BedMap, camera: Camera, source: Source
+    name: str, options: GoalOptions, where: str, bed: BedMap, camera: Camera, source: Source
 ) -> Wanted:
     path = Path(name)
     own = goal_source(path, source, Path(where).parent)
@@ -286,7 +286,7 @@ def _written(row: Any, where: str) -> tuple[str, tuple[float, float], float, flo
 
 def _laid(
     relief: Relief,
-    options: Options,
+    options: GoalOptions,
     bed: BedMap,
     assumed: list[str] | None = None,
     *,
@@ -317,11 +317,11 @@ def _on_image(heights: np.ndarray, bed: BedMap, name: str) -> Wanted:
     return Wanted(name, drawn_on_image(heights, bed, name), [])
 
 
-def _is_placed(options: Options) -> bool:
+def _is_placed(options: GoalOptions) -> bool:
     return options.size_mm is not None or options.at is not None or options.turn != 0
 
 
-def _height(options: Options) -> float:
+def _height(options: GoalOptions) -> float:
     """Metres up of what is raised or sunk.
 
     Raises:
@@ -334,14 +334,14 @@ def _height(options: Options) -> float:
     return -(options.depth_mm or DEPTH_MM) / 1e3
 
 
-def _drawing(path: str, options: Options) -> np.ndarray:
+def _drawing(path: str, options: GoalOptions) -> np.ndarray:
     drawn = drawings.read_drawing(path)
     if not options.invert:
         return drawn
     return np.nanmax(np.ma.compressed(drawn)) - drawn
 
 
-_DRAWN: dict[str, Callable[[str, Options, BedMap], Wanted]] = {
+_DRAWN: dict[str, Callable[[str, GoalOptions, BedMap], Wanted]] = {
     "text": _text, "mask": _mask, "height_map": _height_map, "mesh": _mesh,
 }  # fmt: skip
 

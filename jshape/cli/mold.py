@@ -31,7 +31,7 @@ from jshape.viz.pictures import molding_pictures
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Search, Runs):
+class MoldOptions(Search, Runs):
     """Of `jshape mold`."""
 
     bank: BankName | None = None
@@ -40,7 +40,7 @@ class Options(Search, Runs):
     """Metres per count of DESIRED."""
 
 
-def mold(desired: Path | None = None, /, *, options: Options) -> dict[str, Any]:
+def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, Any]:
     """Mold what the camera sees into what is wanted.
 
     Args:
@@ -86,7 +86,7 @@ def mold(desired: Path | None = None, /, *, options: Options) -> dict[str, Any]:
 
 
 def goal_of(
-    path: Path, robot: Robot, bank: Bank, options: Options, say: Callable[[str], Any]
+    path: Path, robot: Robot, bank: Bank, options: MoldOptions, say: Callable[[str], Any]
 ) -> tuple[np.ndarray, Bank, dict[str, float]]:
     """What is wanted, from a file of any camera that can be known, and how the robot is to look.
 
@@ -162,7 +162,9 @@ def gone_on(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
     return bank
 
 
-def keep_on(known: Mapping[str, Any], options: Options, say: Callable[[str], Any]) -> Options:
+def keep_on(
+    known: Mapping[str, Any], options: MoldOptions, say: Callable[[str], Any]
+) -> MoldOptions:
     """The options, those of `KEPT` as a run began; what differs from the defaults is said.
 
     Raises:

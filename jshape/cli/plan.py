@@ -32,7 +32,7 @@ CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Search, Part, Writes):
+class PlanOptions(Search, Part, Writes):
     """Of `jshape plan`."""
 
     at_once = True
@@ -48,7 +48,7 @@ class Options(Search, Part, Writes):
     """Metres per count of 16-bit images."""
 
 
-def plan(initial: Path, desired: Path, /, options: Options = Options()) -> dict[str, Any]:
+def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) -> dict[str, Any]:
     """Read two images, plan, print and write.
 
     Args:

@@ -25,7 +25,7 @@ from jshape.robot.cameras.base import FRAMES, CameraLost, DepthCamera, EndOfFram
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(LooksOnce, Writes):
+class RecordOptions(LooksOnce, Writes):
     """Of `jshape record`."""
 
     out: Path
@@ -39,7 +39,10 @@ class Options(LooksOnce, Writes):
 
 
 def record(
-    camera: Annotated[Camera | None, Parameter(help=CAMERA_HELP)] = None, /, *, options: Options
+    camera: Annotated[Camera | None, Parameter(help=CAMERA_HELP)] = None,
+    /,
+    *,
+    options: RecordOptions,
 ) -> dict[str, Any]:
     """Record until as many frames or seconds as asked, the end of what is played, or Ctrl-C."""
     folders.check_target(options.out, options.overwrite, contents=recordings.CONTENTS)
@@ -101,7 +104,7 @@ def _print(result: dict[str, Any], camera: DepthCamera) -> None:
     print("" if share >= VALID_LEAST else "; too few: see jshape camera check")
 
 
-def _frames(camera: DepthCamera, options: Options) -> tuple[int | None, Iterator[np.ndarray]]:
+def _frames(camera: DepthCamera, options: RecordOptions) -> tuple[int | None, Iterator[np.ndarray]]:
     """How many frames there will be, if that is known; and the frames."""
     live = bool(getattr(camera, "live", False))
     if not live and (options.seconds or options.every):
@@ -118,7 +121,7 @@ def _frames(camera: DepthCamera, options: Options) -> tuple[int | None, Iterator
     return asked, _take(camera, count, options)
 
 
-def _take(camera: DepthCamera, count: int | None, options: Options) -> Iterator[np.ndarray]:
+def _take(camera: DepthCamera, count: int | None, options: RecordOptions) -> Iterator[np.ndarray]:
     """The frames to keep.
 
     Raises:

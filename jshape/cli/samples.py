@@ -31,11 +31,11 @@ NOISE_MM, NOISE_DEG = 0.4, 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Writes):
+class SamplesOptions(Writes):
     """Of `jshape samples`."""
 
 
-def samples(out: Path, /, options: Options = Options()) -> dict[str, Any]:
+def samples(out: Path, /, options: SamplesOptions = SamplesOptions()) -> dict[str, Any]:
     """Write them; returns where.
 
     Args:

@@ -17,7 +17,7 @@ from jshape.robot.cameras.simulated import levelled_world
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Robots, Reprojects):
+class StudioOptions(Robots, Reprojects):
     """Of `jshape studio`."""
 
     arm: Arm | None = None
@@ -36,7 +36,10 @@ class Options(Robots, Reprojects):
 
 
 def studio(
-    initial: Path | None = None, desired: Path | None = None, /, options: Options = Options()
+    initial: Path | None = None,
+    desired: Path | None = None,
+    /,
+    options: StudioOptions = StudioOptions(),
 ) -> dict[str, Any]:
     """Open the page; it runs until Ctrl-C.
 

@@ -22,11 +22,11 @@ from jshape.viz.style import drawn
 WITHOUT_CHECKPOINTS = ("D", "P")
 """Kinds that are fitted in seconds: there is nothing to go on from."""
 OF_NETWORKS = tuple(one.name for one in fields(Training) if one.name != "seed")
-"""Options that those kinds do not use."""
+"""TrainOptions that those kinds do not use."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Trains, Writes):
+class TrainOptions(Trains, Writes):
     """Of `jshape train`."""
 
     out: Path
@@ -44,7 +44,7 @@ class Options(Trains, Writes):
     """CPU devices that share a network's batches (default: 1)."""
 
 
-def train(dataset: Path, /, options: Options) -> dict[str, Any]:
+def train(dataset: Path, /, options: TrainOptions) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
     mesh = _mesh(options)  # first of all: what loads a bank starts JAX
     from jshape import metric
@@ -142,7 +142,7 @@ def train(dataset: Path, /, options: Options) -> dict[str, Any]:
     return result
 
 
-def _mesh(options: Options) -> Any:
+def _mesh(options: TrainOptions) -> Any:
     """The devices that share the batches, or None."""
     if options.devices is None:
         return None
@@ -169,7 +169,7 @@ def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> li
         return held_out(bank, pairs, start=start, report=tell, **settings)
 
 
-def _refuse_unused(options: Options) -> None:
+def _refuse_unused(options: TrainOptions) -> None:
     given = [name for name in OF_NETWORKS if name in options.given]
     if given:
         named = ", ".join(f"--{name.replace('_', '-')}" for name in given)

@@ -15,7 +15,7 @@ from jshape.io.cameras import read_camera
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Writes):
+class ViewOptions(Writes):
     """Of `jshape view`."""
 
     save: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
@@ -30,7 +30,7 @@ class Options(Writes):
     """camera.json, if the run's bank is gone."""
 
 
-def view(run: Path, /, options: Options = Options()) -> dict[str, Any]:
+def view(run: Path, /, options: ViewOptions = ViewOptions()) -> dict[str, Any]:
     """Read the story; write it, or show it until Ctrl-C.
 
     Args:
@@ -59,7 +59,7 @@ def view(run: Path, /, options: Options = Options()) -> dict[str, Any]:
     return result | {"recording": str(out)}
 
 
-def _show(story: Any, options: Options) -> str:
+def _show(story: Any, options: ViewOptions) -> str:
     """Serve the story until Ctrl-C; returns where it was."""
     from jshape.app.view.browser import Viewer
 

@@ -19,7 +19,7 @@ from jshape.robot.waypoints import Waypoints, waypoints_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Writes):
+class WaypointsOptions(Writes):
     """Of `jshape waypoints`."""
 
     out: Annotated[Path, File]
@@ -34,7 +34,7 @@ class Options(Writes):
     """Depth from the bank's camera at which its places are meant, metres."""
 
 
-def waypoints(plan: Path, /, options: Options) -> dict[str, Any]:
+def waypoints(plan: Path, /, options: WaypointsOptions) -> dict[str, Any]:
     """Read a plan, make the poses of its operations, print where they are, write them.
 
     Args:

@@ -15,7 +15,7 @@ EACH_TIME = ("yes", "overwrite", "resume", "restart", "host")
 """What moves an arm unasked, replaces work or lets others in is said each time, at the command
 line: a file that happens to lie in a folder must not say it."""
 NO_SETTINGS = ("json", "config")
-"""CommandsOptions that say something of one run."""
+"""Options that say something of one run."""
 OWN_TABLE = ("dataset", "train", "evaluate")
 """Commands about data and measurements, which a camera and a bank for molding must not change: keys
 outside of their own table do not reach them."""

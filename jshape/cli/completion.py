@@ -13,7 +13,7 @@ from jshape.cli.settings import NAMES_OR_FILES
 
 SHELLS = ("bash", "zsh", "fish")
 FILES_TOO = "|".join((*NAMES_OR_FILES, "material", "agent", "agents"))
-"""CompletionOptions whose value may be a name, or a file or folder."""
+"""Options whose value may be a name, or a file or folder."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ SCORES = ("scores.csv", "scores.png", "scores.md", "sizes.csv", "sizes.png", "tr
 AT_FLOOR = 1.1
 """Times its noise floor: a predictor so near to it leaves nothing to win."""
 LEARNING = ("width", "epochs", "batch", "learning_rate", "patience", "validation")
-"""EvaluateOptions of training that make sense here; there is nothing to resume."""
+"""Options of training that make sense here; there is nothing to resume."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -69,7 +69,7 @@ class Search(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
 FIELDS = tuple(one.name for kind in GROUPS.values() for one in fields(kind))
 """Of the records."""
 KEPT = ("planner", *FIELDS)
-"""SearchOptionsOptions that a resumed run keeps."""
+"""Options that a resumed run keeps."""
 
 
 def search_of(given: Search) -> dict[str, Any]:

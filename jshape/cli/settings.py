@@ -21,17 +21,17 @@ NAME, VARIABLE, OFF = "jshape.toml", "JSHAPE_CONFIG", "off"
 LIMIT = 64 * 1024
 """Largest file that is read, bytes."""
 OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "goal")
-"""SettingsOptions that say how to look through a camera, and commands that take frames which may be cut
+"""Options that say how to look through a camera, and commands that take frames which may be cut
 already: they read these only from tables of their own."""
 NAMES_OR_FILES = ("bank", "camera", "camera-file", "positions", "start")
-"""SettingsOptions that take the name of something, or a file or folder."""
+"""Options that take the name of something, or a file or folder."""
 
 
 EXCLUDE = (
     ("positions", "stride"),
     ("text", "mask", "height-map", "mesh", "frame", "actions"),
 )
-"""SettingsOptions of which only one can be given."""
+"""Options of which only one can be given."""
 
 
 class Given(NamedTuple):

@@ -47,6 +47,7 @@ def roi_weight(
     I of a ROI divided by it is the share of the depth range above Zmax.  From the ROI's own rays,
     so nothing of image size is made.
     """
+    first = jnp.asarray(first, jnp.float32)
     x = (first[1] + jnp.arange(size[0], dtype=jnp.float32) - camera.u0) / camera.fx
     y = (first[0] + jnp.arange(size[1], dtype=jnp.float32) - camera.v0) / camera.fy
     return jnp.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2) / max_ray_length(camera)
@@ -168,6 +169,7 @@ def _distance(a, b):
     # Columns first, then across: reducing both axes at once leaves the vector units idle on the
     # CPU (8.9 against 16.4 GB/s on 256 pairs); the barrier keeps XLA from merging the two again.
     height, width = a.shape[-2:]
+    a, b = jnp.broadcast_arrays(a, b)
     columns = jnp.abs(a - b).sum(-2)
     return jax.lax.optimization_barrier(columns).sum(-1) / (height * width)
 

@@ -172,7 +172,7 @@ def test_many_strengths_of_one_ground():
     bent = replace(tool(), deep=tool().rest, follow=jnp.full(GROUND.shape, 0.1))
     surface = jnp.asarray(hills(9, GROUND.shape))
     strengths = jnp.array([0.2, 1.0, 2.0])
-    together = bent.ready().change(surface, strengths)
+    together = bent.on_grid().change(surface, strengths)
     assert together.shape == (3, *GROUND.shape)
     for one, strength in zip(together, strengths, strict=True):
         np.testing.assert_allclose(one, bent.change(surface, strength), atol=1e-7)

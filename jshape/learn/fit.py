@@ -12,7 +12,8 @@ from jshape.learn import networks
 from jshape.learn.imprint import fit_imprint
 from jshape.learn.settings import Training, settings_from
 from jshape.learn.training import Hooks, Keep, Progress
-from jshape.models.bank import Bank, Predictor
+from jshape.models.bank import Bank
+from jshape.models.base import Predictor
 from jshape.models.difference import Difference, fit_difference
 from jshape.models.imprint import Imprint
 

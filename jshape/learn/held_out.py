@@ -22,7 +22,8 @@ from jshape.learn.measure import errors_of
 from jshape.learn.partitions import Candidate, Study
 from jshape.learn.settings import settings_from
 from jshape.learn.training import split
-from jshape.models.bank import Bank, Predictor
+from jshape.models.bank import Bank
+from jshape.models.base import Predictor
 from jshape.models.difference import fit_difference
 
 LEAST_PAIRS = 4

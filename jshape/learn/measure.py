@@ -14,7 +14,8 @@ from jshape.data.missing import fill_nan
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadDataset
 from jshape.learn.floor import Floor
-from jshape.models.bank import Bank, Predictor
+from jshape.models.bank import Bank
+from jshape.models.base import Predictor
 
 BATCH = 8
 """ROIs predicted at once: a network's memory, and one compiled shape for any number of pairs."""

@@ -12,7 +12,7 @@ from jshape.camera import Camera
 from jshape.data.pairs import Examples
 from jshape.learn.settings import Training
 from jshape.learn.training import Hooks, roi_loss, train
-from jshape.models.bank import Predictor
+from jshape.models.base import Predictor
 from jshape.models.difference import Difference, fit_difference
 from jshape.models.network import Network
 from jshape.models.refined import Refined

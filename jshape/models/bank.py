@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,6 @@ from jshape._typing import Array, ArrayLike, Float
 from jshape.actions import first_pixels, fits
 from jshape.camera import Camera, check_camera
 from jshape.errors import (
-    BadBank,
     BadCamera,
     BadImage,
     BadPosition,
@@ -23,30 +22,8 @@ from jshape.errors import (
     one_line,
     quoted,
 )
+from jshape.models.base import Predictor
 from jshape.models.turn import square
-
-
-@runtime_checkable
-class Predictor(Protocol):
-    """What the ROI of one action becomes: a pytree that is callable."""
-
-    @property
-    def roi(self) -> tuple[int, int]:
-        """ROI size (w, h), pixels."""
-        ...
-
-    def __call__(
-        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
-    ) -> Float[Array, "*B h w"]:
-        """ROIs of I after the action, not yet clipped.
-
-        Args:
-          roi: of I before the action.
-          place: first pixels (v, u) of the ROIs in the image, (*B, 2) or (2,): a bed seen from the
-            side looks different.
-          strength: how many times as deep as the trained action, (*B) or one number.
-        """
-        ...
 
 
 @partial(
@@ -107,7 +84,7 @@ class Bank:
     @property
     def turns(self) -> bool:
         """Whether the hand can be turned: every predictor knows what it then does."""
-        return all(hasattr(predictor, "turned") for predictor in self.predictors)
+        return all(predictor.turns for predictor in self.predictors)
 
     def turned_roi(self, name: str) -> tuple[int, int]:
         """ROI size (w, h) of one action with a turned hand, pixels: a square."""
@@ -150,10 +127,6 @@ class Bank:
             raise BadCamera(
                 f"depth {quoted(depth)} is not between z_min {camera.z_min} and z_max "
                 f"{camera.z_max} (m)"
-            )
-        if not all(hasattr(predictor, "seen_by") for predictor in self.predictors):
-            raise BadBank(
-                f"a bank of kind {quoted(self.kind)} is bound to its camera; one of kind 'P' is not"
             )
         seen = tuple(predictor.seen_by(camera, depth) for predictor in self.predictors)
         return replace(self, camera=camera, predictors=seen)

@@ -1,6 +1,7 @@
 """f_D: the effect of an action is its average effect (Eq. DiffImage and Eq. Doutput)."""
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -8,14 +9,16 @@ import numpy as np
 
 from jshape._typing import Array, Float
 from jshape.errors import BadDataset
+from jshape.models.base import Predictor, per_roi
 from jshape.models.turn import square, turn
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class Difference:
+class Difference(Predictor):
     """f_D of one action: adds the mean change ΔI to a ROI."""
 
+    turns: ClassVar[bool] = True
     delta: Float[Array, "h w"]
     """ΔI, the mean of posterior minus prior over the training pairs, units of I."""
 
@@ -31,7 +34,7 @@ class Difference:
 
         An action of another strength changes that many times as much: f_D knows no better.
         """
-        return roi + jnp.asarray(strength)[..., None, None] * self.delta
+        return roi + per_roi(strength, roi) * jnp.broadcast_to(self.delta, roi.shape)
 
     def turned(self, yaw: float | Array | np.floating) -> "Difference":
         """The same change turned by `yaw` radians from u towards v; its ROI becomes a square.

@@ -15,7 +15,7 @@ after does not depend on the one before.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +23,7 @@ import numpy as np
 
 from jshape._typing import Array, Float, Int
 from jshape.camera import Camera
+from jshape.models.base import Predictor
 from jshape.models.orthographic import OrthographicGrid
 from jshape.models.turn import namespace, square, turn
 
@@ -32,9 +33,10 @@ SOFT = 1e-3
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class Imprint:
+class Imprint(Predictor):
     """f_P of one action: maps over a metric grid, and where the grid lies."""
 
+    turns: ClassVar[bool] = True
     grid: OrthographicGrid
     """The grid, and the camera that sees it."""
     reference: Float[Array, "rows columns"]
@@ -99,14 +101,18 @@ class Imprint:
         self, surface: Float[Array, "*B rows columns"], strength: float | Array = 1.0
     ) -> Float[Array, "*B rows columns"]:
         """How much lower the ground is after the action, metres."""
-        return self.ready().change(surface, strength)
+        return self.on_grid().change(surface, strength)
 
     @property
     def deepest(self) -> Float[Array, ""]:
         """Greatest lowering of flat ground at strength 1, metres: a stroke where none is known."""
         return (jnp.maximum(self.give, 0.0) * _soft(self.tool) + self.rest).max()
 
-    def ready(self) -> "PreparedImprint":
+    def search_grid(self) -> OrthographicGrid:
+        """Its own: what it does there is the same at every place."""
+        return self.grid
+
+    def on_grid(self) -> "PreparedImprint":
         """What of a change does not depend on the ground, computed once for many grounds."""
         xp = namespace(self)
         give, least = xp.asarray(self.give), np.float32(1e-6 * self.give.size)

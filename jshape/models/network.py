@@ -8,17 +8,23 @@ import jax.numpy as jnp
 
 from jshape._typing import Array, Float
 from jshape.camera import STATIC
+from jshape.models.base import Predictor, per_roi
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class Network:
+class Network(Predictor):
     """f_C of one action: the parameters of a U-Net from ROI to ROI (see `nn.unet`)."""
 
     params: dict[str, Any]
     """Nested dicts of float32 arrays; the width is in their shapes."""
-    roi: tuple[int, int] = field(metadata=STATIC)
+    size: tuple[int, int] = field(metadata=STATIC)
     """ROI size (w, h), pixels."""
+
+    @property
+    def roi(self) -> tuple[int, int]:
+        """ROI size (w, h), pixels."""
+        return self.size
 
     def __call__(
         self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
@@ -42,4 +48,4 @@ def scaled(
     roi: Float[Array, "*B h w"], after: Float[Array, "*B h w"], strength: float | Array
 ) -> Float[Array, "*B h w"]:
     """The change from `roi` to `after`, times the strength (*B) or one number."""
-    return roi + jnp.asarray(strength, jnp.float32)[..., None, None] * (after - roi)
+    return roi + per_roi(strength, roi) * (after - roi)

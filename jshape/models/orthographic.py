@@ -56,6 +56,7 @@ class OrthographicGrid:
           place: first pixel (v, u) of the ROI in the image.
         """
         camera, (x, y) = self.camera, self.nodes(place)
+        place = jnp.asarray(place, jnp.float32)
 
         def look(z):
             u = camera.fx * x / z + camera.u0 - place[1]
@@ -73,8 +74,9 @@ class OrthographicGrid:
         """
         camera, (x, y) = self.camera, self.nodes(place)
         w, h = self.roi
-        across = (place[1] + jnp.arange(w) - camera.u0) / camera.fx
-        along = (place[0] + jnp.arange(h) - camera.v0) / camera.fy
+        place = jnp.asarray(place, jnp.float32)
+        across = (place[1] + jnp.arange(w, dtype=jnp.float32) - camera.u0) / camera.fx
+        along = (place[0] + jnp.arange(h, dtype=jnp.float32) - camera.v0) / camera.fy
 
         def look(z):
             columns, rows = (across * z - x[0]) / self.pitch, (along * z - y[0]) / self.pitch
@@ -100,11 +102,12 @@ class OrthographicGrid:
     def nodes(self, place: Int[Array, "2"]) -> tuple[Float[Array, "columns"], Float[Array, "rows"]]:
         """X of the columns and y of the rows in the camera's frame, metres."""
         camera, (w, h), (rows, columns) = self.camera, self.roi, self.shape
+        place = jnp.asarray(place, jnp.float32)
         x = (place[1] + w // 2 - camera.u0) / camera.fx * self.depth
         y = (place[0] + h // 2 - camera.v0) / camera.fy * self.depth
         return (
-            x + (jnp.arange(columns) - columns // 2) * self.pitch,
-            y + (jnp.arange(rows) - rows // 2) * self.pitch,
+            x + (jnp.arange(columns, dtype=jnp.float32) - columns // 2) * self.pitch,
+            y + (jnp.arange(rows, dtype=jnp.float32) - rows // 2) * self.pitch,
         )
 
 
@@ -119,10 +122,11 @@ def _sample(
     n, m = surface.shape
     rows = jnp.clip(rows, 0.0, n - 1.0)
     low = jnp.minimum(rows.astype(jnp.int32), max(n - 2, 0))
-    share = (rows - low)[:, None]
+    share = (rows - low.astype(rows.dtype))[:, None]
     between = (1.0 - share) * surface[low] + share * surface[jnp.minimum(low + 1, n - 1)]
     columns = jnp.clip(columns, 0.0, m - 1.0)
-    hats = jnp.maximum(1.0 - jnp.abs(jnp.arange(m)[:, None] - columns), 0.0)
+    node = jnp.arange(m, dtype=columns.dtype)[:, None]
+    hats = jnp.maximum(1.0 - jnp.abs(node - columns[None, :]), 0.0)
     return between @ hats
 
 
@@ -139,7 +143,7 @@ def _first_below(look, nearest: Array, farthest: Array) -> Array:
 
     def descend(level, state):
         gap, met, found = state
-        z = start + level * step
+        z = start + jnp.asarray(level, jnp.float32) * step
         gap_here = look(z) - z  # positive: the line is still above the surface
         share = gap / jnp.maximum(gap - gap_here, 1e-9)
         through = (gap_here <= 0) & ~met
@@ -148,5 +152,5 @@ def _first_below(look, nearest: Array, farthest: Array) -> Array:
 
     gap = look(start) - start
     first = (gap, gap <= 0, jnp.full(gap.shape, start))
-    _, met, found = lax.fori_loop(1, LEVELS, descend, first)
+    _, met, found = lax.fori_loop(jnp.int32(1), jnp.int32(LEVELS), descend, first)
     return jnp.where(met, found, farthest)

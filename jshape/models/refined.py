@@ -1,23 +1,23 @@
 """f_CR and f_DCR: a network inside B, the mean difference outside (Eq. RCoutput, DRCoutput)."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from jshape._typing import Array, Float
+from jshape.models.base import Predictor, per_roi
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class Refined:
+class Refined(Predictor):
     """`inside` where the action changes most, shifted by μ; `outside` elsewhere."""
 
-    inside: Any
-    """A `Predictor`: f_C in f_CR, f_DC in f_DCR."""
-    outside: Any
-    """A `Predictor` of the same ROI size: f_D."""
+    inside: Predictor
+    """F_C in f_CR, f_DC in f_DCR."""
+    outside: Predictor
+    """Of the same ROI size: f_D."""
     mask: Float[Array, "h w"]
     """B: 1 where the action changes a pixel most, else 0."""
     offset: Float[Array, ""]
@@ -35,6 +35,6 @@ class Refined:
 
         μ is a part of the change, so the strength scales it like the rest.
         """
-        shift = jnp.asarray(strength, jnp.float32)[..., None, None] * self.offset
-        inside = self.inside(roi, place, strength) + shift
-        return jnp.where(self.mask > 0, inside, self.outside(roi, place, strength))
+        inside = self.inside(roi, place, strength) + per_roi(strength, roi) * self.offset
+        within = jnp.broadcast_to(self.mask > 0, roi.shape)
+        return jnp.where(within, inside, self.outside(roi, place, strength))

@@ -1,23 +1,23 @@
 """One predictor after another: f_DC is a network applied to what f_D predicts (Eq. lossD)."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 
 from jshape._typing import Array, Float
+from jshape.models.base import Predictor
 from jshape.models.network import scaled
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class Sequential:
+class Sequential(Predictor):
     """What `second` makes of what `first` predicts, for one action."""
 
-    first: Any
-    """A `Predictor`; f_D in f_DC."""
-    second: Any
-    """A `Predictor` of the same ROI size; the network in f_DC."""
+    first: Predictor
+    """F_D in f_DC."""
+    second: Predictor
+    """Of the same ROI size; the network in f_DC."""
 
     @property
     def roi(self) -> tuple[int, int]:

@@ -177,6 +177,7 @@ def touch(
 ) -> CandidateCache:
     """The cache after the window at `first` of `shape` has changed: what overlaps it is stale."""
     shapes = jnp.asarray(state.shapes)[candidates.move]
+    first, shape = first[None], shape[None]
     apart = (candidates.first >= first + shape) | (first >= candidates.first + shapes)
     return replace(cache, stale=cache.stale | (candidates.valid & ~apart.any(-1)))
 
@@ -279,8 +280,10 @@ def stale_work(
     due = cache.stale
     if room is not None:
         waiting = until[-1]
-        fit = jnp.minimum(jnp.asarray(room, jnp.int32) / candidates.num_strengths, waiting)
-        portion = (fit / jnp.maximum(waiting, 1)).astype(jnp.float32)
+        room, waiting, tried = (
+            jnp.asarray(n, jnp.float32) for n in (room, waiting, candidates.num_strengths)
+        )
+        portion = jnp.minimum(room / tried, waiting) / jnp.maximum(waiting, 1.0)
         # Rounded up for the moves so far together: in all, by less than one place.
         most = jnp.diff(jnp.ceil(until.astype(jnp.float32) * portion)).astype(jnp.int32)
         due &= before[:-1] - until[candidates.move] < most[candidates.move]

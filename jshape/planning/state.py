@@ -250,8 +250,9 @@ def prepared(
     for action, yaw in moves:
         hand = bank.predictors[action]
         hand = hand if yaw is None else hand.turned(yaw)
-        shape = hand.grid.shape if on_grid else hand.roi[::-1]
-        leaves, structure = jax.tree.flatten(hand.ready() if on_grid else hand)
+        grid = hand.search_grid() if on_grid else None
+        shape = hand.roi[::-1] if grid is None else grid.shape
+        leaves, structure = jax.tree.flatten(hand if grid is None else hand.on_grid())
         key = (structure, str(structure), tuple(np.shape(leaf) for leaf in leaves)), shape
         xp = namespace(leaves)
         row = xp.concatenate([xp.asarray(leaf, np.float32).reshape(-1) for leaf in leaves])
@@ -272,7 +273,7 @@ def prepared(
 
 def _grid_of(bank: Bank) -> OrthographicGrid | None:
     """The grid of the ground that the bank works on; None: on the image."""
-    grids = [getattr(predictor, "grid", None) for predictor in bank.predictors]
+    grids = [predictor.search_grid() for predictor in bank.predictors]
     return grids[0] if grids and all(g is not None for g in grids) else None
 
 
@@ -294,7 +295,7 @@ def _on_grid(
     whole = OrthographicGrid(camera, grid.depth, grid.pitch, (rows, columns), (width, height))
     first = jnp.zeros(2, jnp.int32)
     per_metre = whole.per_metre(first)
-    depths = camera.z_max - jnp.stack([image, goal]) / per_metre
+    depths = camera.z_max - jnp.stack([image, goal]) / per_metre[None]
     now, wanted = jax.vmap(lambda depth: whole.from_roi(depth, first))(depths)
     pitch = grid.pitch * jnp.stack([jnp.asarray(f, jnp.float32) for f in (camera.fy, camera.fx)])
     pitch = pitch / grid.depth
@@ -321,4 +322,5 @@ def _weight(camera: Camera, whole: OrthographicGrid, depth: Array) -> Array:
     seen = (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
     pixels = camera.fx * camera.fy * (whole.pitch / depth) ** 2
     ray = jnp.sqrt(1.0 + (x**2 + y**2) / depth**2) / metric.max_ray_length(camera)
-    return seen * pixels * ray / ((camera.z_max - camera.z_min) * height * width)
+    unit = (camera.z_max - camera.z_min) * height * width
+    return jnp.where(seen, pixels * ray, 0.0) / unit

@@ -81,7 +81,7 @@ def apply_action(
 def _act(key, bed, material, stroke, xy, strength, yaw, spread):
     """The kernel behind `apply_action`: cut a window out, act in it, put it back."""
     # A place at the wall may be off by float32's rounding; NaN is outside too.
-    in_box = (jnp.abs(xy) <= half_sides(bed) + 0.01 * bed.cell).all()
+    in_box = (jnp.abs(xy) <= jnp.asarray(half_sides(bed), jnp.float32) + 0.01 * bed.cell).all()
     xy = jnp.where(in_box, xy, 0.0)
     side = 2 * round(WINDOW / bed.cell / 2)
     half = side // 2
@@ -98,8 +98,9 @@ def _act(key, bed, material, stroke, xy, strength, yaw, spread):
         return jax.lax.dynamic_slice(a, (corner_y, corner_x), (side, side))
 
     grid = jnp.arange(side, dtype=jnp.float32) + 0.5 - half
-    x = ((grid + corner_x - middle[0]) * bed.cell)[None, :]
-    y = ((grid + corner_y - middle[1]) * bed.cell)[:, None]
+    start = corner.astype(jnp.float32) - middle
+    x = ((grid + start[0]) * bed.cell)[None, :]
+    y = ((grid + start[1]) * bed.cell)[:, None]
     made = repetition(key, stroke, strength, yaw, spread)
     new_height, new_mass = _press(
         window(height), window(mass), window(inside), material, made, x, y, bed.cell
@@ -115,9 +116,10 @@ def _press(height, mass, inside, material, stroke, x, y, cell):
     """Move the hand through a window.  All fields (side, side); returns height and mass."""
     cos, sin = jnp.cos(stroke.yaw), jnp.sin(stroke.yaw)
     below = jnp.abs(cos * x + sin * y) <= stroke.reach[0]
-    below = inside * below * (jnp.abs(cos * y - sin * x) <= stroke.reach[1])
+    below &= jnp.abs(cos * y - sin * x) <= stroke.reach[1]
+    below = jnp.where(below, inside, 0.0)
     # A narrow hand may have no cell below it: then the bed around it has to serve.
-    below = jnp.where(below.any(), below, inside)
+    below = jnp.where((below > 0).any(), below, inside)
     reference = (height * below).sum() / jnp.maximum(below.sum(), 1.0)
     moments = jnp.arange(STEPS + 1, dtype=jnp.float32) / STEPS
     flat_path = stroke.path.reshape(stroke.path.shape[0], -1)
@@ -132,7 +134,7 @@ def _press(height, mass, inside, material, stroke, x, y, cell):
         height, mass, under_before, untouched = carry
         ends_before, ends = ends_pair
         under = reference + underside(stroke, ends, x, y)
-        free = inside * jnp.isinf(under)
+        free = jnp.where(jnp.isinf(under), inside, 0.0)
         above = inside * jnp.maximum(height - jnp.maximum(under, 0.0), 0.0)
         above = jnp.where(jnp.isfinite(under), above, 0.0)
         # What the hand meets by going down, as against what it meets by moving sideways.
@@ -190,7 +192,7 @@ def _carry(first, second, target, lost, packing):
     lost = jnp.where(room > 1e-20, lost, 0.0)
     per_room = lost / jnp.maximum(room, 1e-20)
     fields = jnp.stack([per_room, per_room * packing])
-    gained = target * sum(share * (g @ fields @ g) for g, share in parts)
+    gained = target[None] * sum(share * (g @ fields @ g) for g, share in parts)
     return lost, gained[0], gained[1]
 
 

@@ -256,7 +256,7 @@ def repetition(
     shift = spread * stroke.spread_xy * jax.random.uniform(place, (2,), jnp.float32, -1.0)
     path = path.at[..., :2].add(shift)
     bend = spread * stroke.spread_finger * jax.random.normal(bend, (NUM_FINGERS, 1, 3), jnp.float32)
-    return replace(made, path=path + bend, yaw=angle)
+    return replace(made, path=path + bend[None], yaw=angle)
 
 
 def underside(

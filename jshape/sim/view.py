@@ -84,7 +84,7 @@ def _sample(bed, x, y):
     row = jnp.clip(y / bed.cell + (rows - 1) / 2, 0.0, rows - 1.0)
     left = jnp.minimum(column.astype(jnp.int32), columns - 2)
     top = jnp.minimum(row.astype(jnp.int32), rows - 2)
-    right, below = column - left, row - top
+    right, below = column - left.astype(column.dtype), row - top.astype(row.dtype)
     flat = bed.height.reshape(-1)
     first = top * columns + left
     upper = flat[first] * (1 - right) + flat[first + 1] * right

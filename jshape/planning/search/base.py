@@ -66,6 +66,7 @@ class SearchLimits:
         """What actions must gain, for each strength."""
         errors = jnp.asarray(self.errors, jnp.float32)
         error = errors[action] if errors.ndim else jnp.broadcast_to(errors, action.shape)
+        strengths = jnp.broadcast_to(strengths, (*action.shape, strengths.shape[-1]))
         needed = error[..., None] * jnp.sqrt(strengths)
         return jnp.maximum(jnp.asarray(self.min_gain, jnp.float32), needed)
 

@@ -96,7 +96,7 @@ def at_map(
     cache = touch(cache, candidates, state, first, shape)
     actions = jnp.asarray(state.actions)
     used = jnp.zeros(1 + max(state.actions), jnp.int32)
-    used = used.at[actions[result.move]].add(result.move >= 0)
+    used = used.at[actions[result.move]].add((result.move >= 0).astype(jnp.int32))
     status, none = jnp.int32(-1), jnp.int32(0)
     result = replace(result, status=status, evaluations=none)
     return Carry(now, cache, used, result, no_local(state))

@@ -106,7 +106,7 @@ def local_work(
     assert tried <= SPARE
     moves = jnp.arange(len(state.moves) + 1, dtype=jnp.int32)
     mine = jnp.where(local.worth, local.move, len(state.moves))
-    start = (mine < moves[:, None]).sum(1, dtype=jnp.int32) * len(AROUND)
+    start = (mine[None] < moves[:, None]).sum(1, dtype=jnp.int32) * len(AROUND)
     rows = jnp.arange(tried, dtype=jnp.int32).reshape(-1, len(AROUND)) + (places - tried)
     order = jnp.zeros(places, jnp.int32).at[:tried].set(rows[jnp.argsort(mine)].reshape(-1))
     strengths = jnp.zeros((len(state.moves), len(candidates.strengths)), jnp.float32)
@@ -135,7 +135,7 @@ def next_local(
     gains = jnp.where(-change > needed[:, None], -change, 0.0)
     row, column = jnp.moveaxis(around + (jnp.asarray(state.shapes) // 2)[local.move][:, None], 2, 0)
     made = jnp.arange(len(DEEPER), dtype=jnp.int32) < _strengths(candidates)
-    gains = jnp.where(candidates.reachable[row, column][..., None] & made, gains, 0.0)
+    gains = jnp.where(candidates.reachable[row, column][..., None] & made[None, None], gains, 0.0)
     best = jnp.argmax(gains.reshape(count, -1), 1).astype(jnp.int32)
     place, deeper = jnp.divmod(best, jnp.int32(len(DEEPER)))
     entry = jnp.arange(count, dtype=jnp.int32)
@@ -162,13 +162,13 @@ def _trials(
     low, high = bounds(state, candidates)
     coarser = jnp.maximum(jnp.asarray(rounds, jnp.int32) - 1 - local.round, 0)
     step = jnp.left_shift(jnp.int32(1), coarser)
-    around = local.first[:, None] + jnp.asarray(AROUND, jnp.int32) * step
+    around = local.first[:, None] + jnp.asarray(AROUND[None], jnp.int32) * step
     around = jnp.clip(around, low[local.move][:, None], high[local.move][:, None])
     known = candidates.strengths
     spacing = (known.max() - known.min()) / jnp.maximum(candidates.num_strengths - 1, 1).astype(
         known.dtype
     )
-    trial = local.strength[:, None] + jnp.asarray(DEEPER, jnp.float32) * spacing / (
+    trial = local.strength[:, None] + jnp.asarray(DEEPER[None], jnp.float32) * spacing / (
         jnp.float32(2.0) ** local.round.astype(jnp.float32)
     )
     return around, jnp.clip(trial, known.min(), known.max())

@@ -165,9 +165,15 @@ def _policy(
         value=value[None],
         embedding=(jnp.full((1, DEPTH), -1, jnp.int32), jnp.zeros(1, jnp.int32)),
     )
-    policy = mctx.gumbel_muzero_policy(
-        params=None, rng_key=key, root=root, recurrent_fn=recurrent,
-        num_simulations=SIMULATIONS, max_num_considered_actions=min(LISTED, len(moves)),
-        max_depth=DEPTH, gumbel_scale=1.0,
-    )  # fmt: skip
+    with jax.numpy_dtype_promotion("standard"):  # mctx divides by counts
+        policy = mctx.gumbel_muzero_policy(
+            params=None,
+            rng_key=key,
+            root=root,
+            recurrent_fn=recurrent,
+            num_simulations=SIMULATIONS,
+            max_num_considered_actions=min(LISTED, len(moves)),
+            max_depth=DEPTH,
+            gumbel_scale=1.0,
+        )
     return policy.action[0]

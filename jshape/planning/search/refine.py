@@ -103,8 +103,9 @@ def descend(
         d, slope = jax.value_and_grad(distance)(values)
         nearer = (d < least_d) & reachable(values)
         best, least_d = jnp.where(nearer, values, best), jnp.where(nearer, d, least_d)
-        update, memory = optimiser.update(slope, memory)
-        moved = jnp.clip(values + scale * jnp.asarray(update), least, most)
+        with jax.numpy_dtype_promotion("standard"):  # optax's Adam counts in int32
+            update, memory = optimiser.update(slope, memory)
+        moved = jnp.clip(values + scale[None] * jnp.asarray(update), least, most)
         return (jnp.where(used[:, None], moved, values), memory, best, least_d), None
 
     carry = (start, optimiser.init(start), start, result.distance)

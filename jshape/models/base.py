@@ -1,0 +1,73 @@
+"""What a predictor is: what one action does to its region of interest (ROI)."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from jshape._typing import Array, Float
+from jshape.camera import Camera
+from jshape.errors import BadBank
+from jshape.models.orthographic import OrthographicGrid
+
+
+def per_roi(strength: float | Array, roi: Float[Array, "*B h w"]) -> Float[Array, "*B 1 1"]:
+    """Strengths (*B) or one number, in the shape that multiplies ROIs."""
+    strength = jnp.asarray(strength, jnp.float32)
+    return jnp.broadcast_to(strength, roi.shape[:-2])[..., None, None]
+
+
+class Predictor(ABC):
+    """What the ROI of one action becomes: a pytree, callable.
+
+    `roi` and `__call__` are all that it needs.  The other hooks say what it can do beyond that;
+    by default: nothing.
+    """
+
+    turns: ClassVar[bool] = False
+    """Whether `turned` works: the search then tries several yaws of the hand."""
+
+    @property
+    @abstractmethod
+    def roi(self) -> tuple[int, int]:
+        """ROI size (w, h), pixels."""
+
+    @abstractmethod
+    def __call__(
+        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
+    ) -> Float[Array, "*B h w"]:
+        """ROIs of I after the action, not yet clipped.
+
+        Args:
+          roi: of I before the action.
+          place: first pixels [v, u] of the ROIs in the image, (*B, 2) or (2,): a bed seen from the
+            side looks different.
+          strength: how many times as deep as the trained action, (*B) or one number.
+        """
+
+    def turned(self, yaw: float | Array | np.floating) -> "Predictor":
+        """The same action, the hand turned by `yaw` radians from u towards v; a square ROI."""
+        raise BadBank(f"a predictor of type {type(self).__name__} cannot turn the hand")
+
+    def seen_by(self, camera: Camera, depth: float) -> "Predictor":
+        """The same action for another camera, `depth` metres above where actions are placed.
+
+        Raises:
+          BadBank: it predicts images of one camera.
+        """
+        raise BadBank(
+            f"a predictor of type {type(self).__name__} is bound to its camera; those of banks of "
+            "kind 'P' are not"
+        )
+
+    def search_grid(self) -> OrthographicGrid | None:
+        """The orthographic grid on which `on_grid` works; None: it works on images only.
+
+        A bank whose predictors all have one is searched on that grid.
+        """
+        return None
+
+    def on_grid(self) -> Any:
+        """The action on the grid: a pytree, (surface, first node, strength) -> surface after."""
+        raise NotImplementedError

@@ -100,6 +100,7 @@ def test_a_roi_at_the_edge_is_shifted_inside(rng):
     assert first[0].tolist() == [0, 0] and (first + found.size)[2].tolist() == [160, 120]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("bed, agent", [("flat", "robot"), ("irregular", "human")])
 def test_overlap_with_the_simulators_true_boxes(bed, agent):
     """An honest lower bound: `python -m benchmarks.annotation` gives 0.88 on average."""
@@ -112,6 +113,7 @@ def test_overlap_with_the_simulators_true_boxes(bed, agent):
     assert min(own) > 0.5 and np.mean(own) > 0.75 and np.mean(written) > 0.7
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("noise", ["pairs", "pairs_noisy"])
 def test_boxes_in_the_independent_simulation(shared_data, noise):
     """Its frames hold only the surroundings of the action; its places are those of the tool."""
@@ -162,6 +164,7 @@ def test_a_hand_written_table_is_honoured(folder, tmp_path, capsys):
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.full
 def test_annotate_then_mend_a_box_then_annotate_again(folder, tmp_path, capsys):
     out = tmp_path / "out"
     run(folder, out, "--all")
@@ -205,6 +208,7 @@ def test_a_pair_without_effect_is_refused_or_left_out(rng, tmp_path, capsys):
             tmp_path / "x", "--all", "--skip")  # fmt: skip
 
 
+@pytest.mark.full
 def test_doubtful_boxes_are_named(rng, tmp_path, capsys):
     places = [(20, 30, 20, 20), (60, 50, 21, 20), (90, 30, 20, 20), (60, 50, 50, 40)]
     save_pairs(make_pairs(rng, places), tmp_path / "pairs")
@@ -213,6 +217,7 @@ def test_doubtful_boxes_are_named(rng, tmp_path, capsys):
     assert "the mean 3" in doubts["p3"] and "its own box is 5" in doubts["p3"]
 
 
+@pytest.mark.full
 def test_many_pairs_take_several_sheets(rng, tmp_path, capsys, monkeypatch):
     save_pairs(make_pairs(rng, [(20 + k, 30, 20, 20) for k in range(3)]), tmp_path / "pairs")
     monkeypatch.setattr(sheets, "PER_PAGE", 2)
@@ -223,6 +228,7 @@ def test_many_pairs_take_several_sheets(rng, tmp_path, capsys, monkeypatch):
     run(tmp_path / "out", tmp_path / "out", "--overwrite")
 
 
+@pytest.mark.full
 def test_from_a_recording_to_a_plan(tmp_path, capsys, monkeypatch):
     """The whole way of a user: record, segment, annotate, train, evaluate, plan."""
     monkeypatch.chdir(tmp_path)

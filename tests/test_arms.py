@@ -50,6 +50,7 @@ def _base(opened):
     return np.eye(4) if opened.base_camera is None else opened.base_camera
 
 
+@pytest.mark.full
 def test_an_arm_goes_where_it_is_told_and_says_so(opened):
     arm, hand, point = opened.arm, load_hand(), _surface(opened)
     assert isinstance(arm, Arm) and arm.name
@@ -66,6 +67,7 @@ def test_an_arm_goes_where_it_is_told_and_says_so(opened):
     assert np.isfinite(arm.effort()) and arm.effort() >= 0
 
 
+@pytest.mark.full
 def test_an_action_is_six_operations_and_ends_at_home(opened):
     arm, done = opened.arm, []
     perform(arm, load_hand(), "poke", _surface(opened), _base(opened), told=done.append)

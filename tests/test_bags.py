@@ -158,6 +158,7 @@ def test_another_cameras_info_is_named_and_not_taken(tmp_path, counts):
     refused("there is /colour/camera_info", path, BadCamera)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "wrong, match",
     [
@@ -268,6 +269,7 @@ def test_a_bag_of_several_files_is_read_in_the_order_of_time(how, tmp_path, coun
     refused("goes back in time: metadata.yaml lists", path, frames=True)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("form", ["16UC1; png compressed ", "mono16; png compressed", "png"])
 def test_counts_as_png_come_to_the_bit(form, tmp_path, counts):
     topic = "/camera/depth/image_raw/compressed"

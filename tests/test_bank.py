@@ -24,6 +24,7 @@ def bank_of(rng, errors_mm=None, camera=CAMERA):
     return Bank(camera, predictors, tuple(SIZES), errors_mm=errors)
 
 
+@pytest.mark.full
 @settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1), off=st.floats(0, 1), like=st.floats(0, 1))
 def test_the_error_bounds_what_d_is_wrong_by(seed, off, like):
@@ -64,6 +65,7 @@ def test_what_is_not_known_is_no_error(rng):
     np.testing.assert_array_equal(Bank(CAMERA, (), ()).error_of_d(), np.zeros(0))
 
 
+@pytest.mark.full
 def test_other_errors_compile_nothing(rng):
     traced = []
 

@@ -84,6 +84,7 @@ def test_files_and_tuning_change_no_plan(tmp_path):
     np.testing.assert_array_equal(seen, rounded(first, CAMERA))
 
 
+@pytest.mark.full
 def test_both_ways_agree_where_rounding_cannot_decide():
     agreement = Agreement()
     for seed in range(6):

@@ -54,6 +54,7 @@ def import_authors(source, out, *more):
     return main([str(source), str(out), *more])
 
 
+@pytest.mark.full
 def test_the_authors_layout_becomes_a_data_set(authors, tmp_path, capsys):
     assert import_authors(authors, tmp_path / "out") == 0
     assert "2 pairs (2 human fist)" in capsys.readouterr().out

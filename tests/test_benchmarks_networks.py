@@ -76,6 +76,7 @@ def products(program):
     return total
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("shape", [(1, 16, 16), (3, 45, 40)])
 def test_the_drawn_network_is_counted(shape):
     params, image = network(3), jnp.zeros(shape)
@@ -95,6 +96,7 @@ def small(monkeypatch):
     monkeypatch.setattr(unet, "PAPER_ROIS", {"poke": (20, 17)})
 
 
+@pytest.mark.full
 def test_peers_that_are_not_installed_are_left_out_with_a_line(
     small, monkeypatch, tmp_path, capsys
 ):
@@ -134,6 +136,7 @@ def test_networks_that_differ_are_not_compared(gap):
         unet._agreeing((1, 16, 16), {"jshape": 1.0}, 1.0, 1.0, 2.0, [0.0, gap], unet.AGREE)
 
 
+@pytest.mark.full
 def test_the_simulators_rows(monkeypatch, tmp_path):
     monkeypatch.setattr(simulator, "BATCHES", (1, 2))
     report = Report("simulator")

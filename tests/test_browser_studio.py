@@ -148,6 +148,7 @@ def page(studio, chromium):  # noqa: F811
     assert complaints(chromium) == []
 
 
+@pytest.mark.full
 def test_load_draw_plan_step_edit_and_carry_out(page, folder):
     page.press("Mold")
     until(lambda: "no bed yet" in page.text("where"), "an empty table")
@@ -204,6 +205,7 @@ def reachable(browser):
     )  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("tab", ["Mold", "Annotate boxes"])
 def test_all_is_on_the_screen_of_a_telephone(page, tab):
     page.browser.execute_cdp_cmd(
@@ -217,6 +219,7 @@ def test_all_is_on_the_screen_of_a_telephone(page, tab):
     assert high > 844  # and the rest is scrolled to
 
 
+@pytest.mark.full
 def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
     page.press("Mold")
     (folder / "SAND.PNG").write_bytes((folder / "bed.png").read_bytes())
@@ -247,6 +250,7 @@ def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
     assert page.text("said") == "no plan yet"
 
 
+@pytest.mark.full
 def test_annotate(page, folder):
     page.press("Annotate boxes")
     until(lambda: "1 of 2" in page.text("title"), "the first pair")

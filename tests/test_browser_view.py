@@ -38,6 +38,7 @@ def _text(browser):
     return browser.find_element(By.TAG_NAME, "body").text
 
 
+@pytest.mark.full
 def test_the_page_is_moved_by_the_keyboard(chromium, viewer):  # noqa: F811
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
@@ -67,6 +68,7 @@ def test_the_page_is_moved_by_the_keyboard(chromium, viewer):  # noqa: F811
     assert [said for said in complaints(chromium) if HARMLESS not in said] == []
 
 
+@pytest.mark.full
 def test_it_plays_to_the_end(chromium, viewer):  # noqa: F811
     from selenium.webdriver.common.by import By
 
@@ -77,6 +79,7 @@ def test_it_plays_to_the_end(chromium, viewer):  # noqa: F811
     until(lambda: "step 3 of 3" in _text(chromium), "the last step on the page")
 
 
+@pytest.mark.full
 def test_a_hostile_run_is_shown_as_text(chromium, tmp_path, bank, molded):  # noqa: F811
     from jshape.app.view.browser import Viewer
 

@@ -101,6 +101,7 @@ def test_the_target_is_where_it_was_put(rng):
     np.testing.assert_allclose(quaternion_of(found.target), [0.0, 0.6, 0.0, 0.8], atol=1e-6)
 
 
+@pytest.mark.full
 def test_pixels_are_those_of_the_camera(rng):
     """The target moved by 1 mm sideways in one pair, at 0.45 m: f / 450 px, less what is fitted."""
     hands, targets, _ = pairs_of(rng, False, count=40)

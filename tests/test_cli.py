@@ -53,6 +53,7 @@ PLAN = [
 ]
 
 
+@pytest.mark.full
 def test_plan_prints_the_actions_and_writes_pictures(folder, capsys, molded):
     assert main([*PLAN, "--out", "out"]) == 0
     text = capsys.readouterr().out
@@ -284,6 +285,7 @@ def test_bad_settings_are_refused_and_nothing_is_written(folder, capsys, case):
     assert sorted(folder.rglob("*")) == before
 
 
+@pytest.mark.full
 def test_what_is_there_is_not_overwritten_unless_asked(folder, capsys):
     assert main([*PLAN, "--out", "out"]) == 0
     capsys.readouterr()
@@ -297,6 +299,7 @@ def test_what_is_there_is_not_overwritten_unless_asked(folder, capsys):
     refused([*PLAN, "--out", "precious", "--overwrite"], capsys, "precious")
 
 
+@pytest.mark.full
 def test_another_camera_with_reproject(folder, capsys):
     """A 640x480 camera at 0.55 m sees the same two beds; places come back in its own pixels."""
     from jshape.camera import reproject
@@ -321,6 +324,7 @@ def test_another_camera_with_reproject(folder, capsys):
     assert np.abs(np.subtract(result["steps"][poke]["camera_position"], [319, 240])).max() <= 1
 
 
+@pytest.mark.full
 def test_from_simulated_pairs_to_a_plan(tmp_path, capsys, monkeypatch):
     """The whole way: simulate, look, evaluate, train, plan; on two actions to be quick."""
     monkeypatch.chdir(tmp_path)
@@ -359,6 +363,7 @@ def test_from_simulated_pairs_to_a_plan(tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.full
 def test_commands_as_processes(folder):
     """A real process: exit codes, one line on stderr, no traceback, help that is quick to read."""
 
@@ -379,6 +384,7 @@ def test_commands_as_processes(folder):
     assert done.returncode == 0 and done.stderr == "" and json.loads(done.stdout)
 
 
+@pytest.mark.full
 def test_overwrite_spares_what_no_command_wrote(folder, capsys):
     """Every command that replaces a folder, on one that looks like its own but holds notes."""
     commands = {
@@ -441,6 +447,7 @@ def test_an_empty_plan_says_what_to_try(folder, capsys):
     assert "no action of the bank helps at these positions" in capsys.readouterr().out
 
 
+@pytest.mark.full
 def test_the_default_grid_finds_actions_off_the_papers_places(folder, capsys, bank):
     now = np.full(PAPER_BOX.shape, 0.5, np.float32)
     goal, (w, h) = now.copy(), bank.roi("knock")
@@ -468,6 +475,7 @@ def _put(bank, action, place, strength=1.0, turned=False):
         _png(f"{name}.png", np.rint(depth / 1e-5).astype(np.uint16))
 
 
+@pytest.mark.full
 def test_strength_and_direction_of_the_hand(folder, capsys, bank):
     """A knock 1.5 times as deep, turned a quarter: as such in the table, the JSON and the files."""
     _put(bank, "knock", (239, 197), 1.5, turned=True)
@@ -489,6 +497,7 @@ def test_strength_and_direction_of_the_hand(folder, capsys, bank):
     assert "yaw" not in capsys.readouterr().out  # nothing is turned
 
 
+@pytest.mark.full
 def test_dense_positions_are_tried_with_several_strengths(folder, capsys, bank):
     _put(bank, "knock", (171, 211), 0.25)
     dense = [*PLAN[:5], "--yaws", "1", "--stride", "9", "--json", "--max-steps", "1"]
@@ -523,6 +532,7 @@ def test_what_the_hand_can_reach(folder, capsys):
     assert [s["position"] for s in steps] == [[239, 197]]
 
 
+@pytest.mark.full
 def test_uses_and_budgets(folder, capsys):
     assert main([*PLAN, "--max-uses", "knock=1", "--max-uses", "poke=0", "--json"]) == 0
     assert [s["action"] for s in json.loads(capsys.readouterr().out)["steps"]] == ["knock"]
@@ -572,6 +582,7 @@ def test_what_is_no_time(text):
         duration(text)
 
 
+@pytest.mark.full
 def test_devices_are_made_once():
     """In a new process: three of them, then no more, and as few as asked for."""
     code = """
@@ -583,6 +594,7 @@ print(over_devices(1).mesh)
     assert (done.stdout.split(), done.stderr) == (["3", "3", "2", "None"], "")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("words", "loads"),
     [("--help", False), ("--version", False), ("plna", False), ("config --init", False),
@@ -654,6 +666,7 @@ WITHOUT_DATA = [
 ]
 
 
+@pytest.mark.full
 def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     known = {line for name in LEAVES for line, _ in of(name)}
@@ -748,6 +761,7 @@ def test_colours_are_for_terminals(monkeypatch, stream, environment, expected):
         assert plain == ("\033[1;31merror:\033[0m" if expected else "error:")
 
 
+@pytest.mark.full
 def test_colours_on_a_real_terminal(folder, tmp_path):
     """In a pseudo-terminal the head of a table is bold and an error red; elsewhere nothing is."""
     pty = pytest.importorskip("pty")
@@ -777,6 +791,7 @@ def test_colours_on_a_real_terminal(folder, tmp_path):
     assert "\033[" not in run(["plan", "--help"], NO_COLOR="1")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("closed", "environment", "said", "code"),
     [
@@ -806,6 +821,7 @@ def test_surroundings_that_a_process_may_have(tmp_path, closed, environment, sai
     assert process.stderr.count("\n") == (code > 0)
 
 
+@pytest.mark.full
 def test_a_goal_of_another_folder_is_read_with_its_own_camera(folder, capsys):
     """Its unit is its own; another lens is refused with both numbers, or looked at again."""
     from jshape.camera import reproject
@@ -854,6 +870,7 @@ def on_a_table(folder):
     write_camera(folder / "camera.json", KINECT, 1e-3)
 
 
+@pytest.mark.full
 def test_a_bed_smaller_than_the_view_is_planned_on_in_its_window(folder, capsys):
     """`camera check` and `plan` say the same, and the window that they name is planned on."""
     on_a_table(folder)
@@ -883,6 +900,7 @@ def test_a_bed_smaller_than_the_view_is_planned_on_in_its_window(folder, capsys)
     refused(["plan", "now.png", "goal.png", "--window", "300,300,90x90"], capsys, "changes")
 
 
+@pytest.mark.full
 def test_a_goal_for_a_window_is_planned_for_with_what_it_prints(folder, capsys):
     on_a_table(folder)
     words = ["goal", "now.png", "--window", "197,186,247x205", "--text", "O", "--out", "mine"]
@@ -905,6 +923,7 @@ def test_a_goal_for_a_window_is_planned_for_with_what_it_prints(folder, capsys):
     refused(["goal", "now.png", "--frame", "other/now.png"], capsys, "fx 615 (bed: 504)")
 
 
+@pytest.mark.full
 def test_a_heap_taller_than_the_banks_range_is_planned_in_its_own(folder, capsys):
     v, u = np.mgrid[0:395, 0:480]
     heap = 4500 - 900 * np.exp(-((u - 240) ** 2 + (v - 197) ** 2) / 7000.0)

@@ -272,6 +272,7 @@ def test_too_many_missing_readings_are_said(watched, tmp_path, capsys, rng):
 # camera check, camera list.
 
 
+@pytest.mark.full
 def test_check_says_good_and_draws(tmp_path, capsys):
     picture = tmp_path / "check.png"
     words = ("camera", "check", "sim", "--frames", 12, "--out", picture)
@@ -330,6 +331,7 @@ def test_list(capsys, monkeypatch):
     assert json.loads(out) == {"devices": [{"name": "Intel RealSense D435", "serial": "42"}]}
 
 
+@pytest.mark.full
 def test_from_a_recording_of_the_sdk_to_a_bank(tmp_path, capsys):
     """What the SDK's recorder wrote of a (virtual) D435, all the way by the command line."""
     pytest.importorskip("pyrealsense2")

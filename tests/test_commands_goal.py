@@ -53,6 +53,7 @@ def refused(capsys, said, *words):
     assert said in error and error.count("\n") == 1, error
 
 
+@pytest.mark.full
 def test_a_newcomer_makes_a_goal_without_a_camera_and_plans_for_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["goal", "flat", "--text", "J", "--out", "mine"]) == 0
@@ -89,6 +90,7 @@ def test_a_newcomer_makes_a_goal_without_a_camera_and_plans_for_it(tmp_path, mon
     assert main(["goal", "flat", "--text", "L", "--out", "mine", "--overwrite"]) == 0
 
 
+@pytest.mark.full
 def test_texts_are_raised_balanced_and_placed(folder, capsys):
     said = made(capsys, "now.png", "--text", "+", "--raise-mm", "5", "--balance",
                 "--at", "150,120", "--size-mm", "80", "--turn", "45")  # fmt: skip
@@ -101,6 +103,7 @@ def test_texts_are_raised_balanced_and_placed(folder, capsys):
     assert written["raised_cm3"] == said["raised_cm3"] and written["next"] == said["next"]
 
 
+@pytest.mark.full
 def test_what_is_made_small_near_the_edge_is_said(folder, capsys):
     small = made(capsys, "now.png", "--text", "J", "--at", "30,30")
     middle = made(capsys, "now.png", "--text", "J")
@@ -110,6 +113,7 @@ def test_what_is_made_small_near_the_edge_is_said(folder, capsys):
     assert not middle["assumed"] and not asked["assumed"]
 
 
+@pytest.mark.full
 def test_masks_lie_on_the_frame_or_where_they_are_placed(folder, capsys):
     mask = np.zeros(PAPER_BOX.shape, np.uint8)
     cv2.circle(mask, (200, 150), 40, 255, -1)
@@ -126,6 +130,7 @@ def test_masks_lie_on_the_frame_or_where_they_are_placed(folder, capsys):
     refused(capsys, "ink.png: has 100x100 pixels and the bed 480x395", *words)
 
 
+@pytest.mark.full
 def test_height_maps_meshes_and_another_unit(folder, capsys):
     import trimesh
 
@@ -149,6 +154,7 @@ def test_height_maps_meshes_and_another_unit(folder, capsys):
     assert not said["assumed"] and max(said["size_mm"]) == pytest.approx(40)
 
 
+@pytest.mark.full
 def test_a_frame_is_a_goal_as_it_is(folder, capsys):
     said = made(capsys, "now.png", "--frame", "after.png")
     after = read_depth("after.png", depth_unit=UNIT)
@@ -161,6 +167,7 @@ def test_a_frame_is_a_goal_as_it_is(folder, capsys):
     refused(capsys, "--size-mm says nothing of --frame", *words)
 
 
+@pytest.mark.full
 def test_actions_are_what_the_bank_predicts(folder, capsys):
     words = "knock 240,197; press 120,110x1.5@30"
     made(capsys, "now.png", "--actions", words)
@@ -181,6 +188,7 @@ def test_actions_are_what_the_bank_predicts(folder, capsys):
         np.testing.assert_allclose(change_mm(folder), first, atol=0.11)
 
 
+@pytest.mark.full
 def test_another_camera_keeps_its_own_pixels_and_format(folder, capsys):
     depth = np.asarray(sim.render(sim.flat_bed(), OTHER))
     np.save("other.npy", depth)

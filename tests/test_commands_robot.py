@@ -40,6 +40,7 @@ def goal(tmp_path_factory):
     return folder / "goal.npy"
 
 
+@pytest.mark.full
 def test_the_bed_is_molded_and_the_run_says_how(goal, tmp_path, capsys):
     out = tmp_path / "run"
     assert main(["mold", str(goal), "--arm", "sim:3", "--yes", "--out", str(out), *QUICK, *TRIED,
@@ -89,6 +90,7 @@ def test_a_run_goes_on_as_it_began(tmp_path):
         kept({"max_steps": "two"})
 
 
+@pytest.mark.full
 def test_a_plan_is_carried_out(goal, tmp_path, capsys):
     start = tmp_path / "start.npy"
     np.save(start, np.asarray(SimulatedWorld(jax.random.key(5), bed_of(3)[0]).look(), np.float32))
@@ -153,6 +155,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.full
 def test_an_arm_that_hangs_in_everything_does_not_keep_the_program(goal, tmp_path):
     """Its way home, `stop` and `close`; SIGTERM twice, the second while it is being stopped."""
     out = tmp_path / "run"

@@ -202,6 +202,7 @@ def test_an_empty_file_sets_nothing(asked, capsys):
     assert asked(*PLAN).bank is None and capsys.readouterr().err == ""
 
 
+@pytest.mark.full
 def test_config_says_what_applies_and_where_it_is_from(capsys):
     assert main(["config"]) == 0
     assert "no jshape.toml here; jshape config --init writes one" in capsys.readouterr().out

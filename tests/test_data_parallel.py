@@ -12,6 +12,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from jshape.cli.main import main
 
@@ -90,6 +91,7 @@ def answer(devices):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.full
 def test_host_devices_share_batches_and_candidates():
     alone, found = answer(1), answer(3)  # 3 divides no batch: they are filled up
     assert (alone["devices"], alone["local"]) == (1, 1)

@@ -6,6 +6,7 @@ import sys
 
 import jax
 import jax.numpy as jnp
+import pytest
 
 from jshape import compiling
 from jshape.planning.devices import remember_compiled
@@ -31,6 +32,7 @@ def _run(folder):
     return value, int(hits)
 
 
+@pytest.mark.full
 def test_a_second_process_compiles_nothing_again_and_finds_the_same(tmp_path):
     first, second = _run(tmp_path), _run(tmp_path)
     assert first[0] == second[0] and first[1] == 0 < second[1]

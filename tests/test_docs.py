@@ -39,7 +39,7 @@ SINGLE = (
     "jshape.robot.simulated.SimulatedWorld",
     "jshape.robot.cameras.played.Played",
     "jshape.data.intrinsics.pinhole",
-    "jshape.planning.evaluate.How",
+    "jshape.planning.evaluate.Execution",
 )
 
 
@@ -67,6 +67,7 @@ def site(tmp_path_factory):
     return folder
 
 
+@pytest.mark.full
 def test_the_site_builds_without_a_warning_and_needs_no_other(site):
     for page in DOCS:
         home = site if page.stem == "index" else site / page.stem

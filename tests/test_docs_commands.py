@@ -240,6 +240,7 @@ def _one_each(slow):
     return pytest.mark.parametrize("page", pages, ids=lambda path: path.stem)
 
 
+@pytest.mark.full
 @_one_each(slow=False)
 def test_commands_of_a_page(page, reader):
     _run_all(page, reader, slow=False)

@@ -27,6 +27,7 @@ def asked(capsys):
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.full
 def test_everything_works_here(capsys):
     code, found = asked(capsys)
     assert code == 0 and found["good"] is True and found["problems"] == []

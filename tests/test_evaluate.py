@@ -80,6 +80,7 @@ def test_partitions_split_every_action_of_every_agent_once(pairs):
     assert not np.array_equal(splits[0]["robot"].test, splits[1]["robot"].test)
 
 
+@pytest.mark.full
 def test_all_candidates_are_tested_on_the_same_pairs(pairs, kind_h):
     """Paired: same tests, same changes; and f_D's numbers do not depend on its company."""
     study = Study(pairs, [Candidate("D"), Candidate("H")], partitions=3)
@@ -95,6 +96,7 @@ def test_all_candidates_are_tested_on_the_same_pairs(pairs, kind_h):
     assert [s for s in both if s.predictor == "D"] == cross_validate(pairs, partitions=3)
 
 
+@pytest.mark.full
 def test_training_pairs_are_never_tested(pairs, monkeypatch):
     fitted = []
 
@@ -108,6 +110,7 @@ def test_training_pairs_are_never_tested(pairs, monkeypatch):
             assert not fitted[-1] & set(trial.id.tolist())
 
 
+@pytest.mark.full
 def test_smaller_training_sets_are_nested_and_the_test_stays(pairs, monkeypatch):
     fitted = []
 
@@ -126,6 +129,7 @@ def test_smaller_training_sets_are_nested_and_the_test_stays(pairs, monkeypatch)
     assert sorted({s.pairs for s in scores}) == [2, 4] and len(scores) == 2 * 2 * 2
 
 
+@pytest.mark.full
 def test_across_agents_names_both(pairs):
     scores = evaluation.across_agents(pairs, partitions=2)
     assert {(s.trained_on, s.agent) for s in scores} == {
@@ -164,6 +168,7 @@ def test_refined_and_unrefined_share_one_training(pairs, monkeypatch):
         assert (a.error_mm != b.error_mm).all()
 
 
+@pytest.mark.full
 def test_few_shot_compares_start_adapted_and_scratch(pairs, kind_h):
     start = fit(pairs.of(agent="human"), "H")
     scores = few_shot(pairs.of(agent="robot"), start, (2, 4), partitions=2)
@@ -180,6 +185,7 @@ def test_few_shot_compares_start_adapted_and_scratch(pairs, kind_h):
         few_shot(pairs, Bank(PAPER_BOX, start.predictors[:1], ("knead",), "H"), (2,))
 
 
+@pytest.mark.full
 def test_other_rois_are_measured_over_the_same_pixels(pairs):
     """A bank with a smaller (larger) ROI predicts no change around it (is cut)."""
     whole = fit(pairs)
@@ -209,6 +215,7 @@ class Finite(Difference):
         )
 
 
+@pytest.mark.full
 def test_gaps_are_filled_for_the_predictor_and_left_out_of_the_error(pairs):
     jax.tree_util.register_dataclass(Finite)
     bank = fit(pairs)
@@ -370,6 +377,7 @@ def folder(tmp_path, pairs, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.full
 def test_the_command_writes_every_table_and_figure(folder, capsys, pairs, kind_h, monkeypatch):
     monkeypatch.setitem(KINDS, "H", KINDS["D"])
     save_bank(fit(pairs.of(agent="human"), "H"), folder / "human-bank")
@@ -393,6 +401,7 @@ def test_the_command_writes_every_table_and_figure(folder, capsys, pairs, kind_h
     assert result["scores"][0]["floor_mm"] > 0
 
 
+@pytest.mark.full
 def test_the_command_refuses_in_one_line(folder, capsys):
     for more, words in {
         ("--kinds", "D", "Q"): "'Q'; allowed: D",
@@ -407,6 +416,7 @@ def test_the_command_refuses_in_one_line(folder, capsys):
         assert out == "" and err.count("\n") == 1 and words in err
 
 
+@pytest.mark.full
 def test_without_few_a_small_data_set_adapts_with_what_it_has(folder, capsys, pairs, kind_h,
                                                               monkeypatch):  # fmt: skip
     monkeypatch.setitem(KINDS, "H", KINDS["D"])

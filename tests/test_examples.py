@@ -50,6 +50,7 @@ SHOWS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs(path, small, tmp_path, capsys):
     result = runpy.run_path(str(path))["main"](**RUNS[path.stem](small, tmp_path))

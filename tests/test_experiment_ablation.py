@@ -56,6 +56,7 @@ def pairs():
     return pairs_of(examples_of(tool(), 8))
 
 
+@pytest.mark.full
 def test_what_is_left_out_stays_as_it_was_and_the_rest_is_fitted(examples, short):
     guess = fit_imprint(examples, CAMERA, without=("descent",))
     maps = ("reference", "tool", "give", "rest", "swell", "follow")
@@ -73,6 +74,7 @@ def test_what_is_left_out_stays_as_it_was_and_the_rest_is_fitted(examples, short
                 assert gone, (left, name)
 
 
+@pytest.mark.full
 def test_without_a_tool_the_first_guess_is_the_mean_change(examples):
     off = fit_imprint(examples, CAMERA, without=("tool", "descent", "absolute"))
     flat = jnp.full(off.tool.shape, off.grid.depth)
@@ -85,6 +87,7 @@ def test_an_ingredient_that_is_none_is_refused(examples):
         fit_imprint(examples, CAMERA, without=("salt",))
 
 
+@pytest.mark.full
 def test_squares_are_lowered_if_absolute_errors_are_not(examples, monkeypatch):
     monkeypatch.setattr(learning, "STEPS", (40, 40))
     monkeypatch.setattr(learning, "PER_MANY", 0)
@@ -99,6 +102,7 @@ def test_squares_are_lowered_if_absolute_errors_are_not(examples, monkeypatch):
     assert mean[()] < mean["absolute",] and square[()] != square["absolute",]
 
 
+@pytest.mark.full
 def test_the_image_itself_knows_no_place(examples):
     roi = jnp.asarray(examples.prior[0])
 
@@ -135,6 +139,7 @@ def test_each_step_has_one_ingredient_more_and_the_last_is_all_of_f_p(varied):
     assert len({v.name for v in (*chain, *without)}) == len(chain) + len(without) - 1
 
 
+@pytest.mark.full
 def test_variants_that_do_the_same_are_fitted_once(pairs, monkeypatch):
     made = []
     real = ingredients.bank_of
@@ -150,6 +155,7 @@ def test_variants_that_do_the_same_are_fitted_once(pairs, monkeypatch):
     assert all(set(t.id) <= set(pairs.of(action=t.action).id) for t in found)
 
 
+@pytest.mark.full
 def test_the_changes_add_up_from_f_d_to_f_p(tmp_path, pairs, short, capsys):
     datasets.save_pairs(pairs, tmp_path / "data")
     out = tmp_path / "out"

@@ -52,6 +52,7 @@ def lines(out):
     return [json.loads(line) for line in (out / "steps.jsonl").read_text().splitlines()]
 
 
+@pytest.mark.full
 def test_every_run_is_measured_without_the_cameras_noise(finished):
     out, _ = finished
     runs = lines(out)
@@ -109,6 +110,7 @@ def test_the_report_has_a_table_per_kind_and_all_figures(finished):
     assert len(list((out / "frames").iterdir())) == 8
 
 
+@pytest.mark.full
 def test_a_benchmark_that_was_killed_goes_on(finished, tmp_path, monkeypatch):
     out, _ = finished
     again = tmp_path / "again"
@@ -288,6 +290,7 @@ def test_floors_are_planners_for_a_while(bank, molded):
         plan(now, goal, bank=bank, **paper(planner="random"))
 
 
+@pytest.mark.full
 def test_the_command_prints_tables_and_refuses_in_one_line(
     finished, small, capsys, tmp_path, monkeypatch
 ):

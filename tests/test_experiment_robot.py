@@ -26,6 +26,7 @@ def test_problems_are_the_papers():
     assert len(seen) == 6
 
 
+@pytest.mark.full
 def test_a_problem_is_solved_and_written_down(tmp_path, monkeypatch):
     monkeypatch.setattr(robot, "AGENTS", ("robot",))
     monkeypatch.setattr(robot, "TRIED", {"max_steps": 3})

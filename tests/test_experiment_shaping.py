@@ -30,6 +30,7 @@ def told():
     return story
 
 
+@pytest.mark.full
 def test_the_plan_is_what_was_applied_and_the_distance_falls(told):
     row = told.row
     assert row["exact"] and row["retrieved"] == 1.0 and row["falls"]
@@ -119,6 +120,7 @@ def test_situations_are_what_they_say():
             assert all(2.0 <= one.strength <= 2.9 for one in deep)
 
 
+@pytest.mark.full
 def test_generalization_counts_what_each_predictor_finds(tmp_path, monkeypatch, bank):
     known = [
         Entry("f_D", bank, "nobody", name, {"positions": actions.grid(PAPER_BOX, 7, 3)}, 0.0)

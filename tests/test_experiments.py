@@ -83,6 +83,7 @@ def test_scores_of_a_ranking():
     assert (both["kendall"], both["kendall_least"], both["falls"]) == (0.0, -1.0, 0.5)
 
 
+@pytest.mark.full
 def test_d_follows_a_molding_sequence_and_random_points_do_not():
     rows, curves = ranking.rank(0, 2, 3, samples.silent)
     found = {row["method"]: row for row in rows}
@@ -94,6 +95,7 @@ def test_d_follows_a_molding_sequence_and_random_points_do_not():
     assert [ax.get_title() for ax in figure.axes[: len(curves)]] == list(curves)
 
 
+@pytest.mark.full
 def test_turning_the_camera_changes_depths_but_not_distances():
     rows = []
     for name, beds in viewpoint.surfaces(0).items():
@@ -134,6 +136,7 @@ def test_a_turn_leaves_the_points_where_they_are():
         np.testing.assert_allclose(back[:, 2], along[middle].reshape(-1))
 
 
+@pytest.mark.full
 def test_viewpoint_writes_a_page_with_every_view(tmp_path):
     out = tmp_path / "out"
     told = viewpoint.run(out, quick=True)
@@ -142,6 +145,7 @@ def test_viewpoint_writes_a_page_with_every_view(tmp_path):
     assert "turns about its centre" in (out / "page.html").read_text()
 
 
+@pytest.mark.full
 def test_pairs_are_made_once_and_do_not_depend_on_what_else_is_asked_for(monkeypatch):
     made = []
     real = samples.simulate_pairs
@@ -166,12 +170,14 @@ def test_pairs_are_made_once_and_do_not_depend_on_what_else_is_asked_for(monkeyp
     samples.forget()
 
 
+@pytest.mark.full
 def test_a_progress_bar_uses_no_pairs_up():
     found = samples.pairs_of(None, seed=5, count=1, actions=("poke",), progress=progress)
     assert len(found) == len(samples.AGENTS)
     samples.forget()
 
 
+@pytest.mark.full
 def test_prediction_crosses_agents_and_csv_equals_json(tmp_path, pairs, capsys):
     datasets.save_pairs(pairs, tmp_path / "data")
     out = tmp_path / "out"
@@ -210,6 +216,7 @@ def test_datasize_leaves_out_what_is_not_there(tmp_path, pairs):
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.full
 def test_refinement_compares_one_training_with_itself(tmp_path, pairs, monkeypatch):
     from benchmarks.experiments import refinement
 
@@ -249,6 +256,7 @@ def test_the_distance_shown_is_the_librarys(pair):
     assert ranking._d(np.random.default_rng(0), *pair.images) == pytest.approx(float(d))
 
 
+@pytest.mark.full
 def test_refinement_of_a_data_set_takes_its_smallest_action(tmp_path, pairs, monkeypatch):
     from benchmarks.experiments import refinement
 

@@ -43,6 +43,7 @@ def images(pairs):
         yield np.where(getattr(pairs, name) > 0, np.clip(level, 0, 255), np.nan) * weight
 
 
+@pytest.mark.full
 def test_the_effect_is_the_mean_difference(pairs):
     bank = fit(pairs)
     assert bank.actions == ("knock", "poke") and bank.kind == "D"
@@ -58,6 +59,7 @@ def test_the_effect_is_the_mean_difference(pairs):
         np.testing.assert_allclose(bank.predictor(name).delta, np.mean(changes, 0), atol=1e-6)
 
 
+@pytest.mark.full
 def test_pairs_of_several_strengths(pairs):
     """f_D divides by them, predictions are told them, and networks refuse them."""
     strength = np.linspace(0.5, 2.0, len(pairs)).astype(np.float32)
@@ -82,6 +84,7 @@ def test_pairs_of_several_strengths(pairs):
         fit(several, "CR")
 
 
+@pytest.mark.full
 def test_missing_pixels_are_left_out_of_the_mean(pairs):
     whole = fit(pairs)
     u, v = pairs.centre[0]
@@ -116,6 +119,7 @@ def test_errors_are_the_mean_distance_of_matched_points(pairs):
         np.testing.assert_allclose(change[n], moved.mean() * r_max * 50, rtol=1e-3)
 
 
+@pytest.mark.full
 def test_evaluation_lists_every_action_and_agent(pairs):
     scores = evaluate(fit(pairs), pairs)
     assert [(s.action, s.agent, s.count) for s in scores] == [
@@ -127,6 +131,7 @@ def test_evaluation_lists_every_action_and_agent(pairs):
     assert cross_validate(pairs, seed=1) != cross_validate(pairs, seed=2)
 
 
+@pytest.mark.full
 def test_what_cannot_be_fitted_or_tested_is_refused(pairs):
     with pytest.raises(UnknownName, match="'Q'; allowed: D"):
         fit(pairs, "Q")
@@ -144,6 +149,7 @@ def test_what_cannot_be_fitted_or_tested_is_refused(pairs):
         pairs.of(action="tap")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["C", "P"])
 def test_a_fit_that_went_wrong_is_not_kept(pairs, monkeypatch, tmp_path, kind):
     """A predictor that is off on held-out pairs: f_D instead, with a warning and the numbers."""

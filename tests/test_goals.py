@@ -135,6 +135,7 @@ def test_what_is_unchanged_keeps_every_bit_and_what_changes_is_seen_right(hills)
     assert np.percentile(np.abs(seen - frame), 99) < 5e-4
 
 
+@pytest.mark.full
 def test_a_window_of_a_frame_is_what_is_looked_at():
     depth = np.full((300, 400), 2.0, np.float32)
     depth[50:250, 60:360] = 0.5

@@ -88,6 +88,7 @@ def placed(steps, positions, strengths=(1.0,)):
     return [(i, tuple(positions[i][j].tolist()), strengths[k]) for i, j, k in steps]
 
 
+@pytest.mark.full
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**31), max_steps=st.sampled_from([0, 3, 6]))
 def test_greedy_equals_the_transcription(seed, max_steps):
@@ -103,6 +104,7 @@ def test_greedy_equals_the_transcription(seed, max_steps):
     np.testing.assert_allclose(again[: len(steps) + 1], distances, atol=1e-7)
 
 
+@pytest.mark.full
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**31))
 def test_strengths_are_tried_in_their_order(seed):
@@ -129,6 +131,7 @@ def test_greedy_equals_the_transcription_on_real_numbers(seed, min_gain):
     assert steps_of(found)[:sure] == placed(steps, positions)[:sure]
 
 
+@pytest.mark.full
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**31))
 def test_the_change_on_the_roi_equals_that_on_the_full_image(seed):
@@ -171,6 +174,7 @@ def test_untouched_candidates_are_not_evaluated_again():
     assert int(found.evaluations) == 2 * (12 + 3 + 3)
 
 
+@pytest.mark.full
 def test_refresh_leaves_fresh_values_alone():
     bank, _, image, goal, positions = problem(3)
     state, candidates = ready(bank, image, goal, positions)
@@ -188,6 +192,7 @@ def test_refresh_leaves_fresh_values_alone():
     assert not mixed.stale.any()
 
 
+@pytest.mark.full
 def test_limits_stop_the_search():
     bank, deltas, image, _, positions = problem(5)
     goal = twin.inject(image, deltas[0], positions[0][0])
@@ -202,6 +207,7 @@ def test_limits_stop_the_search():
     assert int(deeper.steps) == 0  # a deeper action must gain as many times more
 
 
+@pytest.mark.full
 def test_each_action_is_used_as_often_as_allowed():
     bank, _, image, _, positions = problem(7)
     free = run(bank, image, 1 - image, positions, max_steps=12)
@@ -228,6 +234,7 @@ def test_no_candidates_is_an_empty_plan(there_is):
         assert {step[0] for step in steps_of(found)} == {1}
 
 
+@pytest.mark.full
 def test_vmap_over_goals_equals_a_loop():
     bank, _, image, _, positions = problem(11)
     goals = jnp.asarray(np.stack([problem(s)[3] for s in range(11, 16)]), jnp.float32)
@@ -257,6 +264,7 @@ class Spy(Difference):
         return super().__call__(roi, place, strength)
 
 
+@pytest.mark.full
 def test_one_trace_per_shape():
     def spied(bank):
         return replace(bank, predictors=tuple(Spy(p.delta) for p in bank.predictors))

@@ -76,6 +76,7 @@ def train(pairs, tmp_path):
     )
 
 
+@pytest.mark.full
 def test_a_killed_grid_goes_on_and_its_numbers_are_those_of_an_evaluation(
     train, pairs, serial, tmp_path, capsys
 ):
@@ -151,6 +152,7 @@ SIMULATED = ["--pairs", "3", "--actions", "poke", "knock", "--beds", "flat", "cu
 SIMULATED += ["--frames", "1", "--strengths", "0.5", "2", "--seed", "5"]
 
 
+@pytest.mark.full
 def test_shards_are_what_one_process_makes(serial, tmp_path, capsys):
     """Byte for byte, after a Ctrl-C."""
     whole, out = tmp_path / "whole", tmp_path / "out"
@@ -177,6 +179,7 @@ def double(task, shared):
     return 2 * task
 
 
+@pytest.mark.full
 def test_ray_runs_pieces_and_hands_errors_on():
     ray = pytest.importorskip("ray")
     with pytest.MonkeyPatch.context() as patch:

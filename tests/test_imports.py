@@ -38,6 +38,7 @@ def import_frames(source, out, *more):
     return main([str(a) for a in arguments])
 
 
+@pytest.mark.full
 def test_before_and_after_frames_become_a_data_set(before_after, tmp_path, capsys):
     out = tmp_path / "out"
     assert import_frames(before_after, out, "--action", "poke", *SAID) == 0

@@ -88,6 +88,7 @@ def error(predictor, examples):
     return float(np.abs(after - examples.posterior).mean())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("place", [MIDDLE, CORNER], ids=["middle", "corner"])
 def test_the_ground_equals_its_slow_twin(place):
     depth = hills(1)
@@ -98,6 +99,7 @@ def test_the_ground_equals_its_slow_twin(place):
     np.testing.assert_allclose(seen, twin.to_roi(GROUND, surface, place), atol=2e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("place", [MIDDLE, CORNER], ids=["middle", "corner"])
 def test_a_level_plane_is_level_from_everywhere(place):
     above = GROUND.from_roi(jnp.full((30, 36), 0.444), jnp.asarray(place))
@@ -112,6 +114,7 @@ def test_there_and_back_is_where_it_was():
     assert np.abs(back - depth)[inner].max() < 5e-4
 
 
+@pytest.mark.full
 def test_the_same_hole_looks_different_elsewhere_and_is_the_same_on_the_ground():
     rows, columns = GROUND.shape
     y, x = np.mgrid[:rows, :columns] - np.array([rows // 2, columns // 2])[:, None, None]
@@ -185,6 +188,7 @@ def test_no_tool_changes_nothing():
     np.testing.assert_array_equal(none(roi, jnp.asarray(CORNER)), roi)
 
 
+@pytest.mark.full
 def test_a_batch_is_its_members():
     examples = examples_of(tool(), 3)
     strength = jnp.array([0.5, 1.0, 2.0])
@@ -195,6 +199,7 @@ def test_a_batch_is_its_members():
         np.testing.assert_allclose(together[k], alone, atol=5e-5)
 
 
+@pytest.mark.full
 def test_the_sweep_uses_the_place():
     shallow = tool(depth=0.005)  # and without a rim: walls hide nothing of the hole
     shallow = replace(shallow, rest=0 * shallow.rest, swell=0 * shallow.swell)
@@ -216,6 +221,7 @@ def test_the_sweep_uses_the_place():
     assert float(found[1]) < 1.1 * float(found[0]) < 0
 
 
+@pytest.mark.full
 def test_fitting_finds_the_tool():
     training, testing = examples_of(tool(), 24, seed=1, noise=0.002), examples_of(tool(), 8, seed=2)
     difference = fit_difference(training.prior, training.posterior)
@@ -229,6 +235,7 @@ def test_fitting_finds_the_tool():
     assert not np.array_equal(fitted.tool, other.tool)
 
 
+@pytest.mark.full
 def test_fitting_finds_how_strength_acts():
     true = replace(tool(), deep=1.5 * tool().rest, stroke=jnp.float32(0.017))
     options = {"strengths": (0.2, 2.0), "noise": 0.001}
@@ -243,6 +250,7 @@ def test_fitting_finds_how_strength_acts():
         assert error(fitted, testing) < 0.7 * error(once, testing)
 
 
+@pytest.mark.full
 def test_adapting_with_pairs_of_any_strength():
     known = fit_imprint(examples_of(tool(), 24, seed=1, strengths=(0.2, 2.0)), CAMERA)
     other = replace(tool(), rest=1.5 * tool().rest)
@@ -251,6 +259,7 @@ def test_adapting_with_pairs_of_any_strength():
     assert error(fit_imprint(few, CAMERA, known), testing) < error(known, testing)
 
 
+@pytest.mark.full
 def test_what_the_camera_cannot_see_is_not_learned():
     deeper = tool(depth=0.03)  # 0.47 m is the end of the camera's range, 23 mm below the ground
     fitted = fit_imprint(examples_of(deeper, 12, seed=1), CAMERA)
@@ -258,6 +267,7 @@ def test_what_the_camera_cannot_see_is_not_learned():
     assert float(fitted.change(flat).max()) > 0.025  # 0.024 if the end of the range were ground
 
 
+@pytest.mark.full
 def test_few_pairs_do_better_from_a_bank():
     known = fit_imprint(examples_of(tool(), 24, seed=1), CAMERA)
     deeper = tool(depth=0.014)
@@ -267,6 +277,7 @@ def test_few_pairs_do_better_from_a_bank():
     assert adapted < error(fit_imprint(few, CAMERA), testing)
 
 
+@pytest.mark.full
 def test_pixels_without_a_reading_do_not_count():
     whole = examples_of(tool(), 6, seed=1)
     prior, posterior = whole.prior.copy(), whole.posterior.copy()
@@ -280,6 +291,7 @@ def test_pixels_without_a_reading_do_not_count():
     assert gap < 0.1 * np.abs(np.asarray(with_nonsense.rest - clean.rest))[:3, :3].max()
 
 
+@pytest.mark.full
 def test_what_cannot_be_fitted_is_refused():
     examples = examples_of(tool(), 2)
     with pytest.raises(BadDataset, match="no pairs"):
@@ -289,6 +301,7 @@ def test_what_cannot_be_fitted_is_refused():
         fit_imprint(blind, CAMERA)
 
 
+@pytest.mark.full
 def test_one_flat_pair_is_repeated():
     one = examples_of(tool(), 1, std=0.0001)
     assert error(fit_imprint(one, CAMERA), one) < 0.2 * np.abs(one.posterior - one.prior).mean()
@@ -299,6 +312,7 @@ def test_more_pairs_are_gone_over_more_often():
     assert least < learning.PER_PAIR * 24 < most  # what the tests above fit with
 
 
+@pytest.mark.full
 def test_saved_and_loaded_is_the_same(tmp_path):
     bank = Bank(CAMERA, (tool(), tool(0.8)), ("poke", "dab"), "P")
     found = load_bank(save_bank(bank, tmp_path / "bank"))
@@ -325,6 +339,7 @@ def test_banks_made_for_one_strength_still_load():
             KINDS["P"].unpack(arrays | broken, ROI, CAMERA)
 
 
+@pytest.mark.full
 def test_another_camera_uses_the_same_bank():
     bank = Bank(CAMERA, (tool(),), ("poke",), "P")
     finer = replace(CAMERA, width=960, height=790, fx=866.0, fy=866.0, u0=480.0, v0=394.0)
@@ -349,12 +364,14 @@ def test_another_camera_uses_the_same_bank():
         bound.seen_by(farther, 0.55)
 
 
+@pytest.mark.full
 def test_no_strength_changes_nothing():
     surfaces = jnp.asarray(np.stack([hills(k, GROUND.shape) for k in range(2)]))
     bent = replace(tool(), follow=jnp.full(GROUND.shape, 0.1), swell=jnp.full(GROUND.shape, 0.002))
     np.testing.assert_array_equal(bent.change(surfaces, 0.0), 0.0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("what", "words"),
     [
@@ -381,6 +398,7 @@ def test_what_cannot_be_predicted_is_refused(what, words):
         bank.predict("poke", roi, **options)
 
 
+@pytest.mark.full
 def test_pixels_that_no_pair_has_seen_are_refused():
     examples = examples_of(tool(), 3)
     prior = examples.prior.copy()
@@ -389,6 +407,7 @@ def test_pixels_that_no_pair_has_seen_are_refused():
         fit_imprint(Examples(prior, examples.posterior, examples.place), CAMERA)
 
 
+@pytest.mark.full
 def test_a_handful_that_is_poured_has_no_tool(shared_data):
     """It lowers nothing: a tool that displaces next to nothing was 14.7 mm off, f_D 2.4."""
     pairs = load_pairs(shared_data / "mpm/carry/pairs/irregular_flour_robot").of(action="pour")

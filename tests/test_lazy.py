@@ -4,6 +4,8 @@ import subprocess
 import sys
 import tomllib
 
+import pytest
+
 from jshape.cli.extras import EXTRAS
 from tests.conftest import ROOT
 
@@ -28,6 +30,7 @@ print(*{"matplotlib", "cv2", "orbax", "tqdm", "trimesh"} & set(sys.modules))
 """
 
 
+@pytest.mark.full
 def test_a_plan_loads_no_pictures_no_opencv_and_no_orbax():
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, timeout=300

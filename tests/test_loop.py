@@ -123,6 +123,7 @@ def test_a_blind_camera_is_refused_before_anything_moves(bank, molded):
         mold(Obedient(bank, now), goal[:-1], bank, **paper())
 
 
+@pytest.mark.full
 def test_the_simulated_world_changes_where_it_is_pressed():
     world = SimulatedWorld(jax.random.key(3), sim.flat_bed(), frames=3)
     before = world.look()
@@ -148,5 +149,5 @@ def test_the_simulated_hand_goes_deeper_and_turns():
     assert deepest[1] == pytest.approx(1.5 * deepest[0], rel=0.1)
     assert sides[0][1] > 1.5 * sides[0][0]
     assert sides[2] == pytest.approx(sides[0][::-1], abs=3)
-    with pytest.raises(JShapeError, match="depth_scale is 0"):
+    with pytest.raises(JShapeError, match="strength is 0"):
         world.act("press", (240, 197), strength=0.0)

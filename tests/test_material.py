@@ -23,6 +23,7 @@ SEQUENCES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("bundled", [False, True], ids=["fitted", "bundled"])
 @pytest.mark.parametrize("noise", ["", "_noisy"])
 @pytest.mark.parametrize("name", SEQUENCES)

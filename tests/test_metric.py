@@ -40,6 +40,7 @@ def test_distance_is_a_metric(batch, rng):
     assert (np.asarray(distance(np.zeros((9, 12)), np.ones((9, 12)))) == 1).all()
 
 
+@pytest.mark.full
 @settings(max_examples=30)
 @given(seed=st.integers(0, 2**31), h=st.integers(1, 300), w=st.integers(1, 600))
 def test_all_routes_of_distance_equal_the_loop(seed, h, w):
@@ -108,6 +109,7 @@ def test_weigh_is_r_times_l_in_the_unit_interval(rng):
     np.testing.assert_allclose(metric.unweigh(image, PAPER_BOX), luminance, rtol=1e-5)
 
 
+@pytest.mark.full
 def test_the_weighted_distance_does_not_depend_on_the_viewpoint():
     """The paper's figure: the same two clouds of three points, seen before and after a turn.
 

@@ -117,6 +117,7 @@ def test_clearance_is_kept_in_millimetres(clearance):
     )
 
 
+@pytest.mark.full
 def test_a_dense_plan_is_finer_than_its_stride(bank, images):
     now, goal = images
     coarse = plan(now, goal, bank=bank, **paper(positions=dense_positions(bank, 8)))
@@ -135,6 +136,7 @@ def test_a_dense_plan_is_finer_than_its_stride(bank, images):
     assert (np.diff(found.distances) < 0).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("planner", ["greedy", "refine"])
 def test_a_plan_stays_within_reach(bank, images, planner):
     reach = np.zeros(CAMERA.shape, bool)
@@ -171,6 +173,7 @@ def test_most_and_strengths_hold(bank, images):
     assert same.actions == free.actions  # sorted, and each once
 
 
+@pytest.mark.full
 def test_a_turned_hand_finds_what_lies_across():
     """A crater along v, made by a hand that makes them along u."""
     bank = bank_of((15, 5))
@@ -189,6 +192,7 @@ def test_a_turned_hand_finds_what_lies_across():
     np.testing.assert_array_equal(one.distances, straight.distances)
 
 
+@pytest.mark.full
 def test_a_hand_too_long_to_turn_in_the_image_is_not_turned():
     narrow = Camera(48, 12, 60.0, 60.0, 24.0, 6.0, 0.42, 0.47)
     bank = bank_of((15, 5), camera=narrow)
@@ -203,6 +207,7 @@ def test_a_budget_is_kept_and_said(bank, images):
     assert found.distances[-1] < found.distances[0]
 
 
+@pytest.mark.full
 def test_an_earlier_plan_is_begun_with(bank, images):
     options = paper(stride=3, strengths=(0.6, 1.0, 1.4), planner="refine") | {"bank": bank}
     first = plan(*images, **options)
@@ -294,6 +299,7 @@ def refusals():
     return json.loads(done.stdout)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("options", REFUSED)
 def test_bad_options_are_refused_in_one_line(refusals, options):
     (name, text), (error, words) = refusals[options], REFUSED[options]

@@ -19,6 +19,7 @@ def depth_of(image):
     return np.asarray(PAPER_BOX.depth(metric.unweigh(image, PAPER_BOX)))
 
 
+@pytest.mark.full
 def test_a_plan_retrieves_what_was_applied(bank, molded):
     now, goal, applied = molded
     found = plan(now, goal, bank=bank, **paper(positions=PLACES))

@@ -70,6 +70,7 @@ def check_truth(problem):
     assert 0.1 < problem.distance_mm(problem.bed) < problem.start_mm + 0.1
 
 
+@pytest.mark.full
 def test_applied_goals_are_images_far_from_their_start(applied):
     for problem in applied:
         check_images(problem)

@@ -149,6 +149,7 @@ def _depth(world):
     return look(jax.random.key(1), world.bed, world.camera, frames=1, noise=0.0)
 
 
+@pytest.mark.full
 def test_the_simulated_arm_does_what_the_world_does(hand, flat):
     import jax
 

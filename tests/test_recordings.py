@@ -30,6 +30,7 @@ def poked():
     return truth, np.stack(list(frames))
 
 
+@pytest.mark.full
 def test_the_truth_tells_of_every_frame(poked):
     truth, frames = poked
     assert len(frames) == truth.frames and frames.dtype == np.uint16

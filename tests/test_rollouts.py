@@ -27,6 +27,7 @@ class Still:
 PLACES = np.array([[91, 92], [239, 92], [387, 92], [91, 302], [239, 197], [387, 302]])
 
 
+@pytest.mark.full
 def test_a_plan_given_back_is_predicted_as_it_was(bank, molded):
     now, goal, _ = molded
     found = plan(now, goal, bank=bank, **paper(positions=PLACES))
@@ -39,6 +40,7 @@ def test_a_plan_given_back_is_predicted_as_it_was(bank, molded):
     assert len(shorter) == 2 and shorter.distances[-1] > found.distances[-1]
 
 
+@pytest.mark.full
 def test_turned_stronger_and_exact_places_count():
     bank = jshape.load_bank("pressed-flour-robot")
     now = np.full(bank.camera.shape, 0.6, np.float32)

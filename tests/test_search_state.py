@@ -81,6 +81,7 @@ def test_d_of_an_image_is_the_papers():
     assert float(state.distance_of(third)) == pytest.approx(float(distance(third, goal)), rel=1e-6)
 
 
+@pytest.mark.full
 def test_d_on_the_ground_is_within_a_hundredth_of_the_papers(pressed, beds):
     hills, other, level = beds
     for now, goal in ((hills, other), (hills, level), (level, other), (hills, 0.9 * hills)):
@@ -134,6 +135,7 @@ def test_a_node_of_the_ground_lies_below_its_pixel(pressed):
         assert np.abs(pixel - centre).max() <= 1.0
 
 
+@pytest.mark.full
 def test_changes_on_the_ground_are_those_of_the_images(pressed, beds):
     """To a few hundredths, at a quarter of the resolution: what a search chooses by."""
     where = placed_positions(pressed, "9x7")
@@ -219,6 +221,7 @@ def between(state, now, node, strength):
 SIZES = ((7, 6), (4, 8), (24, 5), (24, 18))  # (w, h); the last ones are as large as the image
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("size", SIZES)
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**31))
@@ -255,6 +258,7 @@ def test_half_way_is_the_mean_of_the_neighbours():
     )
 
 
+@pytest.mark.full
 def test_d_has_a_slope_along_places_and_strengths():
     now = image_of(8)
     state = search_state(differences((7, 6)), now, now)
@@ -273,6 +277,7 @@ def test_d_has_a_slope_along_places_and_strengths():
     assert float(slope @ jnp.array([0.1, -0.1, 0.05])) > 0  # it leads away from the goal
 
 
+@pytest.mark.full
 def test_searches_on_the_ground_report_what_they_reach(pressed, beds):
     """A greedy plan for simulated beds, then refined between the nodes."""
     state = ground(pressed, beds[0], beds[2])
@@ -306,6 +311,7 @@ def test_shift_reads_further(by):
         np.testing.assert_array_equal(moved, plane)
 
 
+@pytest.mark.full
 def test_an_exact_place_moves_the_change_and_not_the_bed():
     bank = differences((7, 6))
     bump = np.zeros((6, 7), np.float32)

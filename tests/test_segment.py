@@ -37,6 +37,7 @@ def on_disk(recorded, tmp_path_factory):
     return folder
 
 
+@pytest.mark.full
 def test_every_still_segment_is_found_and_no_hand_is_in_it(recorded):
     truth, frames = recorded
     found = cut(np.stack([thumbnail(f) for f in frames]), UNIT)
@@ -173,6 +174,7 @@ def test_at_most_sixty_frames_are_averaged():
 SAID = ["--agent", "human", "--material", "flour"]
 
 
+@pytest.mark.full
 def test_segment_writes_pairs_and_a_picture(recorded, on_disk, tmp_path, capsys):
     out = tmp_path / "pairs"
     labels = ["--labels", str(on_disk / "labels.csv")]
@@ -200,6 +202,7 @@ def refused(capsys, match, *arguments):
     assert match in done.err and done.err.count("\n") == 1 and done.out == ""
 
 
+@pytest.mark.full
 def test_labels_that_do_not_fit_are_refused_with_what_was_found(on_disk, tmp_path, capsys):
     start = ["dataset", "segment", on_disk, tmp_path / "out"]
     labels = tmp_path / "labels.csv"

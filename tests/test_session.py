@@ -354,6 +354,7 @@ def _fill(folder):
                     pass
 
 
+@pytest.mark.full
 def test_a_disk_that_is_full_at_any_write_leaves_what_goes_on_or_nothing(
     small_disk, bank, molded, monkeypatch
 ):

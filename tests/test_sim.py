@@ -91,6 +91,7 @@ def test_a_long_series_of_actions_keeps_the_mass():
     assert np.isfinite(bed.height).all() and bed.height.min() >= 0.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("action", ACTIONS)
 def test_walls_hold_and_nothing_leaves_at_a_corner(action):
     bed = flat_bed(size=(0.3, 0.25))
@@ -143,6 +144,7 @@ def test_press_is_elongated_along_v():
     assert hole.any(1).sum() > 2 * hole.any(0).sum()
 
 
+@pytest.mark.full
 def test_yaw_turns_the_hand():
     bed = flat_bed(size=(0.4, 0.4))
     straight = rise_mm(nominal(bed, FLOUR, "press"), bed)
@@ -187,6 +189,7 @@ def test_dough_springs_back():
     np.testing.assert_allclose(sprung, (1 - DOUGH.elastic) * full, rtol=0.05)
 
 
+@pytest.mark.full
 def test_robot_is_repeatable_and_human_is_not():
     bed, camera = flat_bed(), PAPER_BOX.crop(140, 97, 200, 200)
 
@@ -237,6 +240,7 @@ def test_a_bed_that_stands_is_left_alone():
 # --- Compiling and batching ---------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_one_kernel_serves_all_actions_agents_and_materials(monkeypatch):
     traces = []
     genuine = act.repetition
@@ -250,6 +254,7 @@ def test_one_kernel_serves_all_actions_agents_and_materials(monkeypatch):
     assert len(traces) == 1
 
 
+@pytest.mark.full
 def test_batch_equals_loop():
     keys = jax.random.split(key(10), 3)
     beds = jax.vmap(lambda k: irregular_bed(k, std=0.006))(jax.random.split(key(11), 3))
@@ -268,6 +273,7 @@ def _knock(k, height, mass, place):
     return apply_action(k, bed, KINETIC_SAND, ("knock", "human"), place)
 
 
+@pytest.mark.full
 def test_beds_are_batched_as_a_whole():
     beds = jax.vmap(lambda k: irregular_bed(k, std=0.006))(jax.random.split(key(12), 2))
     after = jax.vmap(lambda k, b: apply_action(k, b, FLOUR, ("poke", "robot"), MIDDLE))(
@@ -277,6 +283,7 @@ def test_beds_are_batched_as_a_whole():
     assert volume(after).shape == (2,)
 
 
+@pytest.mark.full
 def test_the_grid_does_not_matter_much():
     numbers = []
     for cell in (0.0025, 0.004):
@@ -341,6 +348,7 @@ SMALL = replace(PAPER_BOX, width=96, height=79, fx=433 / 5, fy=433 / 5, u0=48.0,
 """All of the box in few pixels: the reference takes a second or two."""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", [1, 2])
 def test_steep_walls_of_a_molded_bed_are_rendered_where_they_are(seed):
     bed = flat_bed() if seed == 1 else irregular_bed(key(3), std=0.010)
@@ -450,6 +458,7 @@ def test_a_batch_of_beds_needs_vmap():
         apply_action(key(), batch, FLOUR, "poke", MIDDLE)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("place", [(0.4, 0.0), (0.0, -3.0), (np.nan, 0.0)])
 def test_a_traced_place_outside_the_box_changes_nothing(place):
     bed = irregular_bed(key(20), std=0.008)
@@ -460,6 +469,7 @@ def test_a_traced_place_outside_the_box_changes_nothing(place):
     np.testing.assert_array_equal(after.mass[1], bed.mass)
 
 
+@pytest.mark.full
 def test_a_hand_with_no_cell_below_it_takes_the_bed_around_it():
     bed = flat_bed(cell=0.01)
     poke = stroke("poke", "robot")
@@ -476,6 +486,7 @@ def unchecked_bed(**fields):
     return bed
 
 
+@pytest.mark.full
 def test_integer_beds_are_pressed_as_floats():
     ones = jnp.ones((60, 60), jnp.int32)
     after = nominal(unchecked_bed(height=ones, mass=ones), FLOUR, "poke")
@@ -554,6 +565,7 @@ def test_close_to_material_point_samples(shared_data, action):
     assert row["sim"] < 0.5 * row["change"]
 
 
+@pytest.mark.full
 def test_64_bits_change_nothing():
     def seen():
         bed = apply_action(key(), irregular_bed(key(1), 0.002), FLOUR, "knock", MIDDLE)

@@ -321,6 +321,7 @@ def test_strengths_are_a_column_if_there_are_several(tmp_path, rng):
     np.testing.assert_array_equal(found.of(action="knock").strength, strength[1::2])
 
 
+@pytest.mark.full
 def test_simulated_strengths_from_the_command_line(tmp_path, capsys):
     """Drawn, written, told by info, kept by merge; beds, places and looks before stay the same."""
     simulate = ["dataset", "simulate", "--pairs", "3", "--actions", "poke", "--frames", "1"]
@@ -365,6 +366,7 @@ def test_strengths_that_could_not_be_read_again(tmp_path, rng):
                 add(**pair(rng), strength=bad)
 
 
+@pytest.mark.full
 def test_the_table_itself(folder):
     text = (folder / "pairs.csv").read_text()
     head, *rows = text.splitlines()
@@ -495,6 +497,7 @@ def test_too_little_memory_is_reported(folder, monkeypatch):
     refused(folder, "do not fit into memory")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("noise", ["pairs", "pairs_noisy"])
 def test_every_group_of_shared_pairs(shared_data, noise):
     groups = sorted(shared_data.glob(f"mpm/{noise}/*"))

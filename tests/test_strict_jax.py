@@ -75,6 +75,7 @@ def planner(request):
         yield request.param
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", BANKS)
 def test_strict_settings_change_no_plan(planner, kind, images):
     expected = plan(*images, bank=BANKS[kind](), planner=planner, **QUICK)
@@ -90,6 +91,7 @@ def test_strict_settings_change_no_plan(planner, kind, images):
             np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.full
 def test_strict_settings_change_no_simulation():
     def seen():
         before = sim.irregular_bed(jax.random.key(3), 0.004)
@@ -106,6 +108,7 @@ def test_strict_settings_change_no_simulation():
         np.testing.assert_allclose(one, other, atol=1e-5)
 
 
+@pytest.mark.full
 def test_strict_settings_change_no_distance(images):
     with strict():
         strictly = distance(jnp.asarray(np.stack(images)), jnp.asarray(images[1]))
@@ -127,6 +130,7 @@ class Sinking(Predictor):
         return roi - jnp.asarray(strength)[..., None, None] * self.amount
 
 
+@pytest.mark.full
 def test_a_predictor_needs_a_size_and_a_call(planner):
     bank = Bank(SMALL, (Sinking(jnp.float32(0.1)),), ("sink",))
     assert not bank.turns

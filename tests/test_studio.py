@@ -58,6 +58,7 @@ def change_mm(desk):
     return 1e3 * (desk.depth_of(desk.goal) - desk.depth_of(desk.bed))
 
 
+@pytest.mark.full
 def test_a_stroke_sinks_what_is_under_the_brush_with_walls_that_stand(desk):
     desk.draw(BRUSH)
     change = change_mm(desk)
@@ -109,6 +110,7 @@ def test_marks_that_make_no_sense_leave_the_goal_as_it_is(desk, mark, words):
     assert abs(desk.distance_mm - before) < 1e-5 and len(desk.marks) == 1
 
 
+@pytest.mark.full
 def test_a_plan_is_edited_and_its_distances_follow(planned):
     first = planned.plan
     planned.drop(1)
@@ -168,6 +170,7 @@ def test_nothing_to_take_back_keeps_the_plan(desk):
         desk.undo()
 
 
+@pytest.mark.full
 def test_the_first_stroke_ends_in_a_plan(desk):
     assert "Draw" in next_step(desk)
     width, deep = first_stroke(desk.bank, desk.pixels_per_mm)
@@ -263,6 +266,7 @@ def test_the_simulated_bed_is_the_one_on_the_desk(desk):
     assert np.median(off) < 0.0004
 
 
+@pytest.mark.full
 def test_a_run_asks_before_each_action(planned, tmp_path):
     molder, looks = begin(planned, tmp_path / "run", plan=planned.plan)
     asked = []
@@ -285,6 +289,7 @@ def test_a_run_asks_before_each_action(planned, tmp_path):
     np.testing.assert_allclose(said, asked, rtol=1e-5)
 
 
+@pytest.mark.full
 def test_a_run_ends_when_it_is_told_to(planned, tmp_path):
     planned.draw(BRUSH._replace(depth_mm=25.0, width_mm=90.0))  # worth an action
     molder, _ = begin(planned, tmp_path / "run")

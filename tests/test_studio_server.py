@@ -81,6 +81,7 @@ def served(tmp_path_factory):
         process.wait(30)
 
 
+@pytest.mark.full
 def test_stop_is_told_at_once_whatever_other_pages_ask(served):
     status, page = served.get()
     assert status == 200
@@ -145,6 +146,7 @@ def test_unknown_paths_build_no_page_and_no_page_is_framed(served):
             assert status == 403 and text.startswith("jshape studio: ") and len(text) < 200
 
 
+@pytest.mark.full
 def test_pages_that_are_gone_give_their_memory_back(served):
     def open_pages(count):
         done = 0

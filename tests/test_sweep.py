@@ -70,6 +70,7 @@ def test_candidates_are_counted_move_by_move_place_by_place(problem):
         candidates.locate(len(candidates))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("chunk", [3, 64])
 def test_memory_changes_nothing(problem, chunk):
     state, candidates = problem
@@ -92,6 +93,7 @@ def test_memory_changes_nothing(problem, chunk):
         np.testing.assert_array_equal(*(getattr(plan, name) for plan in plans))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("execution", [Execution(), Execution(3)], ids=["1", "3"])
 @pytest.mark.parametrize("room", [1, 3, 10, 29, 59, 60, 1000])
 def test_what_there_is_no_room_for_waits(problem, room, execution):
@@ -143,6 +145,7 @@ def run(code, devices=1):
     return json.loads(done.stdout)
 
 
+@pytest.mark.full
 def test_devices_change_nothing():
     """Four of them, among which no move's places can be shared evenly."""
     found = run(
@@ -200,6 +203,7 @@ def test_devices_change_nothing():
     assert shared[5] == pytest.approx(alone[5], abs=1e-6)
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
 def test_a_dense_sweep_fits_into_memory():
     """Every other pixel of the paper's box and five actions: 1e5 candidates, no copy of each."""

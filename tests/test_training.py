@@ -61,6 +61,7 @@ def losses(found):
     return [row[:3] for row in found.curve]
 
 
+@pytest.mark.full
 def test_it_learns_and_is_reproducible(examples):
     found = train(roi_loss, zero(), examples, replace(QUICK, epochs=100))
     target = np.linspace(-0.3, 0.3, 12).reshape(3, 4)
@@ -119,6 +120,7 @@ def overshooting(params, batch):
     return jnp.abs(params["x"] - 0.05) + 0.0 * batch.prior.sum((1, 2))
 
 
+@pytest.mark.full
 def test_it_stops_when_nothing_improves_and_keeps_the_best(examples):
     start = {"x": jnp.asarray(0.0)}
     settings = replace(QUICK, epochs=200, learning_rate=0.03, patience=5, batch=100)
@@ -225,6 +227,7 @@ def test_bad_settings_are_refused(options, match):
         settings_from(options)
 
 
+@pytest.mark.full
 def test_a_process_killed_in_the_middle_goes_on(tmp_path):
     """kill -9 of `jshape train`, the same command again: the same bank as without the kill."""
     data, options = _small_dataset(tmp_path), ["--kind", "C", "--width", "2", "--epochs", "60"]
@@ -255,6 +258,7 @@ def test_a_process_killed_in_the_middle_goes_on(tmp_path):
     assert arrays[0] == arrays[1]
 
 
+@pytest.mark.full
 def test_a_training_folder_of_something_else_is_refused(tmp_path, capsys, monkeypatch):
     data, out = _small_dataset(tmp_path), tmp_path / "bank"
     quick = ["--kind", "C", "--width", "2", "--epochs", "3", "--batch", "4", "--save-every", "1"]
@@ -298,6 +302,7 @@ def test_kinds_without_a_network(tmp_path, capsys):
     assert not (tmp_path / "bank.training").exists() and capsys.readouterr().err == ""
 
 
+@pytest.mark.full
 def test_a_trained_bank_knows_its_error(tmp_path, capsys):
     """As cross-validation measures it; from networks' validation; unknown with too few pairs."""
     data, out = _small_dataset(tmp_path), tmp_path / "bank"
@@ -332,6 +337,7 @@ def test_a_trained_bank_knows_its_error(tmp_path, capsys):
     assert (printed, result["errors"], errors) == ("—", [], None)
 
 
+@pytest.mark.full
 def test_errors_are_of_the_bank_that_was_trained(tmp_path):
     """All agents together, over its ROIs, from its start; unknown where no pair can be spared."""
     pairs = load_pairs(_small_dataset(tmp_path))

@@ -227,6 +227,7 @@ def test_poses_out_of_reach_are_refused_and_the_arm_stays(fresh):
 # --- acting -------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "posture, action, low, high", [("point", "poke", 6, 25), ("fist", "knock", 8, 40)]
 )
@@ -247,6 +248,7 @@ def test_material_gives_way_before_the_bed_changes(
     assert twin.touches_bed() and low < sum_of < high
 
 
+@pytest.mark.full
 def test_a_poke_changes_the_bed_as_the_simulator_says(fresh, hand):
     arm, bed = fresh.arm, fresh.arm.twin.bed
     point, done, places = np.array([0.06, -0.04, 0.45]), [], []
@@ -275,6 +277,7 @@ def test_a_poke_changes_the_bed_as_the_simulator_says(fresh, hand):
     np.testing.assert_allclose(arm.twin.eye(), fresh.base_camera, atol=1e-4)  # home again
 
 
+@pytest.mark.full
 def test_a_turned_grasp_closes_and_is_within_its_thresholds(fresh, hand):
     arm, bed = fresh.arm, fresh.arm.twin.bed
     done = perform(arm, hand, "grasp", np.array([-0.05, 0.02, 0.45]), fresh.base_camera, yaw=0.8)
@@ -346,6 +349,7 @@ def test_a_bystander_sees_the_robot(fresh):
     assert strip([picture] * 3, ["one", "two", "three"], columns=2).shape == (300, 320, 3)
 
 
+@pytest.mark.full
 def test_the_check_reports_what_happened(tmp_path, hand):
     from benchmarks.experiments.twin import check_twin
 

@@ -30,6 +30,7 @@ def test_the_papers_network_has_785_million_parameters():
     ]  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("width, size", [(8, (45, 40)), (4, (17, 50)), (2, (1, 3))])
 def test_it_equals_the_plain_network(rng, width, size):
     params = strong(unet.init(jax.random.key(1), width))
@@ -39,6 +40,7 @@ def test_it_equals_the_plain_network(rng, width, size):
     np.testing.assert_allclose(jax.jit(unet.apply)(params, image), expected, atol=5e-6)
 
 
+@pytest.mark.full
 def test_it_equals_the_plain_network_at_the_papers_width(rng):
     params = unet.init(jax.random.key(2), 32)
     image = images(rng, (1, 60, 112))
@@ -47,6 +49,7 @@ def test_it_equals_the_plain_network_at_the_papers_width(rng):
     )
 
 
+@pytest.mark.full
 def test_its_gradient_is_the_plain_networks(rng):
     params = strong(unet.init(jax.random.key(3), 4))
     image, goal = images(rng, (2, 20, 33)), images(rng, (2, 20, 33))
@@ -76,6 +79,7 @@ def test_the_gradient_of_a_convolution_is_the_plain_ones(rng, shape):
         np.testing.assert_allclose(found, expected, atol=3e-6 * float(jnp.abs(expected).max()))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("batch", [(), (1,), (2, 3)])
 def test_leading_axes_are_a_batch(rng, batch):
     params = unet.init(jax.random.key(0), 2)
@@ -86,6 +90,7 @@ def test_leading_axes_are_a_batch(rng, batch):
         np.testing.assert_allclose(found[index], one(params, image[index]), atol=1e-6)
 
 
+@pytest.mark.full
 def test_it_runs_under_vmap_and_in_loops(rng):
     params, image = unet.init(jax.random.key(0), 2), images(rng, (3, 16, 20))
     one_by_one = jax.jit(unet.apply)(params, image)
@@ -98,6 +103,7 @@ def test_it_runs_under_vmap_and_in_loops(rng):
     np.testing.assert_allclose(looped, one_by_one, atol=1e-6)
 
 
+@pytest.mark.full
 def test_the_seed_is_all_that_a_fresh_network_depends_on():
     a, b, c = (unet.init(jax.random.key(k), 2) for k in (0, 0, 1))
     assert jax.tree.all(jax.tree.map(lambda x, y: bool((x == y).all()), a, b))

@@ -59,6 +59,7 @@ def test_a_plan_from_a_larger_frame_is_the_same_plan(bank, molded):
         np.testing.assert_array_equal(cut.camera_positions, ours.positions + np.array([181, 46]))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("other", [OTHER, D435_BAZAR], ids=["other camera", "same, but higher"])
 def test_a_plan_from_another_camera_or_height_finds_the_same_places(bank, molded, other):
     """Both beds as `other` sees them from 0.1 m higher: the same actions, in its own pixels."""

@@ -333,6 +333,7 @@ def test_a_port_that_is_taken_is_refused(planned, tmp_path):
         assert "--port 0" not in str(said.value)
 
 
+@pytest.mark.full
 def test_ctrl_c_ends_the_command_cleanly(planned, tmp_path, request):
     pytest.importorskip("viser", reason="viser is not installed")
     planned.to_json(tmp_path / "plan.json")

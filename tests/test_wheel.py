@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 from tests.conftest import ROOT
 
 PLAN = """
@@ -30,6 +32,7 @@ def run(*command, **options):
     return done.stdout
 
 
+@pytest.mark.full
 def test_the_wheel_installs_elsewhere_and_plans(tmp_path):
     """Builds the wheel, installs it with its dependencies into a new environment, plans there."""
     pip = ["-m", "pip", "--disable-pip-version-check", "--quiet"]

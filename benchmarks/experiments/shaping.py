@@ -187,7 +187,7 @@ def tree(story: Story, count: int = SHOWN) -> Tree:
         layers.append(tuple(candidate for candidate, *_ in found[:count]))
         best, number, node = found[0]
         if best.chosen:  # on the search's own map: images made from it are rounded
-            now = state.act(number, state.now, node, jnp.float32(1))
+            now = state.act(number, state.now, jnp.asarray(node), jnp.float32(1))
             state = replace(state, now=now)
     return layers
 

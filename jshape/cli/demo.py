@@ -6,12 +6,12 @@ from typing import Any
 
 from jshape.cli.names import Agent, Bank, Simulates
 from jshape.cli.options import Count, Writes
-from jshape.cli.search_options import Search, search_of
+from jshape.cli.search_options import Searches, search_of
 from jshape.io.simulated import agent_of, material_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemoOptions(Search, Simulates, Writes):
+class DemoOptions(Searches, Simulates, Writes):
     """Of `jshape demo`."""
 
     out: Path = Path("runs/demo")

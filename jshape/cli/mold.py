@@ -14,7 +14,7 @@ from jshape.cli.names import Bank as BankName
 from jshape.cli.options import Positive
 from jshape.cli.parser import value_of
 from jshape.cli.robot import Runs, asking, may_move, resumed, robot_of, tell
-from jshape.cli.search_options import KEPT, Search, kept_of, reachable, search_of
+from jshape.cli.search_options import KEPT, Searches, kept_of, reachable, search_of
 from jshape.data.intrinsics import within
 from jshape.data.view import View, image_of_depth, middle_depth, view_of
 from jshape.errors import BadCamera, BadFile, BadSetting
@@ -31,7 +31,7 @@ from jshape.viz.pictures import molding_pictures
 
 
 @dataclass(frozen=True, kw_only=True)
-class MoldOptions(Search, Runs):
+class MoldOptions(Searches, Runs):
     """Of `jshape mold`."""
 
     bank: BankName | None = None

@@ -11,7 +11,7 @@ import numpy as np
 from jshape.camera import differing
 from jshape.cli.names import Bank, Preset
 from jshape.cli.options import CameraFile, Part, Positive, Writes
-from jshape.cli.search_options import Search, reachable, search_of
+from jshape.cli.search_options import Searches, reachable, search_of
 from jshape.cli.tables import print_table
 from jshape.data.intrinsics import within
 from jshape.data.missing import said as said_of
@@ -32,7 +32,7 @@ CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanOptions(Search, Part, Writes):
+class PlanOptions(Searches, Part, Writes):
     """Of `jshape plan`."""
 
     at_once = True

@@ -37,7 +37,7 @@ from jshape.planning.search import PLANNERS
 
 
 @dataclass(frozen=True, kw_only=True)
-class Search(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
+class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
     """The fields of the records of `jshape.plan`, as the command line reads them."""
 
     planner: Annotated[str, Parameter(choices=tuple(PLANNERS), metavar="NAME")] = "greedy"
@@ -72,7 +72,7 @@ KEPT = ("planner", *FIELDS)
 """Options that a resumed run keeps."""
 
 
-def search_of(given: Search) -> dict[str, Any]:
+def search_of(given: Searches) -> dict[str, Any]:
     """Keywords of `jshape.plan` from the options, but the reachable mask.
 
     Raises:
@@ -89,7 +89,7 @@ def search_of(given: Search) -> dict[str, Any]:
     return options(None, execution=over_devices(given.devices), **found)
 
 
-def kept_of(given: Search) -> dict[str, Any]:
+def kept_of(given: Searches) -> dict[str, Any]:
     """The options of `KEPT` that were given, as a run keeps them."""
     found = {name: getattr(given, name) for name in KEPT if name in given.given}
     if given.max_uses:

@@ -138,6 +138,7 @@ def test_a_look_through_every_camera_is_in_metres(name, tmp_path, rng):
     assert np.abs(depth[5:] - (0.45 + 0.01 * np.linspace(-1, 1, SMALL.width))).max() < 0.003
 
 
+@pytest.mark.full
 def test_a_simulated_camera_sees_what_a_hand_does():
     world = levelled_world(3)
     with simulated_camera(world, jax.random.key(0)) as camera:

@@ -157,6 +157,7 @@ BAD = {
 }  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", BAD)
 def test_what_is_wrong_is_said_in_one_line(case, capsys):
     text, words = BAD[case]

@@ -78,6 +78,7 @@ def test_the_site_builds_without_a_warning_and_needs_no_other(site):
     assert (site / "repository" / "notebooks" / NOTEBOOKS[0].name / "index.html").is_file()
 
 
+@pytest.mark.full
 def test_every_public_name_is_documented(site):
     import griffe
 

@@ -79,6 +79,7 @@ def test_wrong_numbers_are_found(quick, capsys, monkeypatch):
     assert code == 1 and re.search(r"0\.2500000; NumPy finds 0\.33", found["problems"][0])
 
 
+@pytest.mark.full
 def test_a_plan_that_misses_is_found(monkeypatch):
     monkeypatch.setattr(doctor, "PLACE", (91, 92))
     monkeypatch.setattr(doctor, "NEAR", 1)

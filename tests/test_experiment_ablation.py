@@ -82,6 +82,7 @@ def test_without_a_tool_the_first_guess_is_the_mean_change(examples):
     np.testing.assert_allclose(off.change(flat), off.rest, atol=1e-7)
 
 
+@pytest.mark.full
 def test_an_ingredient_that_is_none_is_refused(examples):
     with pytest.raises(UnknownName, match="swell"):
         fit_imprint(examples, CAMERA, without=("salt",))

@@ -77,6 +77,7 @@ def test_every_run_is_measured_without_the_cameras_noise(finished):
         assert (run["retrieved"] is not None) == measured
 
 
+@pytest.mark.full
 def test_loops_begin_with_the_same_look_and_so_with_the_same_plan(finished):
     first = {}
     for run in lines(finished[0]):

@@ -11,6 +11,7 @@ from jshape.errors import UnknownName
 from jshape.io import files
 
 
+@pytest.mark.full
 def test_problems_are_the_papers():
     """Grasp, knock and poke once each on the grid of 15, apart from one another."""
     grid = {tuple(place) for place in actions.grid(PAPER_BOX, 5, 3).tolist()}

@@ -53,6 +53,7 @@ def test_the_applied_actions_are_found(shared_data, name, noise, bundled):
     assert len(extra) <= 1 and all(gains[k] < 0.05 for k in extra)
 
 
+@pytest.mark.full
 def test_errors_of_the_mean_difference_are_those_known(shared_data):
     """The data's own README: leave-one-out f_D errors of 0.8-1.3 mm (flat), 1.3-3.1 (irregular)."""
     flat = cross_validate(load_pairs(shared_data / "mpm" / "pairs" / "flat_flour_robot"))
@@ -61,6 +62,7 @@ def test_errors_of_the_mean_difference_are_those_known(shared_data):
     assert 1.2 < np.mean([s.mean_mm for s in rough]) < 3.1
 
 
+@pytest.mark.full
 def test_real_sand_gets_a_plan_that_helps(shared_data):
     """A real sandbox before and after reshaping by hand, shrunk into the paper's box."""
     before, after = (

@@ -66,6 +66,7 @@ def drawn(params, images):
     return np.asarray(jax.jit(unet.apply)(params, jnp.asarray(images)))
 
 
+@pytest.mark.full
 def test_the_kinds_are_the_papers_equations(parts, delta, examples):
     roi = examples.prior
     call = jax.jit(lambda predictor, roi: predictor(roi, PLACE))
@@ -84,6 +85,7 @@ def test_the_kinds_are_the_papers_equations(parts, delta, examples):
         np.testing.assert_allclose(call(predictor, roi[2]), expected[kind][2], atol=2e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["C", "DCR"])
 def test_strength_scales_the_change(parts, examples, kind):
     call = jax.jit(lambda roi, s: parts[kind](roi, PLACE, s))
@@ -110,6 +112,7 @@ def test_a_missing_pixel_stays_one_and_spoils_no_other(parts, examples, kind):
     assert np.isnan(call(np.full((H, W), np.nan, np.float32))).all()
 
 
+@pytest.mark.full
 def test_the_planner_sweeps_a_network(parts):
     bank = Bank(PAPER_BOX, (parts["CR"], Difference(jnp.zeros((9, 11)))), ("press", "tap"), "CR")
     image = np.full(PAPER_BOX.shape, 0.5, np.float32)
@@ -144,6 +147,7 @@ def test_b_is_otsus_threshold_eroded(delta):
     assert not changed_most(np.zeros((H, W), np.float32), "erode").any()
 
 
+@pytest.mark.full
 def test_mu_makes_the_means_alike(delta, examples):
     outside = Difference(jnp.asarray(delta))
     for inside in (network(), Sequential(outside, network())):
@@ -189,6 +193,7 @@ def pairs(rng):
     )  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["C", "CR", "DC", "DCR"])
 def test_every_kind_is_fitted_saved_and_loaded(pairs, kind, tmp_path):
     told = []
@@ -204,6 +209,7 @@ def test_every_kind_is_fitted_saved_and_loaded(pairs, kind, tmp_path):
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.full
 def test_a_network_learns_the_effect(pairs):
     """From an error of the whole depth range to a fraction of the change, in seconds."""
     told = []
@@ -218,6 +224,7 @@ def test_a_network_learns_the_effect(pairs):
     }  # fmt: skip
 
 
+@pytest.mark.full
 def test_training_goes_on_from_another_bank(pairs):
     first = fit(pairs, "CR", **QUICK | {"epochs": 20})
     told = []

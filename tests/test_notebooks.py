@@ -16,6 +16,7 @@ def test_the_lessons_are_numbered():
     assert [path.name[:2] for path in NOTEBOOKS] == ["01", "02", "03", "04", "05"]
 
 
+@pytest.mark.full
 @ONE_EACH
 def test_notebook_runs_without_warnings(path):
     assert errors_of(execute(read(path))) == []  # its own asserts say whether the lesson holds

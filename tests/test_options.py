@@ -58,6 +58,7 @@ def said(plan):
     )  # fmt: skip
 
 
+@pytest.mark.full
 def test_every_way_in_gives_the_same_plan(folder, bank, depths, capsys):
     found = jshape.plan_depth(*depths, bank=bank)
     assert len(found) > 1 and set(found.strengths.tolist()) - {1.0} and found.yaws.any()

@@ -17,6 +17,7 @@ from jshape import Camera, Status, distance, plan
 from jshape.actions import fits, grid
 from jshape.errors import BadBank
 from jshape.models.bank import Bank
+from jshape.models.base import Predictor
 from jshape.models.difference import Difference
 from jshape.planning.candidates import dense_positions, placed_positions, reachable, within
 from tests.conftest import ROOT, paper
@@ -308,10 +309,13 @@ def test_bad_options_are_refused_in_one_line(refusals, options):
 
 
 def test_a_bank_that_cannot_turn_says_so(bank, images):
-    class Fixed:
+    class Fixed(Predictor):
         """A predictor of its own kind, without `turned`."""
 
         roi = (7, 7)
+
+        def __call__(self, roi, place, strength=1.0):
+            return roi
 
     fixed = Bank(CAMERA, (Fixed(),), ("poke",), "X")
     with pytest.raises(BadBank, match="kind 'X' cannot turn the hand; yaws must be 1"):

@@ -128,6 +128,7 @@ def check(problem, found):
     assert float(found.distance) <= float(problem.state.distance) * (1 + 1e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(3))
 def test_no_search_is_worse_than_greedy(planner, seed):
     problem, _ = made_problem(seed)
@@ -247,6 +248,7 @@ def test_actions_are_used_as_often_as_allowed(planner):
     assert 0 < int(found.steps) <= 4
 
 
+@pytest.mark.full
 def test_what_is_out_of_reach_is_left_alone(planner):
     """A hole in the reach around the one place where an action would do it all."""
     problem, _ = made_problem(0)
@@ -390,6 +392,7 @@ def test_a_moved_and_weakened_action_is_recovered(seed):
     np.testing.assert_allclose(found.strength[0], own.strength[0], atol=0.03)
 
 
+@pytest.mark.full
 def test_descent_keeps_the_best_on_the_way():
     problem, own = made_problem(4)
     start = measured(problem.state, own)[0]
@@ -429,6 +432,7 @@ def small_task(deltas, image, goal, positions, **options):
     return SearchProblem(state, candidates_at(state, bank, where, (0.5, 1.0)), **options)
 
 
+@pytest.mark.full
 @settings(max_examples=12)
 @given(seed=st.integers(0, 2**31), max_steps=st.sampled_from([2, 4]))
 def test_beam_equals_the_transcription(seed, max_steps):
@@ -458,6 +462,7 @@ def test_the_beam_goes_past_greedys_trap():
     assert float(found.distance) == 0 and Status(int(found.status)) is Status.CONVERGED
 
 
+@pytest.mark.full
 def test_64_bits_change_no_search(planner):
     def found():
         problem, _ = made_problem()

@@ -81,6 +81,7 @@ def test_applied_goals_are_images_far_from_their_start(applied):
     assert {problem.agent for problem in applied} == {"human", "robot"}
 
 
+@pytest.mark.full
 def test_applied_actions_are_in_the_image_and_overlap_where_they_say(applied):
     for k, problem in enumerate(applied):
         for action in problem.applied:

@@ -90,6 +90,7 @@ for table in (ARMS, CAMERAS):
 """
 
 
+@pytest.mark.full
 def test_help_and_completion_name_every_row():
     """A row that is there before a command's file is read, in a process of its own."""
     done = subprocess.run([sys.executable, "-c", ROWS], capture_output=True, text=True, cwd=ROOT)

@@ -10,12 +10,13 @@ import jshape
 from jshape import JShapeError, Status, plan, rollout
 from jshape.errors import BadBank, BadImage, BadPosition, UnknownName
 from jshape.models.bank import Bank
+from jshape.models.base import Predictor
 from tests.conftest import paper
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Still:
+class Still(Predictor):
     """A predictor of somebody else: nothing changes."""
 
     roi = (20, 30)

@@ -54,6 +54,7 @@ def test_every_still_segment_is_found_and_no_hand_is_in_it(recorded):
             assert found.occluded[change["frame"]] > 0.02
 
 
+@pytest.mark.full
 def test_changes_are_told_apart(recorded):
     truth, frames = recorded
     found = cut(np.stack([thumbnail(f) for f in frames]), UNIT)

@@ -132,6 +132,7 @@ def test_a_plan_is_edited_and_its_distances_follow(planned):
     np.testing.assert_array_equal(again.distances, planned.plan.distances)
 
 
+@pytest.mark.full
 def test_edits_that_make_no_sense_leave_the_plan(planned):
     before = planned.plan
     for wrong, words in (
@@ -183,6 +184,7 @@ def test_the_first_stroke_ends_in_a_plan(desk):
     assert why_empty(desk) == "" and "Step through" in next_step(desk)
 
 
+@pytest.mark.full
 def test_an_empty_plan_says_what_the_smallest_action_does_and_what_helps(desk):
     desk.draw(BrushStroke(((200.0, 200.0), (220.0, 200.0)), 8.0, 2.0))
     desk.make_plan(max_steps=2)

@@ -118,6 +118,7 @@ def test_stop_is_told_at_once_whatever_other_pages_ask(served):
     assert "Traceback" not in served.said()
 
 
+@pytest.mark.full
 def test_stop_is_for_who_knows_the_path(served):
     _, page = served.get()
     port, path = re.search(r"hostname}:(\d+)(/stop/[\w-]+)`", page).groups()

@@ -293,7 +293,7 @@ def test_kinds_without_a_network(tmp_path, capsys):
     call = ["train", str(_small_dataset(tmp_path)), "--out", str(tmp_path / "bank"), "--kind", "D"]
     assert main([*call, "--width", "2", "--learning-rate", "0.1", "--restart"]) == 2
     error = capsys.readouterr().err
-    assert "--width, --learning-rate: kind D" in error and error.count("\n") == 1
+    assert "--learning-rate, --width: kind D" in error and error.count("\n") == 1
     (tmp_path / "bank.training" / "action-poke").mkdir(parents=True)
     assert main([*call, "--seed", "1"]) == 2
     assert "of another kind; --restart removes it" in capsys.readouterr().err

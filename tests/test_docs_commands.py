@@ -3,6 +3,7 @@
 `python -m pytest -m slow tests/test_docs_commands.py` runs those that take longer.
 """
 
+import inspect
 import io
 import itertools
 import re
@@ -14,6 +15,7 @@ import tomllib
 import webbrowser
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -92,8 +94,18 @@ OTHERS = (
 """How commands of other programs begin; the test of them says what holds."""
 
 COMMANDS = {path: list(commands(path.read_text(encoding="utf-8"))) for path in PAGES}
+
+
+def _parsed(words):
+    """The options of a command line, and the folder that it writes if that is no option."""
+    one = parse(words)
+    names = [name for name in inspect.signature(one.run).parameters if name != "options"]
+    where = {"out": one.values[names.index("out") - len(names)]} if "out" in names else {}
+    return SimpleNamespace(**vars(one.options), **where)
+
+
 PROGRAMS = {
-    "jshape ": (cli.main, lambda words: parse(words).options),
+    "jshape ": (cli.main, _parsed),
     "python -m benchmarks.experiments ": (
         experiments.main,
         lambda words: experiments.build_parser().parse_args(words),

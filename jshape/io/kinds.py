@@ -7,7 +7,7 @@ file with one checksum is checked before a byte of it is read.
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -91,7 +91,9 @@ def _network_name(path: tuple[Any, ...]) -> str:
 
 
 def _pack_after(predictor: Sequential) -> dict[str, np.ndarray]:
-    return _pack_difference(predictor.first) | _pack_network(predictor.second)
+    return _pack_difference(cast(Difference, predictor.first)) | _pack_network(
+        cast(Network, predictor.second)
+    )
 
 
 def _unpack_after(arrays: Arrays, roi: tuple[int, int]) -> Sequential:
@@ -102,10 +104,10 @@ def _pack_refined(predictor: Refined) -> dict[str, np.ndarray]:
     inside = predictor.inside
     network = inside.second if isinstance(inside, Sequential) else inside
     return {
-        **_pack_difference(predictor.outside),
+        **_pack_difference(cast(Difference, predictor.outside)),
         "mask": np.asarray(predictor.mask, np.uint8),
         "offset": np.asarray(predictor.offset, np.float32),
-        **_pack_network(network),
+        **_pack_network(cast(Network, network)),
     }
 
 

@@ -32,7 +32,7 @@ def fit_after_difference(
     """f_DC, a U-Net that is given I + ΔI (Eq. lossD)."""
     first = fit_difference(examples.prior, examples.posterior)
     lowered = examples._replace(prior=examples.prior + np.asarray(first.delta))
-    network = cast(Sequential, start).second if start is not None else None
+    network = cast(Network, cast(Sequential, start).second) if start is not None else None
     return Sequential(first, _trained(lowered, settings, network, hooks))
 
 
@@ -52,7 +52,7 @@ def fit_after_difference_refined(
     """f_DCR (Eq. DRCoutput)."""
     inner = cast(Refined, start).inside if start is not None else None
     inside = fit_after_difference(examples, camera, settings, inner, hooks)
-    return refine(inside, inside.first, examples, settings)
+    return refine(inside, cast(Difference, inside.first), examples, settings)
 
 
 def _trained(

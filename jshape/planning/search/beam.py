@@ -55,6 +55,21 @@ def search(problem: SearchProblem) -> SearchResult:
 
 def _children(problem: SearchProblem, carry: Carry) -> list[Carry]:
     """Up to `WIDTH` continuations of a sequence, each worth its action, best first."""
+    best, carry = listed(problem, carry, WIDTH)
+    if best is None:
+        return []
+    return [
+        problem.budget.call(
+            greedy.take, carry, problem.state, problem.candidates,
+            best.move[k], best.first[k], best.strength[k],
+        )
+        for k in range(len(best.gain))
+        if float(best.gain[k]) > 0
+    ]  # fmt: skip
+
+
+def listed(problem: SearchProblem, carry: Carry, width: int) -> tuple[Local | None, Carry]:
+    """The best `width` candidates once all were looked at; None if the budget ends before."""
     while True:
         carry, waiting, spent = problem.budget.call(
             look,
@@ -68,20 +83,13 @@ def _children(problem: SearchProblem, carry: Carry) -> list[Carry]:
         if not bool(waiting):
             break
         if problem.budget.over:
-            return []
+            return None, carry
     best, more = problem.budget.call(
         best_candidates, carry, problem.state, problem.candidates, problem.limits,
-        jnp.int32(problem.fine), jnp.int32(problem.budget.left), width=WIDTH,
+        jnp.int32(problem.fine), jnp.int32(problem.budget.left), width=width,
     )  # fmt: skip
     problem.budget.spend(int(more))
-    return [
-        problem.budget.call(
-            greedy.take, carry, problem.state, problem.candidates,
-            best.move[k], best.first[k], best.strength[k],
-        )
-        for k in range(len(best.gain))
-        if float(best.gain[k]) > 0
-    ]  # fmt: skip
+    return best, carry
 
 
 @partial(compiled, static=("execution",))

@@ -17,7 +17,7 @@ from jshape._typing import Array, Float, Int
 from jshape.errors import JShapeError
 from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchProblem, SearchResult, Status, better, compiled, ended
-from jshape.planning.search.beam import best_candidates, look
+from jshape.planning.search.beam import listed
 from jshape.planning.search.greedy import Carry
 from jshape.planning.state import SearchState
 
@@ -76,26 +76,8 @@ def _mctx() -> Any:
 
 def _list(problem: SearchProblem, carry: Carry) -> tuple[tuple[Array, Array, Array] | None, Carry]:
     """Moves, first nodes and strengths to choose from; None if none is worth it."""
-    while True:
-        carry, waiting, spent = problem.budget.call(
-            look,
-            carry,
-            problem.state,
-            problem.candidates,
-            jnp.int32(problem.budget.room()),
-            execution=problem.execution,
-        )
-        problem.budget.spend(int(spent))
-        if not bool(waiting):
-            break
-        if problem.budget.over:
-            return None, carry
-    best, more = problem.budget.call(
-        best_candidates, carry, problem.state, problem.candidates, problem.limits,
-        jnp.int32(problem.fine), jnp.int32(problem.budget.left), width=LISTED,
-    )  # fmt: skip
-    problem.budget.spend(int(more))
-    if not float(best.gain.max()) > 0:
+    best, carry = listed(problem, carry, LISTED)
+    if best is None or not float(best.gain.max()) > 0:
         return None, carry
     # What is not worth its action stands in for the best, so that the list keeps its length.
     order = jnp.where(best.gain > 0, jnp.arange(len(best.gain)), jnp.argmax(best.gain))

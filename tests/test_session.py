@@ -29,7 +29,7 @@ from jshape.robot.procedure import NAMES
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
 from jshape.robot.session import Session
-from jshape.robot.signals import SIGNALS
+from jshape.robot.signals import SIGNALS, interruptible
 from tests.conftest import ROOT, mm, paper
 from tests.stage import Arm, Eye, mold, robot_of
 
@@ -551,6 +551,42 @@ def test_ctrl_c_in_any_phase_stops_the_arm_and_the_run_goes_on(
     if where == "append":  # the rest is as short to go on with, and takes a second each
         monkeypatch.undo()
         _goes_on(session, bank, robot)
+
+
+def test_a_signal_between_any_two_lines_of_the_ending_cuts_nothing_short(session, bank, molded):
+    """SIGTERM, and again at each line of the package that handles the first."""
+    robot, count = robot_of(bank, molded[0]), 0
+
+    def again(frame, event, given):
+        nonlocal count
+        if isinstance(sys.exception(), KeyboardInterrupt):
+            count += 1
+            signal.raise_signal(signal.SIGTERM)
+        return again if "jshape" in frame.f_code.co_filename else None
+
+    robot.arm.home = lambda: os.kill(os.getpid(), signal.SIGTERM) or time.sleep(5)
+    with interruptible():
+        sys.settrace(again)
+        try:
+            with robot:
+                mold(session, robot, bank)
+        except KeyboardInterrupt as problem:
+            sys.settrace(None)
+            assert problem.__notes__ == [f"jshape mold --resume --out {session.run.folder} goes on"]
+        finally:
+            sys.settrace(None)
+        assert count > 100 and robot.arm.stops and robot.eye.closed == 1
+        assert _summary(session)["state"] == "interrupted" and _events(session)[-1] == "aborted"
+        with pytest.raises(KeyboardInterrupt):  # heard again, and by who asks while it is handled
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+                time.sleep(1)
+            except KeyboardInterrupt:
+                signal.raise_signal(signal.SIGTERM)
+                with interruptible():
+                    os.kill(os.getpid(), signal.SIGTERM)
+                    time.sleep(1)
+                raise AssertionError("not heard")
 
 
 BAD = {

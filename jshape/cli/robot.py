@@ -1,6 +1,5 @@
 """What `jshape mold` and `jshape execute` share: robot, question, pictures of the run."""
 
-import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -29,7 +28,7 @@ from jshape.robot.procedure_file import load_hand
 from jshape.robot.registry import described
 from jshape.robot.robot import Robot
 from jshape.robot.session import CONTENTS, Session
-from jshape.robot.signals import SIGNALS, uninterrupted
+from jshape.robot.signals import interruptible, uninterrupted
 
 if TYPE_CHECKING:
     Arm = str
@@ -96,8 +95,7 @@ def robot_of(options: Any, out: Path, bank: Bank, say: Callable[[str], Any]) -> 
     hand, material = load_hand(options.hand), material_of(options.material)
     base_camera = options.base and read_base_camera(options.base, options.gripper)
     with ExitStack() as stack:
-        for number in SIGNALS:
-            stack.callback(signal.signal, number, signal.signal(number, _interrupt))
+        stack.enter_context(interruptible())
         eye = _eye(options)
         if eye is not None:
             eye = GuardedCamera(eye)
@@ -158,10 +156,6 @@ def _let_go(device: GuardedArm | GuardedCamera) -> None:
             print(one_line(problem), file=sys.stderr)
 
 
-def _interrupt(number: int, frame: Any) -> None:
-    raise KeyboardInterrupt
-
-
 def _offer_home(robot: Robot, run: Runs | None, problem: BaseException, broken: str | None) -> None:
     """Say why the arm was stopped, and ask whether it should go home; nobody there: it stays."""
     why = "interrupted" if isinstance(problem, KeyboardInterrupt) else one_line(problem, 2000)
@@ -174,8 +168,9 @@ def _offer_home(robot: Robot, run: Runs | None, problem: BaseException, broken: 
     if run is None or run.yes or not sys.stdin.isatty():
         return
     try:
-        if _asked("go home? [y/N] ") in YES:
-            robot.home()
+        with interruptible():
+            if _asked("go home? [y/N] ") in YES:
+                robot.home()
     except (JShapeError, KeyboardInterrupt) as more:
         stop_arm(robot.guard)
         print(f"not at home: {str(more) or 'interrupted'}", file=sys.stderr)

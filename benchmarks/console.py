@@ -2,10 +2,8 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
-
-from tqdm import tqdm
 
 from jshape.errors import JShapeError, one_line
 
@@ -32,19 +30,6 @@ def _number(text: str, kind: Callable, allowed: Callable, what: str) -> Any:
     except ValueError:
         pass
     raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
-
-
-def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Print columns under a head, as wide as they need."""
-    lines = [[str(cell) for cell in row] for row in (head, *rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        print("  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip())
-
-
-def progress(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
-    """A progress bar on stderr; none when that is not a terminal."""
-    return tqdm(items, total=total, desc=what, disable=not sys.stderr.isatty(), leave=False)
 
 
 def run(program: str, parser: argparse.ArgumentParser, words: Sequence[str] | None) -> int:

@@ -24,6 +24,7 @@ import numpy as np
 import jshape
 from benchmarks import console
 from jshape import PAPER_BOX, Bank, Pairs, load_pairs
+from jshape.cli import tables
 from jshape.data.simulate import DEPTH_UNIT, ROIS, keys_along, simulate_pairs, together
 from jshape.errors import BadFile, JShapeError
 from jshape.io import banks, datasets, files, folders
@@ -177,7 +178,7 @@ def train(options: argparse.Namespace) -> int:
         fitted, [*tasks.values()], pairs, recipe, address=options.address, cpus=options.cpus
     )
     failed = 0
-    for cell, bank, trial in chain.from_iterable(console.progress(made, len(tasks), "trainings")):
+    for cell, bank, trial in chain.from_iterable(tables.progress(made, len(tasks), "trainings")):
         if bank is None:
             failed += 1
             print(f"{cell.name} failed: {trial}")
@@ -189,7 +190,7 @@ def train(options: argparse.Namespace) -> int:
     scores = summarise([trials[cell] for cell in cells if cell in trials], noise_floor(pairs))
     if scores:
         files.write_atomic(options.out / "scores.csv", scores_csv(scores))
-        console.print_table(*scores_table(scores))
+        tables.print_table(*scores_table(scores))
     return 2 if failed or not scores else 0
 
 
@@ -263,7 +264,7 @@ def simulate(options: argparse.Namespace) -> int:
     left = [shard for shard in shards if not places[shard.start].exists()]
     print(f"{len(shards)} shards, {len(shards) - len(left)} of them finished before", flush=True)
     made = mapped(simulated, left, recipe, address=options.address, cpus=options.cpus)
-    for shard, pairs in console.progress(made, len(left), "shards"):
+    for shard, pairs in tables.progress(made, len(left), "shards"):
         datasets.save_pairs(pairs, places[shard.start])
     with datasets.dataset_writer(
         options.out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite

@@ -22,11 +22,10 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from tqdm import tqdm
 
 from benchmarks.sim_against_mpm import default_data
 from jshape import PAPER_BOX, Pairs, load_bank, load_pairs, sim
-from jshape.cli.tables import print_table
+from jshape.cli.tables import print_table, progress
 from jshape.data.simulate import DEPTH_UNIT, ROIS, look, random_bed
 from jshape.learn.evaluate import Score, candidates_of, compare, roi_errors_mm
 from jshape.learn.fit import fit
@@ -96,7 +95,7 @@ def compared(
 ) -> tuple[list[Score], list]:
     """Scores without floors, and the comparisons with the first candidate."""
     study = Study(pairs, candidates, partitions)
-    steps = tqdm(study, what, len(study), disable=not sys.stderr.isatty(), leave=False)
+    steps = progress(study, len(study), what)
     trials = list(chain.from_iterable(steps))
     return summarise(trials), compare(trials, candidates[0].label)
 

@@ -3,7 +3,8 @@
 import difflib
 import html
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class JShapeError(Exception):
@@ -39,6 +40,19 @@ class UnknownName(JShapeError):
 
 class BadOption(JShapeError, TypeError):
     """A keyword that a function or a record of options does not have."""
+
+
+@contextmanager
+def needs(extra: str, what: str) -> Iterator[None]:
+    """Around an import that an extra brings.
+
+    Raises:
+      JShapeError: it is not installed; says how to.
+    """
+    try:
+        yield
+    except ImportError as problem:
+        raise JShapeError(f"{what} needs {problem.name}: pip install 'jshape[{extra}]'") from None
 
 
 def did_you_mean(name: object, allowed: Iterable[str]) -> str:

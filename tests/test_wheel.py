@@ -44,5 +44,9 @@ def test_the_wheel_installs_elsewhere_and_plans(tmp_path):
     run(python, *pip, "install", "-c", ROOT / "constraints.txt", wheel)
     said = run(python, "-c", PLAN, cwd=tmp_path)
     assert str(tmp_path / "empty") in said
-    help_ = run(tmp_path / "empty" / "bin" / "jshape", "plan", "--help", cwd=tmp_path)
+    jshape = tmp_path / "empty" / "bin" / "jshape"
+    bare = subprocess.run([jshape, "plan"], capture_output=True, text=True, cwd=tmp_path)
+    assert bare.returncode == 2 and "pip install 'jshape[cli]'" in bare.stderr
+    run(python, *pip, "install", "-c", ROOT / "constraints.txt", f"{wheel}[cli]")
+    help_ = run(jshape, "plan", "--help", cwd=tmp_path)
     assert "Usage: jshape plan" in help_

@@ -10,6 +10,7 @@ from typing import Any
 
 from benchmarks import console
 from benchmarks.experiments import EXPERIMENTS, pages, report
+from jshape.cli import tables
 from jshape.errors import JShapeError
 from jshape.planning.devices import over_devices, remember_compiled
 
@@ -51,12 +52,12 @@ def planning(options: argparse.Namespace) -> dict[str, Any]:
         overwrite=options.overwrite,
         execution=execution,
         say=_say(options),
-        progress=console.progress,
+        progress=tables.progress,
     )
     if not options.json:
         for title, head, rows in tables(result["rows"]):
             print(f"\n{title}:")
-            console.print_table(head, rows)
+            tables.print_table(head, rows)
         for note in result["notes"]:
             print(f"\n{note}")
         print(f"\ntables, pictures and page: {options.out}")
@@ -109,7 +110,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         seed=options.seed,
         overwrite=options.overwrite,
         say=say,
-        progress=console.progress,
+        progress=tables.progress,
         **given,
     )
     for text in (*result["paragraphs"], *result["notes"]):
@@ -129,7 +130,7 @@ def every(options: argparse.Namespace) -> dict[str, Any]:
         seed=options.seed,
         overwrite=options.overwrite,
         say=say,
-        progress=console.progress,
+        progress=tables.progress,
     )
     say(f"report: {options.out / report.PAGE}")
     return result

@@ -93,7 +93,7 @@ def pairs_of(
         for action in actions
         for pair in _supply(seed, agent, action, strengths).first(count)
     )
-    # A list, since the tests' type checks look into what tqdm wraps and would use it up.
+    # A list, since the tests' type checks look into iterators and would use it up.
     return together(list(progress(made, count * len(actions) * len(agents), "simulating")))
 
 

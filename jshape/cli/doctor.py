@@ -20,7 +20,6 @@ from jshape.cli.tables import print_table
 CORE = {
     "jax": "jax", "jaxlib": "jaxlib", "flax": "flax", "optax": "optax",
     "numpy": "numpy", "scipy": "scipy", "opencv-python-headless": "cv2",
-    "matplotlib": "matplotlib", "tqdm": "tqdm", "cyclopts": "cyclopts",
     "filelock": "filelock", "platformdirs": "platformdirs",
 }  # fmt: skip
 """What jshape cannot do without: packages, and the module that each brings."""

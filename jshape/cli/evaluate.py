@@ -1,19 +1,17 @@
 """`jshape evaluate DATASET`."""
 
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from tqdm import tqdm
 
 from jshape.cli.learning import Kind, Trains
 from jshape.cli.names import Bank
 from jshape.cli.options import PositiveCount, Several, Writes
-from jshape.cli.tables import print_table
+from jshape.cli.tables import bar, print_table
 from jshape.errors import JShapeError
 from jshape.io import banks, datasets, files, folders
 
@@ -185,20 +183,19 @@ class _Watch:
     """A progress bar on a terminal, with the epoch of what is being trained."""
 
     def __init__(self):
-        self.bar: tqdm | None = None
+        self.tell: Callable[..., None] = lambda **_: None
 
     def __call__(self, progress: Any) -> None:
         """Told of every epoch."""
-        if self.bar is not None:
-            self.bar.set_postfix_str(f"{progress.action} epoch {len(progress.curve)}")
+        self.tell(said=f"{progress.action} epoch {len(progress.curve)}")
 
     def trials(self, what: str, study: Any) -> list[Any]:
         """All of a study's."""
         found: list[Any] = []
-        quiet = not sys.stderr.isatty()
-        with tqdm(study, what, len(study), disable=quiet, leave=False) as self.bar:
-            for trials in self.bar:
+        with bar(what, len(study)) as self.tell:
+            for done, trials in enumerate(study, 1):
                 found += trials
+                self.tell(completed=done)
         return found
 
 

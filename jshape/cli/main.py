@@ -7,14 +7,15 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from importlib import import_module
 from pathlib import Path
 
 from jshape.cli.colours import coloured
-from jshape.cli.parser import parse
-from jshape.cli.tables import waiting
 from jshape.errors import JShapeError, one_line, quoted
+
+NEEDED = ("cyclopts", "matplotlib", "PIL", "rich")
+"""What the extra `cli` brings."""
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -48,7 +49,9 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _surroundings(problem: Exception) -> str | None:
-    """What of the environment JAX cannot work with, if that is what the problem is."""
+    """What of the environment is missing or cannot be worked with, if that is the problem."""
+    if isinstance(problem, ModuleNotFoundError) and str(problem.name).split(".")[0] in NEEDED:
+        return f"the command line needs {problem.name}: pip install 'jshape[cli]'"
     if str(problem).startswith("invalid truth value"):  # when it is imported
         return f"a variable JAX_... of the environment: {one_line(problem, 120)}"
     named = os.environ.get("JAX_PLATFORMS")
@@ -90,11 +93,15 @@ def _prepare() -> None:
     if os.path.exists("matplotlibrc"):  # that of this folder is read before the one that is named
         here = os.getcwd()
         os.chdir(os.path.dirname(__file__))
-        import_module("matplotlib")
+        with suppress(ImportError):  # said where it is needed
+            import_module("matplotlib")
         os.chdir(here)
 
 
 def _run(words: list[str]) -> int:
+    from jshape.cli.parser import parse  # not above: the extra may be missing
+    from jshape.cli.tables import waiting
+
     asked = parse(words)
     if asked is None:
         return 2

@@ -6,11 +6,17 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
+
+from rich.console import Console
+from rich.progress import Progress, TextColumn
 
 from jshape.cli.colours import coloured
+
+Item = TypeVar("Item")
 
 
 def print_table(head: tuple[str, ...], rows: Iterable[tuple[Any, ...]]) -> None:
@@ -27,11 +33,29 @@ def warn(line: str) -> None:
     print(f"{coloured('warning:', 'warning')} {line}")
 
 
-def progress(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
-    """A progress bar on stderr; none when that is not a terminal."""
-    from tqdm import tqdm  # not above: `jshape doctor` prints tables where it does not import
+@contextmanager
+def bar(what: str, total: int | None = None, done: int = 0) -> Iterator[Callable[..., None]]:
+    """A progress bar on stderr; nothing where that is no terminal.
 
-    return tqdm(items, total=total, desc=what, disable=not sys.stderr.isatty(), leave=False)
+    Yields:
+      What it is told by: `completed`, `total`, `said` (behind it).
+    """
+    columns = (*Progress.get_default_columns(), TextColumn("{task.fields[said]}"))
+    console = Console(stderr=True)
+    quiet = not sys.stderr.isatty()
+    # Drawn when it is told of something: `waiting` speaks in between.
+    with Progress(*columns, console=console, transient=True, disable=quiet, auto_refresh=False,
+                  redirect_stdout=False, redirect_stderr=False) as shown:  # fmt: skip
+        task = shown.add_task(what, total=total, completed=done, said="")
+        yield partial(shown.update, task, refresh=True)
+
+
+def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+    """The items, with a progress bar for those that come."""
+    with bar(what, total or None) as tell:
+        for done, item in enumerate(items, 1):
+            yield item
+            tell(completed=done)
 
 
 COMPILING = 1.0

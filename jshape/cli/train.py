@@ -1,18 +1,19 @@
 """`jshape train DATASET --out BANK`."""
 
 import sys
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from jshape.cli.learning import Kind, Trains
 from jshape.cli.names import Bank
 from jshape.cli.options import Devices, Writes
-from jshape.cli.tables import print_table
+from jshape.cli.tables import bar, print_table
 from jshape.errors import JShapeError
 from jshape.io import banks, checkpoints, datasets, folders
 from jshape.learn.settings import Training
@@ -155,18 +156,12 @@ def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> li
     """How the bank does on pairs that were held out, beside f_D and doing nothing."""
     from jshape.learn.held_out import held_out
 
-    # It says nothing of what is done before a person wonders.
-    with tqdm(
-        desc="errors on held-out pairs", unit="fit", delay=2.0, leave=False,
-        disable=not sys.stderr.isatty(),
-    ) as bar:  # fmt: skip
+    with bar("errors on held-out pairs") as tell:
 
-        def tell(action: str, made: int, total: int) -> None:
-            bar.total = total
-            bar.set_postfix_str(action, refresh=False)
-            bar.update(made - bar.n)
+        def report(action: str, made: int, total: int) -> None:
+            tell(completed=made, total=total, said=action)
 
-        return held_out(bank, pairs, start=start, report=tell, **settings)
+        return held_out(bank, pairs, start=start, report=report, **settings)
 
 
 def _refuse_unused(options: TrainOptions) -> None:
@@ -181,12 +176,12 @@ class _Watch:
 
     def __init__(self, to_mm: float, going_on: str = ""):
         self.to_mm = to_mm
-        self.quiet = not sys.stderr.isatty()
         self.going_on = going_on
         """What to say once a checkpoint was accepted."""
         self.curves: dict[str, tuple] = {}
         self.best: dict[str, Any] = {}
-        self.bar: tqdm | None = None
+        self.bars = ExitStack()
+        self.tell: Callable[..., None] = lambda **_: None
         self.shown = ""
 
     def __call__(self, progress: Any) -> None:
@@ -198,24 +193,15 @@ class _Watch:
         if progress.action != self.shown:
             self.close()
             self.shown = progress.action
-            self.bar = tqdm(
-                total=progress.epochs, initial=made - 1, desc=progress.action, unit="epoch",
-                disable=self.quiet,
-            )  # fmt: skip
+            one = bar(progress.action, progress.epochs, made - 1)
+            self.tell = self.bars.enter_context(one)
         self.curves[progress.action], self.best[progress.action] = progress.curve, progress.best
-        if self.bar is not None:
-            last = progress.curve[-1]
-            self.bar.set_postfix_str(
-                f"{last.score * self.to_mm:.3f} mm, best {progress.best.score * self.to_mm:.3f}",
-                refresh=False,
-            )
-            self.bar.update(made - self.bar.n)
+        last, best = (one.score * self.to_mm for one in (progress.curve[-1], progress.best))
+        self.tell(completed=made, said=f"{last:.3f} mm, best {best:.3f}")
 
     def close(self) -> None:
-        """Leave the last bar as it is."""
-        if self.bar is not None:
-            self.bar.close()
-            self.bar = None
+        """End the last bar."""
+        self.bars.close()
 
     def errors_mm(self) -> dict[str, float]:
         """On the pairs kept out for validation, per action; NaN where none were."""

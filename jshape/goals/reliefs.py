@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from jshape._typing import Float, Int
 from jshape.camera import Camera, unmasked
-from jshape.errors import BadImage, UnknownName, quoted
+from jshape.errors import BadImage, UnknownName, needs, quoted
 from jshape.io.mesh import depth_of_faces
 
 PIXELS = 1024
@@ -51,9 +51,10 @@ def relief_of_text(text: str, height: float) -> Relief:
     Raises:
       BadImage: nothing to be seen, or a character that the font does not have.
     """
-    from matplotlib.font_manager import FontProperties, findfont, get_font
-    from matplotlib.path import Path
-    from matplotlib.textpath import TextToPath
+    with needs("cli", "drawing letters"):
+        from matplotlib.font_manager import FontProperties, findfont, get_font
+        from matplotlib.path import Path
+        from matplotlib.textpath import TextToPath
 
     if not text.strip():
         raise BadImage("the text is empty: there is nothing to mold")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jshape.errors import BadImage, one_line
+from jshape.errors import BadImage, needs, one_line
 from jshape.io.files import read_bytes
 from jshape.io.formats import FILE_LIMIT, PIXEL_LIMIT, orientation, read_array
 
@@ -56,7 +56,8 @@ def _brightness(data: bytes) -> np.ndarray | str:
     """Grey levels of a painted image, or why there are none."""
     import warnings
 
-    from PIL import Image, ImageOps
+    with needs("cli", "reading a painting"):
+        from PIL import Image, ImageOps
 
     try:
         with warnings.catch_warnings():

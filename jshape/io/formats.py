@@ -2,20 +2,22 @@
 
 OpenCV and Pillow bring what is not a plain grey image into another form without a word (16-bit grey
 with alpha becomes 8 bits, three bands one, 12 bits 16), so a file's header is read first.  OpenCV
-decodes TIFF and EXR, with its log off; Pillow decodes PNG, whose damage OpenCV prints.
+decodes, with its log off; of a PNG only chunks whose checksums are right, since damage is printed.
+Pillow (of the extra `cli`) reads the tags of TIFF.
 """
 
 import io
 import os
 import struct
 import warnings
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jshape.errors import BadImage, one_line, quoted
+from jshape.errors import BadImage, needs, one_line, quoted
 from jshape.io.files import read_bytes
 
 FILE_LIMIT = 512 * 2**20
@@ -29,7 +31,6 @@ SUFFIXES = (*COUNTS, ".exr")
 """Endings of the files that `read_array` reads."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _OTHERS = {
     b"\xff\xd8\xff": "a JPEG, which cannot hold a depth image",
@@ -82,7 +83,8 @@ def orientation(data: bytes) -> int:
     """How a PNG or TIFF says that it lies: 1 is upright, up to 8 as EXIF counts."""
     if not (data.startswith(_TIFF) or data.startswith(_PNG) and b"eXIf" in data):
         return 1
-    from PIL import ExifTags, Image
+    with needs("cli", "reading how an image lies"):
+        from PIL import ExifTags, Image
 
     try:
         with warnings.catch_warnings(action="ignore"):
@@ -122,12 +124,10 @@ def read_png(data: bytes, where: str) -> np.ndarray:
     Raises:
       BadImage: it is damaged, or another kind of PNG.
     """
-    from PIL import Image
-
     broken = BadImage(f"{where}: the PNG is cut off or damaged")
-    if len(data) < 33 or data[12:16] != b"IHDR" or _PNG_END not in data:
+    if len(data) < 33 or data[12:16] != b"IHDR":
         raise broken
-    width, height, depth, colour = struct.unpack_from(">IIBB", data, 16)
+    width, height, depth, colour, interlaced = struct.unpack_from(">IIBB2xB", data, 16)
     if colour in _COLOURS:
         raise BadImage(f"{where}: is {_COLOURS[colour]}; a depth image has one grey channel")
     if colour != 0 or depth not in (8, 16):
@@ -135,13 +135,26 @@ def read_png(data: bytes, where: str) -> np.ndarray:
             f"{where}: is a {depth}-bit PNG; a depth image has 16 bits (or 8, luminance)"
         )
     _check_size(where, width, height)
+    kept, packed, clear, at, name = [_PNG], bytearray(), b"", len(_PNG), b""
+    while name != b"IEND":
+        size, name = int.from_bytes(data[at : at + 4]), data[at + 4 : at + 8]
+        end = at + 12 + size
+        if zlib.crc32(data[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end]) or not name:
+            raise broken
+        if name in (b"IHDR", b"IDAT", b"IEND"):
+            kept.append(data[at:end])
+        packed += data[at + 8 : end - 4] if name == b"IDAT" else b""
+        clear = data[at + 8 : at + 10] if name == b"tRNS" else clear
+        at = end
+    row = width * depth // 8 + (not interlaced)
     try:
-        with warnings.catch_warnings(action="ignore"):
-            with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
-                pixels, clear = np.array(image), image.info.get("transparency")
-    except Exception:  # Pillow promises no type for a damaged file
+        rows = np.frombuffer(zlib.decompressobj().decompress(packed, 2 * height * row), np.uint8)
+    except zlib.error:
         raise broken from None
-    return pixels if clear is None else np.ma.masked_equal(pixels, clear)
+    if len(rows) < height * row or not interlaced and rows[::row].max() > 4:  # no such filter
+        raise broken
+    pixels = _decode(b"".join(kept), where, "PNG")
+    return np.ma.masked_equal(pixels, int.from_bytes(clear)) if clear else pixels
 
 
 # What OpenCV reads bit for bit: SampleFormat (1 whole, 2 signed, 3 floating) and bits.
@@ -187,7 +200,8 @@ def _read_tiff(data: bytes, where: str) -> np.ndarray:
 
 def _tiff_tags(data: bytes, where: str) -> dict[int, Any]:
     """The tags of a TIFF's (or BigTIFF's) first page."""
-    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+    with needs("cli", f"{where}: reading TIFF"):
+        from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
     stream = io.BytesIO(data)
     try:

@@ -77,10 +77,12 @@ class Plan:
         mm = self.distances_mm
         return f"Plan({actions}, {mm[0]:.3f} -> {mm[-1]:.3f} mm, {self.status.name})"
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows: the summary, the figure and the actions."""
-        from jshape.viz.display import plan_html
-
+    def _repr_html_(self) -> str | None:
+        """What a notebook shows: the summary, the figure and the actions; None: `repr`."""
+        try:
+            from jshape.viz.display import plan_html
+        except JShapeError:  # without matplotlib
+            return None
         return plan_html(self)
 
     def show(self) -> "Figure | None":
@@ -90,7 +92,7 @@ class Plan:
           None; or the figure, where there is no notebook and no display.
 
         Raises:
-          JShapeError: the plan was stored without its images.
+          JShapeError: the plan was stored without its images, or there is no matplotlib.
         """
         from jshape.viz.display import shown
         from jshape.viz.pictures import plan_figure

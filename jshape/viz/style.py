@@ -25,7 +25,7 @@ _LOCK = threading.RLock()  # matplotlib's settings are the process's
 @contextmanager
 def own_style() -> Iterator[None]:
     """Draw with our own settings; a context, or `@own_style()` before a function."""
-    import matplotlib  # not above: where it cannot be imported, there are results without pictures
+    import matplotlib  # not above: where it is broken, there are results without pictures
 
     ours: Any = {
         name: value

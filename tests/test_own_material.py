@@ -57,7 +57,7 @@ def test_the_documented_hand_acts():
         ("like = 'flour'\npile_mm = 0.012", "pile_mm is 0.012; expected a number from 1 to 100"),
         ("like = 'flour'\nelastic = true", "elastic is True; expected a number from 0 to 0.99"),
         ("like = 'mud'", "like is 'mud'; allowed: flour, sand, dough"),
-        ("name = ''\nlike = 'flour'", "name is ''; expected a word"),
+        ("name = ''\nlike = 'flour'", "name is ''; expected a line of text"),
         ("like = ", "is not TOML"),
     ],
 )
@@ -73,7 +73,11 @@ def test_a_wrong_material_is_refused_in_one_line(text, said):
     [
         ("[actions.scrape]", "[other]", "unknown 'other'"),
         ("radius_mm = 6", "radius_mm = 0.006", "finger 1: radius_mm is 0.006; expected"),
-        ("[-20, 20, 12]]", "[-20, 20]]", r"path_mm is .*; expected 3 x 2 x 3 numbers, at most 140"),
+        (
+            "[-20, 20, 12]]",
+            "[-20, 20]]",
+            r"path_mm is .*; expected 3 x 2 x 3 numbers from -140 to 140",
+        ),
         ("times = [0, 0.4, 1]", "times = [0, 1, 0.4]", "times are .*three rising from 0 to 1"),
         ("reach_mm = [25, 25]", "reach_mm = [0, 25]", "reach_mm is"),
         ("yaw_deg = 2", "yaw = 2", "spread: unknown 'yaw'"),

@@ -9,20 +9,29 @@ before is removed after it: whenever the process is killed, one whole checkpoint
 import os
 import re
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import quote
 
 import numpy as np
 
 from jshape.errors import BadFile, JShapeError, one_line
-from jshape.io.files import check_writable, inside, read_json, refuse, sha256, write_json
+from jshape.io.files import check_sums, check_writable, read_json, refused, sha256, write_json
 from jshape.io.folders import atomic_folder
+from jshape.io.records import read_record
 
 FORMAT = "jshape-checkpoint"
 FACTS = "checkpoint.json"
 ARRAYS = "arrays"
 _FOLDER = re.compile(r"saved-(\d{8})")
+
+
+@dataclass(frozen=True)
+class _Facts:
+    format: Literal["jshape-checkpoint"]
+    facts: dict
+    checksums: dict[str, str]
 
 
 class Checkpoints:
@@ -75,11 +84,7 @@ class Checkpoints:
 
     def _numbers(self) -> list[int]:
         """Numbers of the checkpoints that are there, oldest first."""
-        try:
-            names = os.listdir(self.folder) if self.folder.is_dir() else []
-        except OSError as problem:
-            refuse(self.folder, "cannot be read", problem)
-        return sorted(int(m[1]) for m in map(_FOLDER.fullmatch, names) if m)
+        return sorted(int(m[1]) for m in map(_FOLDER.fullmatch, _names(self.folder)) if m)
 
 
 def check_folder(folder: str | os.PathLike) -> bool:
@@ -88,11 +93,7 @@ def check_folder(folder: str | os.PathLike) -> bool:
     Raises:
       BadFile: the folder holds something else, or cannot be written.
     """
-    folder = check_writable(folder)
-    try:
-        names = os.listdir(folder) if folder.is_dir() else []
-    except OSError as problem:
-        refuse(folder, "cannot be read", problem)
+    names = _names(check_writable(folder))
     foreign = [name for name in names if not name.startswith("action-")]
     if foreign:
         raise BadFile(f"{folder}: is for checkpoints, but holds {one_line(foreign[0], 80)}")
@@ -109,10 +110,13 @@ def discard(folder: str | os.PathLike) -> None:
         for path in Path(folder).glob("action-*"):
             shutil.rmtree(path, ignore_errors=True)
     if Path(folder).is_dir():
-        try:
+        with refused(folder, "cannot be removed"):
             os.rmdir(folder)
-        except OSError as problem:
-            refuse(Path(folder), "cannot be removed", problem)
+
+
+def _names(folder: Path) -> list[str]:
+    with refused(folder, "cannot be read"):
+        return os.listdir(folder) if folder.is_dir() else []
 
 
 def _name(number: int) -> str:
@@ -121,23 +125,14 @@ def _name(number: int) -> str:
 
 def _load(place: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Arrays and facts of one checkpoint, whose files are all there and as they were written."""
-    facts = read_json(place / FACTS)
-    if (
-        not isinstance(facts, dict)
-        or facts.get("format") != FORMAT
-        or not isinstance(facts.get("facts"), dict)
-        or not isinstance(facts.get("checksums"), dict)
-    ):
-        raise BadFile(f"{place / FACTS}: is not a checkpoint's")
+    found = read_record(_Facts, read_json(place / FACTS), str(place / FACTS))
     there = {path.relative_to(place).as_posix() for path in place.rglob("*") if path.is_file()}
-    wrong = sorted((there - {FACTS}) ^ set(facts["checksums"]))
-    if wrong or not facts["checksums"]:
+    wrong = sorted((there - {FACTS}) ^ set(found.checksums))
+    if wrong or not found.checksums:
         named = one_line(wrong[0] if wrong else ARRAYS, 80)
         raise BadFile(f"{place}: {named} is missing or has no checksum; damaged?")
-    for name, expected in facts["checksums"].items():
-        if sha256(inside(place, name)) != expected:
-            raise BadFile(f"{place / name}: checksum differs; damaged?")
-    return _read(place / ARRAYS), facts["facts"]
+    check_sums(place, found.checksums)
+    return _read(place / ARRAYS), found.facts
 
 
 def _whole(place: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Files and folders: written whole or not at all, read with limits, never outside their folder."""
+"""Files: written whole or not at all, read with limits, never outside their folder."""
 
 import hashlib
 import json
@@ -6,13 +6,12 @@ import math
 import os
 import secrets
 import stat
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, NoReturn
-
-import numpy as np
 
 from jshape.errors import BadFile, one_line, quoted
 
@@ -20,6 +19,16 @@ JSON_LIMIT = 64 * 2**20
 """Default largest JSON file that is read, bytes."""
 JSON_VALUES = 1_000_000
 """Most values of a JSON text: they take up to 200 bytes each in memory."""
+
+
+@contextmanager
+def refused(path: str | os.PathLike, what: str) -> Iterator[None]:
+    """Raise BadFile, `path: what: the reason`, where the operating system refuses something."""
+    try:
+        yield
+    except (OSError, ValueError, RuntimeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else problem
+        raise BadFile(f"{path}: {what}: {one_line(reason)}") from None
 
 
 def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
@@ -36,20 +45,17 @@ def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
       BadFile: it cannot be written; nothing new is left behind.
     """
     path = Path(path)
-    data = content.encode() if isinstance(content, str) else content
     temp = temp_beside(path)
-    try:
+    with refused(path, "cannot be written"):
         if path.is_dir():
             raise BadFile(f"{path}: is a folder; a file is to be written there")
         with parents(path):
             try:
-                _write_synced(temp, data)
+                _write_new(temp, content.encode() if isinstance(content, str) else content)
                 os.replace(temp, path)
             finally:
                 _remove_file(temp)
         sync_folder(path.parent)
-    except (OSError, ValueError) as problem:
-        refuse(path, "cannot be written", problem)
     return path
 
 
@@ -62,17 +68,15 @@ def check_writable(folder: str | os.PathLike) -> Path:
     folder = Path(folder)
     if "\0" in str(folder):
         raise BadFile(f"{quoted(str(folder))}: is not a folder name")
-    try:
+    with refused(folder, "cannot be written"):
         nearest = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))
         if not nearest.is_dir():
             raise BadFile(f"{folder}: cannot be written: {nearest} is not a folder")
         probe = temp_beside(nearest / "probe")
         try:
-            _write_synced(probe, b"")
+            _write_new(probe, b"")
         finally:
             _remove_file(probe)
-    except (OSError, ValueError) as problem:
-        refuse(folder, "cannot be written", problem)
     return folder
 
 
@@ -82,17 +86,13 @@ def read_bytes(path: str | os.PathLike, *, limit: int, start: int | None = None)
     Raises:
       BadFile: it is missing, a folder, empty, too large or unreadable.
     """
-    path = Path(path)
-    try:
-        with open(path, "rb", opener=regular) as file:
-            size = os.fstat(file.fileno()).st_size
-            if size == 0:
-                raise BadFile(f"{path}: the file is empty")
-            if size > limit:
-                raise BadFile(f"{path}: {size:,} bytes; at most {limit:,} are read")
-            return file.read(limit if start is None else start)
-    except (OSError, ValueError) as problem:
-        refuse(path, "cannot be read", problem)
+    with refused(path, "cannot be read"), open(path, "rb", opener=regular) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size == 0:
+            raise BadFile(f"{path}: the file is empty")
+        if size > limit:
+            raise BadFile(f"{path}: {size:,} bytes; at most {limit:,} are read")
+        return file.read(limit if start is None else start)
 
 
 def regular(path: str, flags: int) -> int:
@@ -131,12 +131,19 @@ def sha256(path: str | os.PathLike) -> str:
     Raises:
       BadFile: it cannot be read.
     """
-    path = Path(path)
-    try:
-        with open(path, "rb", opener=regular) as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except (OSError, ValueError) as problem:
-        refuse(path, "cannot be read", problem)
+    with refused(path, "cannot be read"), open(path, "rb", opener=regular) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def check_sums(folder: Path, sums: dict[str, str]) -> None:
+    """Refuse a folder of which a file is not as its checksum says.
+
+    Raises:
+      BadFile: naming the file.
+    """
+    for name, expected in sums.items():
+        if sha256(inside(folder, name)) != expected:
+            raise BadFile(f"{folder / name}: its checksum differs from what was written; damaged?")
 
 
 def read_json(path: str | os.PathLike, *, limit: int = JSON_LIMIT) -> dict[str, Any]:
@@ -150,22 +157,14 @@ def read_json(path: str | os.PathLike, *, limit: int = JSON_LIMIT) -> dict[str, 
 
 
 def parse_json(text: bytes | str, where: str) -> dict[str, Any]:
-    """The object (a dict) that a JSON text holds; `where` names it in errors.
-
-    Raises:
-      BadFile: as for `read_json`.
-    """
+    """The object (a dict) that a JSON text holds; `where` names it in errors.  Raises likewise."""
     try:
-        if isinstance(text, bytes):
-            text = text.decode("utf-8-sig")
+        text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
         values = sum(map(text.count, "[{,"))
         if values > JSON_VALUES:
             raise BadFile(f"{where}: holds {values:,} values; at most {JSON_VALUES:,} are read")
         found = json.loads(
-            text,
-            object_pairs_hook=_unique,
-            parse_constant=_no_constant,
-            parse_float=_finite,
+            text, object_pairs_hook=_unique, parse_constant=_no_constant, parse_float=_finite
         )
     except UnicodeDecodeError:
         raise BadFile(f"{where}: not JSON: it is not UTF-8 text") from None
@@ -176,6 +175,19 @@ def parse_json(text: bytes | str, where: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise BadFile(f"{where}: holds a {type(found).__name__}; a JSON object {{...}} is expected")
     return found
+
+
+def read_toml(path: str | os.PathLike, *, limit: int) -> dict[str, Any]:
+    """The table that a TOML file holds.
+
+    Raises:
+      BadFile: the file cannot be read, is too large, or is not TOML.
+    """
+    data = read_bytes(path, limit=limit)
+    try:
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as problem:  # ValueError: of UTF-8, TOML, huge numbers
+        raise BadFile(f"{path}: is not TOML that can be read: {one_line(problem)}") from None
 
 
 def json_text(content: dict[str, Any], where: str, *, indent: int | None = 1) -> str:
@@ -191,11 +203,7 @@ def json_text(content: dict[str, Any], where: str, *, indent: int | None = 1) ->
 
 
 def write_json(path: str | os.PathLike, content: dict[str, Any]) -> Path:
-    """Write a dict as JSON, atomically.
-
-    Raises:
-      BadFile: as for `json_text` and `write_atomic`.
-    """
+    """Write a dict as JSON, atomically.  Raises as `json_text` and `write_atomic`."""
     return write_atomic(path, json_text(content, str(path)) + "\n")
 
 
@@ -206,48 +214,21 @@ def inside(folder: str | os.PathLike, relative: Any) -> Path:
       BadFile: an empty or absolute path, one with `..` or a backslash, or a symbolic link that
         leads out of the folder.
     """
-    folder = Path(folder)
+    folder, why = Path(folder), ""
     if not isinstance(relative, str) or not relative.strip() or "\0" in relative:
         raise BadFile(f"{folder}: {quoted(relative)} is not a file name")
-    parts = PurePosixPath(relative).parts
     windows = PureWindowsPath(relative)
     if relative.startswith("/") or windows.drive or windows.root or "\\" in relative:
-        raise BadFile(
-            f"{folder}: path {quoted(relative)} is not allowed; it must be relative to the folder, "
-            "with / between names"
-        )
-    if ".." in parts:
-        raise BadFile(f"{folder}: path {quoted(relative)} is not allowed; it must not contain '..'")
-    path = folder / relative
-    try:
-        if not path.resolve().is_relative_to(folder.resolve()):
-            raise BadFile(
-                f"{folder}: path {quoted(relative)} is not allowed; it leads out of the folder"
-            )
-    except (OSError, RuntimeError) as problem:
-        refuse(path, "cannot be resolved", problem)
-    return path
-
-
-def append(path: Path, data: bytes, at: int) -> None:
-    """Write at byte `at` of a file, whose length that is afterwards if it fails: no torn line.
-
-    Raises:
-      OSError: it cannot be written.
-    """
-    # Without a buffer: one that could not be written is written once more at the end.
-    with open(path, "r+b", buffering=0, opener=regular) as file:
-        if file.seek(0, os.SEEK_END) > at:
-            file.truncate(at)
-        file.seek(at)
-        try:
-            while data:
-                data = data[file.write(data) :]
-            os.fsync(file.fileno())
-        except BaseException:
-            with suppress(OSError):
-                file.truncate(at)
-            raise
+        why = "it must be relative to the folder, with / between names"
+    elif ".." in PurePosixPath(relative).parts:
+        why = "it must not contain '..'"
+    else:
+        with refused(folder / relative, "cannot be resolved"):
+            if not (folder / relative).resolve().is_relative_to(folder.resolve()):
+                why = "it leads out of the folder"
+    if why:
+        raise BadFile(f"{folder}: path {quoted(relative)} is not allowed; {why}")
+    return folder / relative
 
 
 def lock(handle: int) -> bool:
@@ -261,21 +242,13 @@ def lock(handle: int) -> bool:
     return lock_descriptor(handle, blocking=False)
 
 
-def refuse(path: Path, what: str, problem: Exception) -> NoReturn:
-    """Raise BadFile for an error of the operating system."""
-    reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else problem
-    raise BadFile(f"{path}: {what}: {one_line(reason)}") from None
-
-
 @contextmanager
 def parents(path: Path) -> Iterator[None]:
     """Make the folders above a path; those that were made go again if the block fails."""
     made = [parent for parent in path.parents if not parent.exists()]
     try:
-        try:
+        with refused(path, "cannot be made"):
             path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as problem:
-            refuse(path, "cannot be made", problem)
         yield
     except BaseException:
         for parent in made:
@@ -289,9 +262,8 @@ def temp_beside(path: Path) -> Path:
     return path.parent / f".{path.name[:80]}.{secrets.token_hex(6)}.tmp"
 
 
-def _write_synced(path: Path, data: bytes) -> None:
-    # Exclusive: a file of that name, or a link, is never followed.
-    with path.open("xb") as file:
+def _write_new(path: Path, data: bytes) -> None:
+    with path.open("xb") as file:  # exclusive: a file of that name, or a link, is never followed
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
@@ -325,8 +297,7 @@ def _no_constant(name: str) -> NoReturn:
 
 
 def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
+    if not math.isfinite(value := float(text)):
         raise ValueError(f"{one_line(text, 40)} is too large for a number")
     return value
 
@@ -334,8 +305,6 @@ def _finite(text: str) -> float:
 def _plain(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         raise TypeError("a path; write it as text relative to the folder")
-    if np.ndim(value) == 0 and hasattr(value, "item"):
-        return value.item()
-    if hasattr(value, "tolist"):
+    if hasattr(value, "tolist"):  # of NumPy and JAX, which give a number where there is one
         return value.tolist()
     raise TypeError(f"a {type(value).__name__} is not a JSON value")

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from jshape.errors import BadFile, one_line
-from jshape.io.files import check_writable, lock, parents, refuse, sync_folder, temp_beside
+from jshape.io.files import check_writable, lock, parents, refused, sync_folder, temp_beside
 
 
 @contextmanager
@@ -74,39 +74,34 @@ def check_target(
       BadFile: the target exists (and must not be replaced), or cannot be written.
     """
     target = check_writable(target)
-    try:
-        if not os.path.lexists(target):
-            return
-        if not target.is_dir():
+    with refused(target, "cannot be read"):
+        if target.is_dir():
+            if names := _names(target, own):
+                _check_replaceable(target, names, overwrite, contents)
+        elif os.path.lexists(target):
             raise BadFile(f"{target}: is a file; a folder is to be made there")
-        names = _names(target, own)
-        if not names:
-            return
-        if not overwrite:
-            raise BadFile(
-                f"{target}: the folder exists and is not empty; choose another name, or replace it "
-                "with --overwrite (overwrite=True)"
-            )
-        if contents is not None and not (target / contents[0]).is_file():
-            raise BadFile(
-                f"{target}: the folder holds no {contents[0]}, so it is not replaced; "
-                "choose another name"
-            )
-        # A write that was cut short by SIGKILL leaves a temporary file, which is the command's too.
-        meant = {name: re.sub(r"^\.(.+)\.[0-9a-f]{12}\.tmp$", r"\1", name) for name in names}
-        foreign = [name for name in names if contents is not None and meant[name] not in contents]
-        if foreign:
-            raise BadFile(
-                f"{target}: also holds {one_line(foreign[0], 80)}, which was not written by this "
-                "command; choose another name"
-            )
-        if _holds_here(target) and not os.path.samefile(target, os.curdir):
-            raise BadFile(
-                f"{target}: holds the folder that this command is run in, so it is not replaced; "
-                "run it elsewhere"
-            )
-    except OSError as problem:
-        refuse(target, "cannot be read", problem)
+
+
+def _check_replaceable(
+    target: Path, names: list[str], overwrite: bool, contents: Sequence[str] | None
+) -> None:
+    # A write that was cut short by SIGKILL leaves a temporary file, which is the command's too.
+    meant = {re.sub(r"^\.(.+)\.[0-9a-f]{12}\.tmp$", r"\1", name): name for name in names}
+    foreign = [meant[name] for name in meant if contents is not None and name not in contents]
+    if not overwrite:
+        why = "the folder exists and is not empty; choose another name, or replace it with "
+        why += "--overwrite (overwrite=True)"
+    elif contents is not None and not (target / contents[0]).is_file():
+        why = f"the folder holds no {contents[0]}, so it is not replaced; choose another name"
+    elif foreign:
+        why = f"also holds {one_line(foreign[0], 80)}, which was not written by this command; "
+        why += "choose another name"
+    elif _holds_here(target) and not os.path.samefile(target, os.curdir):
+        why = "holds the folder that this command is run in, so it is not replaced; run it "
+        why += "elsewhere"
+    else:
+        return
+    raise BadFile(f"{target}: {why}")
 
 
 def left_behind(target: Path) -> list[str]:
@@ -174,10 +169,8 @@ def beside(target: Path, ending: str) -> Path:
 
 
 def _resolved(path: Path) -> Path:
-    try:
+    with refused(path, "cannot be resolved"):
         return path.resolve()
-    except (OSError, ValueError, RuntimeError) as problem:
-        refuse(path, "cannot be resolved", problem)
 
 
 def _make_temp(target: Path) -> Path:
@@ -187,17 +180,16 @@ def _make_temp(target: Path) -> Path:
     read-only takes no new folder, though the target may.
     """
     beside, inside = temp_beside(target), temp_beside(target / target.name)
-    fixed = target.is_dir() and (os.path.ismount(target) or _holds_here(target))
-    try:
-        try:
-            (inside if fixed else beside).mkdir()
-        except OSError:
-            if fixed or not target.is_dir():
-                raise
-            inside.mkdir()
-    except OSError as problem:
-        refuse(target, "cannot be made", problem)
-    return inside if inside.exists() else beside
+    with refused(target, "cannot be made"):
+        if not (target.is_dir() and (os.path.ismount(target) or _holds_here(target))):
+            try:
+                beside.mkdir()
+                return beside
+            except OSError:
+                if not target.is_dir():
+                    raise
+        inside.mkdir()
+    return inside
 
 
 def _holds_here(folder: Path) -> bool:
@@ -214,31 +206,29 @@ def _names(folder: Path, own: str) -> list[str]:
     return sorted({*os.listdir(folder)} - {own, "lost+found"})
 
 
+_NO_RENAME = (errno.EBUSY, errno.EXDEV, errno.EACCES, errno.EPERM, errno.EROFS)
+"""Where a folder may still be written into: a mount point, a layer of a container's image, a
+folder in somebody else's."""
+
+
 def _put_in_place(temp: Path, target: Path) -> None:
     """Make `temp` the target; what stands there goes, or comes back if that fails."""
-    try:
+    with refused(target, "cannot be written"):
         _sync_tree(temp)
         old = temp_beside(target)
-        moved = temp.parent == target
-        if not moved:
+        within = temp.parent == target
+        if not within:
             try:
                 _replace(temp, target, old)
             except OSError as problem:
                 if problem.errno not in _NO_RENAME:
                     raise
-                moved = True
-        if moved:
+                within = True
+        if within:
             old = temp_beside(target / target.name)
             _move_up(temp, target, old)
         sync_folder(target.parent)
-    except (OSError, shutil.Error) as problem:
-        refuse(target, "cannot be written", problem)
     shutil.rmtree(old, ignore_errors=True)
-
-
-_NO_RENAME = (errno.EBUSY, errno.EXDEV, errno.EACCES, errno.EPERM, errno.EROFS)
-"""Where a folder may still be written into: a mount point, a layer of a container's image, a
-folder in somebody else's."""
 
 
 def _replace(temp: Path, target: Path, old: Path) -> None:

@@ -14,12 +14,13 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.data.depth import to_metres
-from jshape.errors import BadFile, quoted
+from jshape.errors import BadFile
 from jshape.io.cameras import check_depth_unit
-from jshape.io.files import append, inside, json_text, read_json, refuse, write_atomic, write_json
+from jshape.io.files import inside, json_text, read_json, refused, write_atomic, write_json
 from jshape.io.folders import atomic_folder
 from jshape.io.images import read_counts, write_depth_png
-from jshape.io.journal import read_lines
+from jshape.io.journal import append, read_lines
+from jshape.io.records import check_format, read_value
 
 FORMAT = "jshape-run"
 VERSION = 1
@@ -37,14 +38,7 @@ _RESERVED = ("index", "frame")
 class Run:
     """A recording that grows by one step at a time.  Made by `create` or `open`, not directly."""
 
-    def __init__(
-        self,
-        folder: Path,
-        meta: dict[str, Any],
-        depth_unit: float,
-        steps: list[dict],
-        size: tuple[int, int],
-    ):
+    def __init__(self, folder: Path, meta: dict[str, Any], depth_unit: float, steps: list, size):
         """Use `create` or `open`."""
         self.folder = folder
         """Where it is."""
@@ -83,12 +77,9 @@ class Run:
         """
         folder = Path(folder)
         unit = check_depth_unit(depth_unit, str(folder))
-        content = {
-            "format": FORMAT, "version": VERSION, "depth_unit": unit, "meta": dict(meta or {})
-        }  # fmt: skip
-        own = (*CONTENTS, *contents)
-        with atomic_folder(folder, overwrite, contents=own) as temp:
-            write_json(temp / DESCRIPTION, content)
+        content = {"format": FORMAT, "version": VERSION, "depth_unit": unit}
+        with atomic_folder(folder, overwrite, contents=(*CONTENTS, *contents)) as temp:
+            write_json(temp / DESCRIPTION, content | {"meta": dict(meta or {})})
             write_atomic(temp / STEPS, "")
             for name, data in (more or {}).items():
                 write_atomic(temp / name, data)
@@ -102,26 +93,16 @@ class Run:
           BadFile: not a run, from a newer version, or damaged before its last line.
         """
         folder = Path(folder)
-        content = read_json(folder / DESCRIPTION)
-        where = str(folder / DESCRIPTION)
-        if content.get("format") != FORMAT:
-            raise BadFile(
-                f"{where}: format is {quoted(content.get('format'))}; expected {FORMAT!r}"
-            )
-        version = content.get("version")
-        if type(version) is not int or version < 1 or version > VERSION:
-            raise BadFile(
-                f"{where}: version is {quoted(version)}; this program reads up to {VERSION}"
-            )
-        meta = content.get("meta")
-        if not isinstance(meta, dict):
-            raise BadFile(f"{where}: meta is a {type(meta).__name__}; expected an object")
+        where, steps_file = str(folder / DESCRIPTION), folder / STEPS
+        content = read_json(where)
+        check_format(content, FORMAT, VERSION, where)
         unit = check_depth_unit(content.get("depth_unit"), where)
-        steps, size = read_lines(folder / STEPS)
+        meta = read_value(dict, content.get("meta"), f"{where}: meta")
+        steps, size = read_lines(steps_file)
         for number, step in enumerate(steps):
             if step.get("index") != number:
-                raise BadFile(f"{folder / STEPS}: line {number + 1}: index is not {number}")
-        return cls(folder, meta, unit, steps, (size, (folder / STEPS).stat().st_size))
+                raise BadFile(f"{steps_file}: line {number + 1}: index is not {number}")
+        return cls(folder, meta, unit, steps, (size, steps_file.stat().st_size))
 
     @property
     def steps(self) -> tuple[dict[str, Any], ...]:
@@ -157,7 +138,11 @@ class Run:
         line = json_text(record, str(path), indent=None)
         if depth is not None:
             write_depth_png(self.folder / record["frame"], depth, self.depth_unit)
-        self._write(path, line.encode() + b"\n")
+        with refused(path, "cannot be written"):
+            if path.stat().st_size != self._end:
+                raise BadFile(f"{path}: has changed; another program is writing to the run")
+            self._end = self._size  # a torn line behind the complete ones goes
+            self._size = self._end = self._size + append(path, line, self._size)
         # As it will be read again: a tuple is a list by then, an array too.
         self._steps.append(json.loads(line))
         return index
@@ -176,14 +161,3 @@ class Run:
             raise BadFile(f"{self.folder}: step {index} has no frame")
         path = inside(self.folder, name)
         return to_metres(read_counts(path), self.depth_unit, str(path))
-
-    def _write(self, path: Path, line: bytes) -> None:
-        """Put a line after the complete ones; a torn one behind them is cut off first."""
-        try:
-            if path.stat().st_size != self._end:
-                raise BadFile(f"{path}: has changed; another program is writing to the run")
-            self._end = self._size
-            append(path, line, self._size)
-        except (OSError, ValueError) as problem:
-            refuse(path, "cannot be written", problem)
-        self._size = self._end = self._size + len(line)

@@ -76,7 +76,7 @@ def test_a_wrong_material_is_refused_in_one_line(text, said):
         (
             "[-20, 20, 12]]",
             "[-20, 20]]",
-            r"path_mm is .*; expected 3 x 2 x 3 numbers from -140 to 140",
+            "path_mm is .*; expected 3 x 2 x 3 numbers from -140",
         ),
         ("times = [0, 0.4, 1]", "times = [0, 1, 0.4]", "times are .*three rising from 0 to 1"),
         ("reach_mm = [25, 25]", "reach_mm = [0, 25]", "reach_mm is"),

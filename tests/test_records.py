@@ -44,10 +44,8 @@ def test_a_record_is_built_with_its_types():
     found = read_record(Whole, GOOD | more, "f")
     assert found.parts == [Part(2.0)] and type(found.parts[0].mm) is float
     assert found.at == (3, 4) and found.colour is Colour.RED and found.rest == [None]
-    assert read_record(Whole, GOOD | {"colour": None, "new": 1}, "f", allow_unknown=True).at == (
-        0,
-        0,
-    )
+    other = GOOD | {"colour": None, "new": 1}
+    assert read_record(Whole, other, "f", allow_unknown=True).at == (0, 0)
     assert read_value(tuple[float, ...], [1, 2.5], "f") == (1.0, 2.5)
 
 
@@ -88,7 +86,7 @@ def test_a_file_of_another_format_or_of_later_is_refused():
     check_format({"format": "a", "version": 2}, "a", 2, "f")
     for content, said in (
         ({"format": "b", "version": 1}, "format is 'b'; expected 'a'"),
-        ({"format": "a", "version": 3}, "version is 3; .* newer .* up to 2"),
+        ({"format": "a", "version": 3}, "version 3 is newer than this program reads .2."),
         ({"format": "a", "version": True}, "version is True"),
         ({"format": "a"}, "version is None"),
     ):

@@ -179,7 +179,7 @@ def test_an_existing_run_is_replaced_only_on_demand(run, tmp_path):
     "change, match",
     [
         ({"format": "x"}, "expected 'jshape-run'"),
-        ({"version": 2}, "reads up to 1"),
+        ({"version": 2}, "newer than this program reads .1."),
         ({"version": "1"}, "version is '1'"),
         ({"meta": []}, "meta is "),
     ],

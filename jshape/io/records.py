@@ -121,9 +121,13 @@ def check_format(
     if content.get("format") != name:
         raise error(f"{where}: format is {quoted(content.get('format'))}; expected {name!r}")
     found = content.get("version")
-    if type(found) is not int or not 1 <= found <= version:
-        newer = "is newer than this program: it" if type(found) is int and found > 1 else "; it"
-        raise error(f"{where}: version is {quoted(found)}; {newer} reads up to {version}")
+    if type(found) is not int or found < 1:
+        raise error(f"{where}: version is {quoted(found)}; expected a whole number from 1")
+    if found > version:
+        raise error(
+            f"{where}: version {quoted(found)} is newer than this program reads ({version}); "
+            "update it"
+        )
 
 
 @lru_cache

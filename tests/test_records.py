@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jshape.errors import BadBank, BadFile
-from jshape.io.records import Line, Numbers, Range, check_format, read_record, read_value
+from jshape.io.records import Numbers, OneLine, Range, check_format, read_record, read_value
 
 
 class Colour(enum.Enum):
@@ -23,7 +23,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Whole:
-    name: Annotated[str, Line()]
+    name: Annotated[str, OneLine()]
     parts: list[Part]
     matrix: Annotated[np.ndarray, Numbers((2, 2), -1, 1)]
     at: Annotated[tuple[int, int], Range(0, 99)] = (0, 0)

@@ -9,7 +9,7 @@ out; `None` is a value only of `X | None`; a bool is never a number.
         radius_mm: Annotated[float, Range(2, 60)]
         path_mm: Annotated[np.ndarray, Numbers((3, 2, 3), -140, 140)]
         grip: Literal["fist", "flat"] = "flat"
-        posture: Annotated[str, Line()] = "open"
+        posture: Annotated[str, OneLine()] = "open"
 
         def problem(self) -> str | None:             # optional: what no single field can tell
             return "a fist needs 5 mm" if self.grip == "fist" and self.radius_mm < 5 else None
@@ -72,7 +72,7 @@ class Numbers:
 
 
 @dataclass(frozen=True)
-class Line:
+class OneLine:
     """One printable line of text that can name something."""
 
 
@@ -198,15 +198,15 @@ def _value(hint: Any, value: Any, where: str, rules: tuple[Any, ...] = ()) -> An
             raise Wrong(f"{where} is {quoted(value)}; expected {expected}") from None
     plain = origin or hint
     expected = list if plain is tuple else plain
-    if not isinstance(value, expected) or Line() in rules and not is_name(value):
-        word = "a line of text" if Line() in rules else _WORDS[expected]
+    if not isinstance(value, expected) or OneLine() in rules and not is_name(value):
+        word = "a line of text" if OneLine() in rules else _WORDS[expected]
         raise Wrong(f"{where} is {quoted(value)}; expected {word}")
     if expected is list and inner:
         one = where.removesuffix("s")
         return plain(_value(inner[0], v, f"{one} {k}", rules) for k, v in enumerate(value, 1))
     if plain is dict and inner:
         for name in value:
-            _value(str, name, f"{where}: a name", (Line(),))
+            _value(str, name, f"{where}: a name", (OneLine(),))
         return {name: _value(inner[1], one, f"{where}: {name}") for name, one in value.items()}
     return value
 

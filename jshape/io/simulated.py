@@ -12,7 +12,7 @@ import numpy as np
 
 from jshape.errors import UnknownName
 from jshape.io.files import read_json, read_toml
-from jshape.io.records import Line, Numbers, Range, read_record
+from jshape.io.records import Numbers, OneLine, Range, read_record
 from jshape.sim.material import MATERIALS, Material
 from jshape.sim.tools import AGENTS, NUM_FINGERS, NUM_WAYPOINTS, Agent, agent_of_numbers
 
@@ -32,7 +32,7 @@ _Share = Annotated[float, Range(0, 1)]
 class MaterialFile:
     """A material: ten numbers, of which those may be left out that the material `like` has."""
 
-    name: Annotated[str, Line()] | None = None
+    name: Annotated[str, OneLine()] | None = None
     like: _Known | None = None
     repose_deg: Annotated[float, Range(0, 80)] | None = None
     cohesion: Annotated[float, Range(0, 20)] | None = None
@@ -107,7 +107,7 @@ class AgentFile:
     """A hand."""
 
     actions: dict[str, ActionFile]
-    name: Annotated[str, Line()] | None = None
+    name: Annotated[str, OneLine()] | None = None
     spread: SpreadFile = SpreadFile()
 
     def problem(self) -> str | None:

@@ -66,14 +66,14 @@ def begin(folder):
 
 def main(port, folder):
     """Serve until the process is ended."""
-    from jshape.app import server
+    from jshape.app import pages, server
     from jshape.app.bench import Bench
     from jshape.app.desk import Desk
 
     desk, bench = Desk("flour-robot"), Bench(None, "", folder / "out")
     desk.see(image_of_depth(levelled_world(5).look(), desk.camera).image, "simulated")
     bench.molder = begin(folder)
-    server.LOADED_WITHIN = 0.5  # the test's pages never come alive
+    pages.LOADED_WITHIN = 0.5  # the test's pages never come alive
     server.serve(desk, bench, None, host="127.0.0.1", port=port, show=False)
 
 

@@ -39,7 +39,7 @@ NEEDS = {
     "mujoco:3": "mujoco",
     "ray": "ray",
     "--save": "rerun",
-    "view": "viser",
+    "view": "nicegui",
     "studio": "nicegui",
 }
 """The package without which a command with that word cannot run."""
@@ -218,14 +218,13 @@ def _stand_ins(monkeypatch):
 
     monkeypatch.setattr(realsense, "RealSense", plugged)
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
-    if find_spec("viser"):
-        monkeypatch.setattr("jshape.app.view.browser.Viewer.wait", _interrupted)
     if find_spec("nicegui"):
+        monkeypatch.setattr("jshape.app.view.page.serve_pages", _interrupted)
         monkeypatch.setattr("jshape.app.server.serve", lambda *more, **options: None)
     return words
 
 
-def _interrupted(*_):
+def _interrupted(*_, **options):
     raise KeyboardInterrupt
 
 

@@ -165,7 +165,7 @@ def test_pages_that_are_gone_give_their_memory_back(served):
 def test_so_many_pages_and_no_more(monkeypatch):
     from nicegui import Client
 
-    from jshape.app import server
+    from jshape.app import pages
 
     reached, sent = [], []
 
@@ -175,7 +175,7 @@ def test_so_many_pages_and_no_more(monkeypatch):
     async def send(message):
         sent.append(message)
 
-    door = server._Door(app, "127.0.0.1")
+    door = pages._Door(app, "127.0.0.1", "jshape studio")
 
     def ask(path):
         scope = {"type": "http", "path": path, "headers": [(b"host", b"127.0.0.1:1")]}

@@ -4,6 +4,7 @@ import json
 import math
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 
@@ -11,10 +12,10 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, metric, plan
+from jshape.app import pictures
 from jshape.app.view.read import read_story
 from jshape.app.view.recording import DEPTH_UNIT, write_recording
 from jshape.app.view.story import Act, Moment, Story
-from jshape.app.view.surfaces import difference_colours, height_colours, surface
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
 from jshape.io import runs
 from jshape.io.banks import save_bank
@@ -213,29 +214,16 @@ def test_a_box_holds_the_material_of_its_roi_and_projects_to_its_outline(rng, ya
     assert np.isclose(z.min(), inside.min() - 0.001) and np.isclose(z.max(), inside.max() + 0.001)
 
 
-def test_a_surface_faces_the_camera_and_has_no_faces_across_gaps(rng):
-    depth = (0.45 + 0.0005 * rng.random(PAPER_BOX.shape)).astype(np.float32)
-    depth[100:140, 200:260] = np.nan
-    points, faces, normals, (v, u) = surface(depth, PAPER_BOX, level=0.45, most=20_000)
-    assert len(points) <= 20_000
-    a, b, c = (points[faces[:, k]].astype(float) for k in range(3))
-    upright = np.cross(b - a, c - a)
-    assert (upright[:, 2] < 0).all() and (normals[:, 2] < 0).all()
-    used = np.unique(faces)
-    assert not np.isnan(depth[v[used], u[used]]).any()
-    np.testing.assert_allclose(points[used, 2], depth[v[used], u[used]], atol=1e-6)
-    x = (u - 240) / 433.0 * depth[v, u]
-    np.testing.assert_allclose(points[used, 0], x[used], atol=1e-5)
-    tall, *_ = surface(depth, PAPER_BOX, level=0.45, exaggeration=3.0, most=20_000)
-    expected = 0.45 + 3 * (points[used, 2] - 0.45)
-    np.testing.assert_allclose(tall[used, 2], expected, atol=1e-6)
-
-
 def test_colours_say_which_is_higher():
-    row = height_colours(np.array([[0.42, 0.445, 0.47, np.nan]]), (0.42, 0.47))[0].astype(int)
-    assert row[0].sum() > row[1].sum() > row[2].sum() and len({*row[3].tolist()}) == 1
-    high, none, low = difference_colours(np.array([[5.0, 0.0, -5.0]]), 5.0)[0].astype(int)
+    scale = pictures.Scale(-25.0, 25.0, pictures.HEIGHTS)
+    flat = np.zeros((9, 9))
+    colours = [pictures.shaded(flat + mm, scale)[4, 4].astype(int) for mm in (20.0, 0.0, -20.0)]
+    assert colours[0].sum() > colours[1].sum() > colours[2].sum()
+    scale = pictures.Scale(-5.0, 5.0, pictures.DIFFERENCES)
+    row = pictures.differing(np.array([[5.0, 0.0, -5.0, np.nan]]), scale)[0].astype(int)
+    high, none, low, unknown = row
     assert high[0] > high[2] and low[2] > low[0] and none.min() > 240
+    assert unknown.tolist() == list(pictures.NOTHING)
 
 
 @pytest.fixture
@@ -299,43 +287,47 @@ def test_a_recording_replaces_nothing_unasked(planned, rerun_home):
         write_recording(rerun_home / "plan.json", story, overwrite=True)
 
 
-@pytest.mark.parametrize("module, extra", [("viser", "view"), ("rerun", "rerun")])
-def test_a_missing_extra_is_one_line(planned, tmp_path, monkeypatch, module, extra):
-    from jshape.app.view.browser import Viewer
-
+def test_rerun_that_is_missing_is_one_line(planned, tmp_path, monkeypatch):
     planned.to_json(tmp_path / "plan.json")
-    story = read_story(tmp_path)
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(JShapeError, match=rf"pip install 'jshape\[{extra}\]'") as said:
-        if module == "viser":
-            Viewer(story)
-        else:
-            write_recording(tmp_path / "plan.rrd", story)
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(JShapeError, match=r"pip install 'jshape\[rerun\]'") as said:
+        write_recording(tmp_path / "plan.rrd", read_story(tmp_path))
     assert "\n" not in str(said.value) and not (tmp_path / "plan.rrd").exists()
 
 
-def test_a_port_that_is_taken_is_refused(planned, tmp_path):
-    import socket
+def _view(planned, folder, capsys, *words):
+    """What `jshape view` says on stderr when it ends with code 2."""
+    from jshape.cli.main import main
 
-    pytest.importorskip("viser", reason="viser is not installed")
-    from jshape.app.view.browser import Viewer
+    planned.to_json(folder / "plan.json")
+    assert main(["view", str(folder), "--no-open", *words]) == 2
+    return capsys.readouterr().err
 
-    planned.to_json(tmp_path / "plan.json")
-    story = read_story(tmp_path)
+
+def test_nicegui_that_is_missing_is_one_line(planned, tmp_path, monkeypatch, capsys):
+    for name in [name for name in sys.modules if name.startswith("jshape.app.")]:
+        if name not in ("jshape.app.view", "jshape.app.ports"):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "nicegui", None)
+    said = _view(planned, tmp_path, capsys, "--port", "0")
+    assert "pip install 'jshape[studio]'" in said and said.count("\n") == 1
+
+
+def test_a_port_that_is_taken_is_refused(planned, tmp_path, capsys):
+    pytest.importorskip("nicegui", reason="NiceGUI is not installed")
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
-        with pytest.raises(JShapeError, match="nothing can listen at 127.0.0.1.*--port 0"):
-            Viewer(story, port=other.getsockname()[1])
+        said = _view(planned, tmp_path, capsys, "--port", str(other.getsockname()[1]))
+        assert "nothing can listen at 127.0.0.1" in said and "--port 0" in said
     for host in ("203.0.113.7", "a..b"):
-        with pytest.raises(JShapeError, match=f"nothing can listen at {host}") as said:
-            Viewer(story, host=host)
-        assert "--port 0" not in str(said.value)
+        said = _view(planned, tmp_path, capsys, "--host", host)
+        assert f"nothing can listen at {host}" in said and "--port 0" not in said
 
 
 @pytest.mark.full
 def test_ctrl_c_ends_the_command_cleanly(planned, tmp_path, request):
-    pytest.importorskip("viser", reason="viser is not installed")
+    pytest.importorskip("nicegui", reason="NiceGUI is not installed")
     planned.to_json(tmp_path / "plan.json")
     words = ["view", str(tmp_path), "--port", "0", "--no-open"]
     command = [sys.executable, "-m", "jshape", *words]

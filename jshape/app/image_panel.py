@@ -121,7 +121,9 @@ class ImagePanel:
 
     def _boxes(self) -> str:
         plan = self._desk.plan
-        return "" if plan is None else pictures.boxes(plan, self._desk.selected - 1)
+        return (
+            "" if plan is None else pictures.boxes(pictures.boxes_of(plan), self._desk.selected - 1)
+        )
 
     def _shown(self) -> np.ndarray | None:
         """The image I that is looked at; `difference` is that of the predicted one to the goal."""

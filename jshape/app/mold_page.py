@@ -2,15 +2,15 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 from nicegui import events, ui
 
-from jshape.app import pictures
 from jshape.app.acting_panel import ActingPanel
 from jshape.app.advice import next_step
+from jshape.app.bed_scene import BedScene
 from jshape.app.bench import Bench
+from jshape.app.curve import Curve
 from jshape.app.desk import Desk
 from jshape.app.image_panel import VIEWS, ImagePanel
 from jshape.app.loading_panel import LoadingPanel
@@ -26,15 +26,6 @@ KEYS = (
 )
 
 
-COLUMNS = """
-.studio-columns { display: grid; gap: 12px; align-items: start;
-  grid-template-columns: repeat(auto-fit, minmax(min(100%, 340px), 1fr)); }
-.studio-columns > * { min-width: 0; max-width: 640px; }
-.studio-wide { width: 100% !important; height: 260px !important; }
-"""
-"""As many columns as the screen has room for; one on a telephone."""
-
-
 class MoldPage:
     """One browser's view of the desk."""
 
@@ -44,9 +35,7 @@ class MoldPage:
         self._shown = -1  # version of the desk
         self.in_front: Callable[[], bool] = lambda: True
         """Whether keys are for this tab."""
-        self._points: Any = None
         self._ready = False
-        ui.add_css(COLUMNS)
         self._hint = ui.label().classes("w-full text-sm bg-blue-50 px-2 py-1")
         self._hint.props("data-name=hint")
         with ui.element("div").classes("studio-columns w-full"):
@@ -72,12 +61,10 @@ class MoldPage:
         return ui.expansion(title, value=open_).classes("w-full").props("dense")
 
     def _build_scene(self) -> None:
-        self._scene = ui.scene(width=340, height=260, grid=False, background_color="#eef1f4")
-        self._scene.classes("studio-wide")
-        self._scene.move_camera(x=0, y=-3.4, z=2.9, look_at_x=0, look_at_y=-0.25, look_at_z=0)
+        self._scene = BedScene(self._desk.camera).classes("w-full").style("height: 260px")
         said = ui.label(f"the same in 3-D, heights x{EXAGGERATE:g}; drag to turn")
         said.classes("text-xs text-gray-600")
-        self._curve = ui.echart(_curve_options()).classes("w-full").style("height: 230px")
+        self._curve = Curve("to the goal (mm)", ["predicted"])
 
     def show(self) -> None:
         """Draw all that may have changed."""
@@ -89,7 +76,7 @@ class MoldPage:
         self._plan.show()
         self._show_curve()
         self._image.show()
-        self._show_cloud()
+        self._show_bed()
 
     def _follow(self) -> None:
         """Draw what a run or another window has changed."""
@@ -98,23 +85,14 @@ class MoldPage:
 
     def _show_curve(self) -> None:
         plan, done = self._desk.plan, self._desk.selected
-        d = [] if plan is None else [round(float(mm), 4) for mm in plan.distances_mm]
-        line, point = self._curve.options["series"]
-        line["data"] = [[k, mm] for k, mm in enumerate(d)]
-        point["data"] = [[done, d[done]]] if d else []
-        self._curve.update()
+        self._curve.show({} if plan is None else {"predicted": plan.distances_mm}, done)
 
-    def _show_cloud(self) -> None:
+    def _show_bed(self) -> None:
         depth, rgb = self._image.depth, self._image.rgb
-        if depth is None or rgb is None:
-            return
-        x, y = (np.asarray(axis) for axis in self._desk.camera.rays())
-        points = np.stack(np.broadcast_arrays(x * depth, y * depth, depth), -1)
-        xyz, colours = pictures.cloud(points, rgb, EXAGGERATE)
-        with self._scene:
-            if self._points is not None:
-                self._points.delete()
-            self._points = self._scene.point_cloud(xyz, colours, point_size=0.05)
+        if depth is not None and rgb is not None:
+            self._scene.use(self._desk.camera)
+            level = float(np.median(depth))
+            self._scene.show(depth, rgb, level=level, exaggeration=EXAGGERATE)
 
     def _select(self, done: int) -> None:
         self._desk.select(done)
@@ -138,17 +116,3 @@ class MoldPage:
             self._image.look_at(VIEWS[int(key.name) - 1])
         elif key.name == "z" and event.modifiers.ctrl:
             await self._bench.guard("taking back", desk.undo, self.show)
-
-
-def _curve_options() -> dict[str, Any]:
-    axis = {"nameLocation": "middle", "nameTextStyle": {"fontSize": 12}}
-    return {
-        "animation": False,
-        "grid": {"left": 55, "right": 15, "top": 15, "bottom": 40},
-        "xAxis": axis | {"type": "value", "name": "actions done", "nameGap": 24, "minInterval": 1},
-        "yAxis": axis | {"type": "value", "name": "to the goal (mm)", "nameGap": 38, "min": 0},
-        "series": [
-            {"type": "line", "data": [], "symbolSize": 7},
-            {"type": "scatter", "data": [], "symbolSize": 14, "itemStyle": {"color": "#d62728"}},
-        ],
-    }

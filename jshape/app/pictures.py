@@ -1,7 +1,7 @@
 """Images of the page: shaded heights, differences, boxes.  Arrays in, data URLs and SVG out."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -17,8 +17,8 @@ HEIGHTS, DIFFERENCES = "cividis", "RdBu_r"
 """Colour maps: higher is brighter; too high is red, too low is blue."""
 LEAST_SPAN_MM = 6.0
 """Least range of heights that the colours span."""
-STEP = 4
-"""Every so many pixels have a point in 3-D: 12,000 for the paper's box."""
+NOTHING = (110, 110, 110)
+"""Colour of pixels without a reading."""
 
 
 class Scale(NamedTuple):
@@ -34,7 +34,8 @@ class Scale(NamedTuple):
     def paint(self, values: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "H W 3"]:
         """RGB in [0, 1] of values in mm."""
         share = (values - self.low) / (self.high - self.low)
-        return mpl.colormaps[self.colours](share)[..., :3]
+        painted = mpl.colormaps[self.colours](share)[..., :3]
+        return np.where(np.isfinite(share)[..., None], painted, np.divide(NOTHING, 255))
 
     @property
     def gradient(self) -> str:
@@ -59,7 +60,9 @@ def difference_scale(change_mm: Float[np.ndarray, "H W"]) -> Scale:
 
 def shaded(height_mm: Float[np.ndarray, "H W"], scale: Scale) -> Num[np.ndarray, "H W 3"]:
     """Heights in mm as colours, lit from the upper left.  RGB."""
-    smooth = cv2.GaussianBlur(height_mm.astype(np.float32), (0, 0), 1.5)
+    known = np.isfinite(height_mm)
+    level = np.median(height_mm[known]) if known.any() else 0.0
+    smooth = cv2.GaussianBlur(np.where(known, height_mm, level).astype(np.float32), (0, 0), 1.5)
     down, right = np.gradient(smooth)
     light = np.clip(1.0 - 0.35 * (right + down), 0.5, 1.4)
     return (255 * np.clip(scale.paint(height_mm) * light[..., None], 0, 1)).astype(np.uint8)
@@ -76,30 +79,32 @@ def data_url(rgb: Num[np.ndarray, "H W 3"]) -> str:
     return "data:image/png;base64," + base64.b64encode(content.tobytes()).decode()
 
 
-def cloud(
-    points: Float[np.ndarray, "H W 3"], rgb: Num[np.ndarray, "H W 3"], exaggerate: float
-) -> tuple[list[list[float]], list[list[float]]]:
-    """Points in decimetres, z up, x to the right of the image, y up it; and their colours."""
-    xyz = points[::STEP, ::STEP].reshape(-1, 3).astype(float) * (10.0, -10.0, -10.0)
-    xyz[:, 2] = exaggerate * (xyz[:, 2] - np.median(xyz[:, 2]))
-    colours = rgb[::STEP, ::STEP].reshape(-1, 3) / 255.0
-    return np.round(xyz, 4).tolist(), np.round(colours, 3).tolist()
-
-
-def boxes(plan: Plan, done: int) -> str:
-    """The plan's numbered boxes; those of actions that are done are thin, the next is thick."""
+def boxes(acts: Iterable[tuple[str, np.ndarray]], chosen: int | None) -> str:
+    """Numbered boxes of actions: name and corners (4, 2) of (u, v); the one `chosen` is thick."""
     drawn = []
-    for k, name in enumerate(plan.actions):
-        (u, v), (w, h) = plan.exact_positions[k].tolist(), plan.rois[k].tolist()
-        colour, width = to_hex(COLOURS.get(name, "0.5")), 3.0 if k == done else 1.2
-        left, top = plan.positions[k].tolist()
-        drawn.append(_box((left - w // 2, top - h // 2, w, h), colour, width))
+    for k, (name, corners) in enumerate(acts):
+        colour, width = colour_of(name), 3.0 if k == chosen else 1.2
+        way = " ".join(f"{u:.1f},{v:.1f}" for u, v in corners)
+        u, v = corners.mean(0)
         drawn.append(
+            f'<polygon points="{way}" fill="none" stroke="{colour}" stroke-width="{width}"/>'
             f'<circle cx="{u:.1f}" cy="{v:.1f}" r="9" fill="{colour}" stroke="white"/>'
             f'<text x="{u:.1f}" y="{v + 4:.1f}" font-size="12" text-anchor="middle" '
             f'fill="white" font-weight="bold">{k + 1}</text>'
         )
     return "".join(drawn)
+
+
+def boxes_of(plan: Plan) -> Iterator[tuple[str, np.ndarray]]:
+    """Actions of a plan for `boxes`."""
+    firsts = plan.positions - plan.rois // 2
+    for name, first, size in zip(plan.actions, firsts, plan.rois, strict=True):
+        yield name, first + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * size
+
+
+def colour_of(action: str) -> str:
+    """Of an action, as on the project's pictures: "#rrggbb"."""
+    return to_hex(COLOURS.get(action, "0.5"))
 
 
 def box(corners: tuple[int, int, int, int], colour: str) -> str:

@@ -2,15 +2,15 @@
 
 import signal
 import sys
-import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from jshape.app.ports import LOCAL
+from jshape.app.ports import LOCAL, free_port, url
 from jshape.cli.options import File, Port, Writes
+from jshape.errors import JShapeError
 from jshape.io.cameras import read_camera
 
 
@@ -61,23 +61,25 @@ def view(run: Path, /, options: ViewOptions = ViewOptions()) -> dict[str, Any]:
 
 def _show(story: Any, options: ViewOptions) -> str:
     """Serve the story until Ctrl-C; returns where it was."""
-    from jshape.app.view.browser import Viewer
-
+    try:
+        from jshape.app.view.page import serve_story
+    except ModuleNotFoundError as problem:
+        raise JShapeError(
+            f"the viewer needs {problem.name}: pip install 'jshape[studio]'"
+        ) from None
+    port = free_port(options.host, options.port)
+    at = url(options.host, port)
     before = signal.signal(signal.SIGTERM, _interrupt)
     try:
-        with Viewer(story, host=options.host, port=options.port) as viewer:
-            try:
-                if options.host not in LOCAL:
-                    print(f"anybody who reaches {options.host} can look", file=sys.stderr)
-                print(f"it is at {viewer.url}; Ctrl-C ends it", file=sys.stderr, flush=True)
-                if not options.no_open:
-                    webbrowser.open(viewer.url)
-                viewer.wait()
-            except KeyboardInterrupt:
-                pass  # the way to end it
-            return viewer.url
+        if options.host not in LOCAL:
+            print(f"anybody who reaches {options.host} can look", file=sys.stderr)
+        print(f"it is at {at}; Ctrl-C ends it", file=sys.stderr, flush=True)
+        serve_story(story, host=options.host, port=port, show=not options.no_open)
+    except KeyboardInterrupt:
+        pass  # the way to end it
     finally:
         signal.signal(signal.SIGTERM, before)
+    return at
 
 
 def _interrupt(number: int, frame: Any) -> None:

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from jshape.app.view.browser import colour_of
+from jshape.app.pictures import DIFFERENCES, Scale, colour_of, differing
 from jshape.app.view.story import Moment, Story
-from jshape.app.view.surfaces import difference_colours
 from jshape.errors import BadFile, JShapeError
 from jshape.io.files import write_atomic
 from jshape.io.images import to_counts
@@ -138,7 +137,8 @@ def _depth(rr: Any, story: Story, depth: np.ndarray) -> Any:
 
 
 def _picture(rr: Any, story: Story, gap_mm: np.ndarray) -> Any:
-    return rr.Image(difference_colours(gap_mm, story.reach_mm)).compress(QUALITY)
+    reach = story.reach_mm
+    return rr.Image(differing(gap_mm, Scale(-reach, reach, DIFFERENCES))).compress(QUALITY)
 
 
 def _log_boxes(rr: Any, recording: Any, story: Story, step: int) -> None:
@@ -151,7 +151,7 @@ def _log_boxes(rr: Any, recording: Any, story: Story, step: int) -> None:
             rows.append((k, act, box, corners))
     if not rows:
         return
-    colours = [colour_of(act.name) for _, act, _, _ in rows]
+    colours = [int(colour_of(act.name)[1:] + "ff", 16) for _, act, _, _ in rows]
     names = [f"{k} {act.name}" for k, act, _, _ in rows]
     thick = [k == step for k, *_ in rows]
     recording.log(

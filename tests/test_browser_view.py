@@ -156,9 +156,9 @@ def test_the_mesh_is_the_bed_of_the_step(chromium, viewer, planned):  # noqa: F8
         assert np.abs(points[..., 0] * size - x - (points[0, 0, 0] * size - x[0, 0])).max() < 1e-5
         a, b, c = (points.reshape(-1, 3)[faces[:, k]].astype(float) for k in range(3))
         assert (np.cross(b - a, c - a)[:, 2] > 0).all() and (normals[:, 2] > 0).all()
-        for _ in range(3 - step):
+        for k in range(step + 1, 4):
             _press(chromium, "next")
-        until(lambda: "step 3 of 3" in _text(chromium), "the last step")
+            until(lambda k=k: f"step {k} of 3" in _text(chromium), f"step {k}")
 
 
 def test_a_hostile_run_is_shown_as_text_and_no_face_crosses_a_gap(

@@ -151,7 +151,7 @@ def _log_boxes(rr: Any, recording: Any, story: Story, step: int) -> None:
             rows.append((k, act, box, corners))
     if not rows:
         return
-    colours = [int(colour_of(act.name)[1:] + "ff", 16) for _, act, _, _ in rows]
+    colours = [[*bytes.fromhex(colour_of(act.name)[1:])] for _, act, _, _ in rows]
     names = [f"{k} {act.name}" for k, act, _, _ in rows]
     thick = [k == step for k, *_ in rows]
     recording.log(

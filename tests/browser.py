@@ -7,6 +7,7 @@ def test_a_page(chromium):
 """
 
 import json
+import os
 import shutil
 import time
 from urllib.parse import urlsplit
@@ -48,6 +49,11 @@ def chromium():
     browser = open_chromium()
     yield browser
     browser.quit()
+
+
+def environment():
+    """That of a program whose pages are tested: NiceGUI behaves otherwise where pytest runs it."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
 
 
 def outside(browser):

@@ -75,6 +75,7 @@ def main(port, folder):
     bench.molder = begin(folder)
     pages.LOADED_WITHIN = 0.5  # the test's pages never come alive
     server.serve(desk, bench, None, host="127.0.0.1", port=port, show=False)
+    bench.end()
 
 
 if __name__ == "__main__":

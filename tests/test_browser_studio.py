@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import os
 import socket
 import subprocess
 import sys
@@ -17,7 +16,7 @@ from jshape.io import datasets
 from jshape.io.cameras import write_camera
 from jshape.io.images import write_depth_png
 from jshape.robot.cameras.simulated import levelled_world
-from tests.browser import chromium, complaints, outside, until  # noqa: F401
+from tests.browser import chromium, complaints, environment, outside, until  # noqa: F401
 from tests.conftest import ROOT
 from tests.studio_stage import EVIL
 
@@ -45,12 +44,10 @@ def studio(folder):
         port = free.getsockname()[1]
     words = ["studio", "--no-open", "--port", str(port), "--bank", "flour-robot"]
     words += ["--out", str(folder / "out"), "--dataset", str(folder / "pairs")]
-    # NiceGUI behaves otherwise where it sees that it is tested.
-    env = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
     with (folder / "said.txt").open("w") as said:
         server = subprocess.Popen(
             [sys.executable, "-m", "jshape", *words], cwd=ROOT, stdout=said, stderr=said,
-            env=env | {"JAX_PLATFORMS": "cpu"},
+            env=environment() | {"JAX_PLATFORMS": "cpu"},
         )  # fmt: skip
 
         def listening():

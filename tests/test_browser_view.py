@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -16,7 +15,7 @@ import pytest
 from jshape import PAPER_BOX, metric, plan
 from jshape.io import journal, runs
 from jshape.io.banks import save_bank
-from tests.browser import chromium, complaints, outside, until  # noqa: F401 (a fixture)
+from tests.browser import chromium, complaints, environment, outside, until  # noqa: F401 (a fixture)
 from tests.conftest import ROOT, mm, paper
 from tests.stage import PLACES
 from tests.studio_stage import EVIL
@@ -30,12 +29,14 @@ def viewing(path):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    # NiceGUI behaves otherwise where it sees that it is tested.
-    env = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
     words = ["view", str(path), "--port", str(port), "--no-open"]
     with open(f"{path}.said", "w") as said:
         server = subprocess.Popen(
-            [sys.executable, "-m", "jshape", *words], cwd=ROOT, stdout=said, stderr=said, env=env
+            [sys.executable, "-m", "jshape", *words],
+            cwd=ROOT,
+            stdout=said,
+            stderr=said,
+            env=environment(),
         )
 
     def listening():
@@ -108,18 +109,26 @@ def _mesh(browser):
 
 @pytest.mark.full
 def test_the_page_is_moved_by_the_keyboard(chromium, viewer):  # noqa: F811
-    from selenium.webdriver.common.keys import Keys
+    from selenium.webdriver import ActionChains, Keys
 
     chromium.get(viewer)
     until(lambda: "step 0 of 3" in _text(chromium), "the first step")
-    slider = chromium.find_element("css selector", "[role=slider]")
+
+    def step_at(step):
+        until(lambda: f"step {step} of 3" in _text(chromium), f"step {step}")
+
+    chromium.find_element("css selector", "[data-name=title]").click()
     for key, step in ((Keys.ARROW_RIGHT, 1), (Keys.ARROW_RIGHT, 2), (Keys.ARROW_LEFT, 1)):
-        slider.send_keys(key)
-        until(lambda step=step: f"step {step} of 3" in _text(chromium), f"step {step} on the page")
+        ActionChains(chromium).send_keys(key).perform()
+        step_at(step)
+    chromium.find_element("css selector", "[data-name=step]").click()  # its middle, and the focus
+    step_at(2)
+    ActionChains(chromium).send_keys(Keys.ARROW_LEFT).perform()  # the slider's own key: one step
+    step_at(1)
     assert "mm predicted" in _text(chromium)
     for step in (2, 3):
         _press(chromium, "next")
-        until(lambda step=step: f"step {step} of 3" in _text(chromium), "the button's step")
+        step_at(step)
     _press(chromium, "next")  # there is none
 
     drawn = chromium.find_element("css selector", "[data-name=scene] canvas")

@@ -1,7 +1,6 @@
 """The studio's server under requests of other pages: STOP comes through, memory comes back."""
 
 import asyncio
-import os
 import re
 import socket
 import subprocess
@@ -15,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from jshape.app.ports import MOST_PAGES
-from tests.browser import until
+from tests.browser import environment, until
 from tests.conftest import ROOT
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed (extra studio)")
@@ -60,11 +59,10 @@ def served(tmp_path_factory):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    env = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
     with (folder / "said.txt").open("w") as said:
         process = subprocess.Popen(
             [sys.executable, "-m", "tests.studio_stage", str(port), str(folder)], cwd=ROOT,
-            stdout=said, stderr=said, env=env | {"JAX_PLATFORMS": "cpu"},
+            stdout=said, stderr=said, env=environment() | {"JAX_PLATFORMS": "cpu"},
         )  # fmt: skip
     try:
 

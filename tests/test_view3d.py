@@ -21,6 +21,7 @@ from jshape.io import runs
 from jshape.io.banks import save_bank
 from jshape.io.images import write_depth_png
 from jshape.robot.session import Session
+from tests.browser import environment
 from tests.conftest import ROOT, mm, paper
 from tests.stage import PLACES, UNIT, mold, robot_of
 
@@ -334,10 +335,11 @@ def test_ctrl_c_ends_the_command_cleanly(planned, tmp_path, request):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     with subprocess.Popen(
-        command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as process:
+        command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env=environment(),
+    ) as process:  # fmt: skip
         line = process.stderr.readline()
-        assert "it is at http://127.0.0.1:" in line
+        assert "jshape view is at http://127.0.0.1:" in line
         process.send_signal(signal.SIGINT)
         try:
             told, complained = process.communicate(timeout=60)

@@ -1,6 +1,8 @@
 """How pages of this computer are served: to whom, how many at once, and never in a frame."""
 
 import gc
+import signal
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -8,7 +10,7 @@ from nicegui import Client, app, ui
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, Response
 
-from jshape.app.ports import FULL, MOST_PAGES, refused
+from jshape.app.ports import FULL, LOCAL, MOST_PAGES, refused, url
 
 LOADED_WITHIN = 10.0
 """Seconds after which a page that was fetched and never came alive is given up."""
@@ -25,15 +27,22 @@ COLUMNS = """
 
 
 def serve_pages(build: Callable[[], None], *, title: str, host: str, port: int, show: bool) -> None:
-    """Serve a page until it is interrupted.
+    """Serve a page until Ctrl-C or SIGTERM.
 
     Args:
       build: builds it, for each browser anew.
       title: of the page.
       host: to listen at.
-      port: likewise.
+      port: likewise, free.
       show: open a browser.
     """
+
+    def told() -> None:
+        if host not in LOCAL:
+            print(f"anybody who reaches {host} can use this page", file=sys.stderr)
+        print(f"{title} is at {url(host, port)}; Ctrl-C ends it", file=sys.stderr, flush=True)
+
+    app.on_startup(told)
     app.add_middleware(_Door, host=host, title=title)
     # Any other path gets a line: NiceGUI would build a page for it, and keep it for a minute.
     app.add_exception_handler(404, lambda request, problem: PlainTextResponse("not here", 404))
@@ -42,10 +51,20 @@ def serve_pages(build: Callable[[], None], *, title: str, host: str, port: int, 
     gc.collect()
     gc.freeze()
     ui.page("/")(build)
-    ui.run(
-        host=host, port=port, show=show, reload=False, title=title, favicon="🏖",
-        show_welcome_message=False, message_history_length=KEPT_MESSAGES,
-    )  # fmt: skip
+    before = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        ui.run(
+            host=host, port=port, show=show, reload=False, title=title, favicon="🏖",
+            show_welcome_message=False, message_history_length=KEPT_MESSAGES,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        pass  # how people end it
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _interrupt(number: int, frame: Any) -> None:
+    raise KeyboardInterrupt
 
 
 class _Door:

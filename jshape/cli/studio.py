@@ -1,12 +1,11 @@
 """`jshape studio`: a local web page to load, draw, plan, edit, carry out and annotate."""
 
-import sys
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jshape.app.ports import LOCAL, free_port, url
+from jshape.app.ports import free_port
 from jshape.cli.names import Bank
 from jshape.cli.options import Port
 from jshape.cli.robot import Arm, Reprojects, Robots, robot_of
@@ -67,8 +66,6 @@ def studio(
         desk.see(image_of_depth(depth, desk.camera, where="simulated bed").image, "simulated")
     if desired is not None:
         desk.load_goal(desired, described, reproject=options.reproject)
-    if options.host not in LOCAL:
-        print(f"anybody who reaches {options.host} can use this page", file=sys.stderr)
     port = free_port(options.host, options.port)
     boxes = None if options.dataset is None else Annotation(options.dataset)
     bench = Bench(None, "", options.out, described, options.reproject)
@@ -78,9 +75,6 @@ def studio(
         opened = robot_of(options, out, desk.bank, lambda line: print(line, flush=True))
     with opened as robot:
         bench.robot, bench.arm = robot, options.arm or ""
-        print(f"the studio is at {url(options.host, port)}; Ctrl-C ends it", flush=True)
-        with suppress(KeyboardInterrupt):  # how people end it
-            serve(desk, bench, boxes, host=options.host, port=port,
-                  show=not options.no_open)  # fmt: skip
+        serve(desk, bench, boxes, host=options.host, port=port, show=not options.no_open)
         bench.end()
     return {"out": str(bench.out)}

@@ -1,14 +1,12 @@
 """`jshape view RUN`: a plan or a run in 3-D, in the browser or as a Rerun recording."""
 
-import signal
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from jshape.app.ports import LOCAL, free_port, url
+from jshape.app.ports import free_port, url
 from jshape.cli.options import File, Port, Writes
 from jshape.errors import JShapeError
 from jshape.io.cameras import read_camera
@@ -68,19 +66,5 @@ def _show(story: Any, options: ViewOptions) -> str:
             f"the viewer needs {problem.name}: pip install 'jshape[studio]'"
         ) from None
     port = free_port(options.host, options.port)
-    at = url(options.host, port)
-    before = signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        if options.host not in LOCAL:
-            print(f"anybody who reaches {options.host} can look", file=sys.stderr)
-        print(f"it is at {at}; Ctrl-C ends it", file=sys.stderr, flush=True)
-        serve_story(story, host=options.host, port=port, show=not options.no_open)
-    except KeyboardInterrupt:
-        pass  # the way to end it
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    return at
-
-
-def _interrupt(number: int, frame: Any) -> None:
-    raise KeyboardInterrupt
+    serve_story(story, host=options.host, port=port, show=not options.no_open)
+    return url(options.host, port)

@@ -1,6 +1,5 @@
 """A plan or a run on a page of its own: the bed in 3-D and from above, step by step."""
 
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -25,14 +24,13 @@ CURVES = {"predicted": "predicted_mm", "obtained": "seen_mm", "effort": "effort_
 
 
 def serve_story(story: Story, *, host: str, port: int, show: bool) -> None:
-    """Serve until it is interrupted; each browser steps for itself."""
+    """Serve until Ctrl-C; each browser steps for itself."""
 
     def build() -> None:
         ui.add_css(COLUMNS)
         StoryPage(story)
 
-    with suppress(KeyboardInterrupt):  # how people end it
-        serve_pages(build, title="jshape view", host=host, port=port, show=show)
+    serve_pages(build, title="jshape view", host=host, port=port, show=show)
 
 
 class StoryPage:

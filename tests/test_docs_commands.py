@@ -204,8 +204,8 @@ def reader(tmp_path, monkeypatch, kept):
 def _stand_ins(monkeypatch):
     """For what nobody has here, or would not end; returns the list that the command's words go to.
 
-    A camera is a simulated one with somebody who presses Ctrl-C when 20 frames are recorded; the
-    viewer's server is real and ends at once; of the studio all is real but its server.
+    A camera is a simulated one with somebody who presses Ctrl-C when 20 frames are recorded; of
+    the viewer and the studio all is real but their servers.
     """
     from jshape.robot.cameras import realsense
 
@@ -219,13 +219,9 @@ def _stand_ins(monkeypatch):
     monkeypatch.setattr(realsense, "RealSense", plugged)
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
     if find_spec("nicegui"):
-        monkeypatch.setattr("jshape.app.view.page.serve_pages", _interrupted)
+        monkeypatch.setattr("jshape.app.view.page.serve_pages", lambda *more, **options: None)
         monkeypatch.setattr("jshape.app.server.serve", lambda *more, **options: None)
     return words
-
-
-def _interrupted(*_, **options):
-    raise KeyboardInterrupt
 
 
 def _carried_out(slow):

@@ -85,7 +85,7 @@ class MoldPage:
 
     def _show_curve(self) -> None:
         plan, done = self._desk.plan, self._desk.selected
-        self._curve.show({} if plan is None else {"predicted": plan.distances_mm}, done)
+        self._curve.show({} if plan is None else {"predicted": plan.distances_mm.tolist()}, done)
 
     def _show_bed(self) -> None:
         depth, rgb = self._image.depth, self._image.rgb

@@ -98,7 +98,7 @@ class StoryPage:
     @property
     def step(self) -> int:
         """The step that is shown."""
-        return min(int(self._slider.value), len(self._story))
+        return min(int(self._slider.value or 0), len(self._story))
 
     def _go(self, by: int) -> None:
         self._timer.deactivate()
@@ -158,7 +158,7 @@ class StoryPage:
         self._image.content = pictures.boxes(flat, step - 1 if step else None)
         goal = story.goal if self._over.value else None
         self._scene.show(
-            depth, rgb, level=story.level, exaggeration=float(self._tall.value),
+            depth, rgb, level=story.level, exaggeration=float(self._tall.value or 1),
             goal=None if goal is None else np.where(goal > 0, goal - GOAL_ABOVE, np.nan),
             boxes=[box for k, act in acts if (box := self._solid(k, act.name, step)) is not None],
         )  # fmt: skip

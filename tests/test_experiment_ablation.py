@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.experiments import ablation, ingredients
+from benchmarks.experiments import ablation
+from benchmarks.experiments import components as components
 from benchmarks.experiments.__main__ import main
-from benchmarks.experiments.ingredients import AsSeen, Trials, Variant, added, left_out
+from benchmarks.experiments.components import AsSeen, Trials, Variant, added, left_out
 from jshape.data.pairs import Pairs
 from jshape.errors import UnknownName
 from jshape.io import datasets
@@ -83,7 +84,7 @@ def test_without_a_tool_the_first_guess_is_the_mean_change(examples):
 
 
 @pytest.mark.full
-def test_an_ingredient_that_is_none_is_refused(examples):
+def test_an_component_that_is_none_is_refused(examples):
     with pytest.raises(UnknownName, match="swell"):
         fit_imprint(examples, CAMERA, without=("salt",))
 
@@ -122,7 +123,7 @@ def test_the_image_itself_knows_no_place(examples):
 
 
 @pytest.mark.parametrize("varied", [False, True])
-def test_each_step_has_one_ingredient_more_and_the_last_is_all_of_f_p(varied):
+def test_each_step_has_one_component_more_and_the_last_is_all_of_f_p(varied):
     chain, without = added(varied), left_out(varied)
     assert [chain[0].name, chain[-1].name, without[0].name] == ["f_D", "f_P", "f_P"]
     assert chain[-1].without == without[0].without == ()
@@ -130,7 +131,7 @@ def test_each_step_has_one_ingredient_more_and_the_last_is_all_of_f_p(varied):
         assert len(set(before.without) - set(after.without) - {"descent"}) == 1
         assert set(after.without) < set(before.without) <= set(INGREDIENTS)
     assert [set(v.without) for v in without[2:]] == [
-        {n} for n in ingredients.SAID if n in INGREDIENTS
+        {n} for n in components.SAID if n in INGREDIENTS
     ][: len(without) - 2]
     assert any("stroke" in v.without for v in without) == varied
     said = {v.name: v.said for v in (*chain, *without)}
@@ -143,8 +144,8 @@ def test_each_step_has_one_ingredient_more_and_the_last_is_all_of_f_p(varied):
 @pytest.mark.full
 def test_variants_that_do_the_same_are_fitted_once(pairs, monkeypatch):
     made = []
-    real = ingredients.bank_of
-    monkeypatch.setattr(ingredients, "bank_of", lambda v, *a: (made.append(v.name), real(v, *a))[1])
+    real = components.bank_of
+    monkeypatch.setattr(components, "bank_of", lambda v, *a: (made.append(v.name), real(v, *a))[1])
     guess = ("descent", "tool")
     several = [Variant("f_D", ""), Variant("a", "", guess), Variant("b", "", guess[::-1]),
                Variant("c", "", guess, AsSeen)]  # fmt: skip
@@ -178,7 +179,7 @@ def test_the_changes_add_up_from_f_d_to_f_p(tmp_path, pairs, short, capsys):
     assert all(row["actions_std_mm"] == pytest.approx(row["std_mm"], abs=1e-6) for row in rows)
 
 
-LINE = {"set": "s", "agent": "robot", "part": "added", "step": 1, "ingredient": "i",
+LINE = {"set": "s", "agent": "robot", "part": "added", "step": 1, "component": "i",
         "predictor": "f_P", "std_mm": 0.1, "actions_std_mm": 0.07, "change_mm": 3.0, "better": 0.5,
         "over_whole_mm": None, "over_whole_error_mm": None}  # fmt: skip
 
@@ -205,7 +206,7 @@ def test_the_spread_is_that_of_the_mean_over_the_actions():
 
 def test_the_page_says_what_harms_and_claims_no_gain_that_noise_may_be():
     def line(part, step, name, by=None, error=None, over=None):
-        return LINE | {"part": part, "step": step, "ingredient": name, "predictor": name,
+        return LINE | {"part": part, "step": step, "component": name, "predictor": name,
                        "mean_mm": 1.0, "changed_by_mm": by, "changed_error_mm": error,
                        "over_whole_mm": over, "over_whole_error_mm": over and 0.01}  # fmt: skip
 
@@ -216,7 +217,7 @@ def test_the_page_says_what_harms_and_claims_no_gain_that_noise_may_be():
     _, up, ahead, down = ablation.words([mean], 4)
     assert "most is gained by: tool -0.300 mm" in up
     assert "The error grows with: salt +0.200 mm. These are harmful" in up
-    assert ahead == "Better than f_P with all its ingredients: tool -0.050 mm."
+    assert ahead == "Better than f_P with all its components: tool -0.050 mm."
     assert "grows: rims gone +0.300 mm" in down and "falls: salt gone -0.300 mm" in down
     noise = [*start, line("added", 1, "tool", -0.3, 0.2, 0.05),
              line("left out", 1, "rims gone", -0.3, 0.2)]  # fmt: skip

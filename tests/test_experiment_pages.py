@@ -211,7 +211,7 @@ def test_no_gain_is_cut_off_and_only_a_line_that_is_there_is_explained():
     rng = np.random.default_rng(0)
     both = [*rng.normal(0, 0.1, (60, 2)).tolist(), [0.1, -3.0], [-2.0, 0.2], [4.0, 0.1], [0.2, 5.0]]
     steps = [{"action": "poke", "predicted_gain_mm": p, "gain_mm": g} for p, g in both]
-    runs = [{"entry": "greedy", "loop": "closed", "steps": steps}]
+    runs = [{"method": "greedy", "loop": "closed", "steps": steps}]
     made = gains_figure(runs, {})
     for limits, values in zip(
         (made.axes[0].get_xlim(), made.axes[0].get_ylim()), zip(*both, strict=True), strict=True

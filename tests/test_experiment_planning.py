@@ -10,7 +10,8 @@ import jax
 import numpy as np
 import pytest
 
-from benchmarks.experiments import baselines, entries, measures, planning, results
+from benchmarks.experiments import baselines, measures, planning, results
+from benchmarks.experiments import methods as methods
 from benchmarks.experiments.__main__ import main
 from benchmarks.experiments.planning import Case, Settings, run_planning
 from benchmarks.experiments.problems import Applied, Problem
@@ -25,18 +26,18 @@ from tests.conftest import paper
 
 SMALL = {
     "tiny": {"bank": "flour-robot", "positions": "4x3"},
-    "surplus": entries.FLOOR | {"planner": "surplus", "stride": 32},
+    "surplus": methods.FLOOR | {"planner": "surplus", "stride": 32},
 }
-"""Entries that plan at once."""
-SETTINGS = Settings(problems=2, entries=tuple(SMALL), max_steps=2)
+"""Methods that plan at once."""
+SETTINGS = Settings(problems=2, methods=tuple(SMALL), max_steps=2)
 LINES = 2 * 2 * 2 * 2
 
 
 @pytest.fixture(scope="module")
 def small():
-    """The benchmark with few and quick entries; problems are drawn once."""
+    """The benchmark with few and quick methods; problems are drawn once."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(entries, "ENTRIES", SMALL)
+        patch.setattr(methods, "METHODS", SMALL)
         patch.setattr(planning, "draw", lru_cache(planning.draw))
         yield
 
@@ -81,7 +82,7 @@ def test_every_run_is_measured_without_the_cameras_noise(finished):
 def test_loops_begin_with_the_same_look_and_so_with_the_same_plan(finished):
     first = {}
     for run in lines(finished[0]):
-        known = first.setdefault((run["kind"], run["number"], run["entry"]), run["plan"])
+        known = first.setdefault((run["kind"], run["number"], run["method"]), run["plan"])
         assert run["plan"] == known
     assert any(first.values())
 
@@ -92,7 +93,7 @@ def test_the_report_has_a_table_per_kind_and_all_figures(finished):
     assert [row["problems"] for row in summary["rows"]] == [2] * 8
     for row in summary["rows"]:
         mine = [run["true_mm"] for run in lines(out)
-                if all(run[f] == row[f] for f in ("kind", "entry", "loop"))]  # fmt: skip
+                if all(run[f] == row[f] for f in ("kind", "method", "loop"))]  # fmt: skip
         assert row["left"] == pytest.approx(np.mean([d[-1] / d[0] for d in mine]))
         assert row["left_low"] <= row["left"] <= row["left_high"]
     text = (out / "report.md").read_text()
@@ -107,7 +108,7 @@ def test_the_report_has_a_table_per_kind_and_all_figures(finished):
     for flat, row in zip(told["rows"], summary["rows"], strict=True):
         assert flat["left"] == row["left"] and "families" not in flat
         assert all(flat[f"left_{k}"] == part["left"] for k, part in row["families"].items())
-    # Two problems of each kind, as both entries left them in the closed loop.
+    # Two problems of each kind, as both methods left them in the closed loop.
     assert len(list((out / "frames").iterdir())) == 8
 
 
@@ -123,10 +124,10 @@ def test_a_benchmark_that_was_killed_goes_on(finished, tmp_path, monkeypatch):
     monkeypatch.setattr(planning, "attempt", lambda *a: (made.append(a[1]), real(*a))[1])
     monkeypatch.setattr(results, "conclude", lambda run, *a: (written.append(run), {})[1])
     run_planning(again, SETTINGS, say=lambda line: None)
-    assert len(made) == LINES - 5 and len(written) == 2  # also after the first entry
+    assert len(made) == LINES - 5 and len(written) == 2  # also after the first method
     resumed = measures.summarise(lines(again))
     for before, now in zip(measures.summarise(lines(out)), resumed, strict=True):
-        for name in ("kind", "entry", "loop", "problems", "actions", "retrieved", "evaluations"):
+        for name in ("kind", "method", "loop", "problems", "actions", "retrieved", "evaluations"):
             assert now[name] == before[name]
         assert now["left"] == pytest.approx(before["left"], rel=1e-4)
     run_planning(again, SETTINGS, say=lambda line: None)
@@ -150,15 +151,15 @@ def test_runs_with_other_settings_are_not_mixed(finished, tmp_path, small):
     assert not (tmp_path / "new").exists()
 
 
-def test_entries_that_cannot_run_here_are_named(monkeypatch):
-    monkeypatch.setitem(entries.ENTRIES, "late", {"planner": "not yet"})
-    monkeypatch.setitem(entries.EXTRAS, "greedy", "no_such_package")
-    monkeypatch.setitem(entries.ENTRIES, "early", {"planner": "greedy"})
-    found, notes = entries.entries_of(["late", "early", "surplus"])
+def test_methods_that_cannot_run_here_are_named(monkeypatch):
+    monkeypatch.setitem(methods.METHODS, "late", {"planner": "not yet"})
+    monkeypatch.setitem(methods.EXTRAS, "greedy", "no_such_package")
+    monkeypatch.setitem(methods.METHODS, "early", {"planner": "greedy"})
+    found, notes = methods.methods_of(["late", "early", "surplus"])
     assert list(found) == ["surplus"] and found["surplus"]["patience"] == 1000
     assert "no planner 'not yet'" in notes[0] and "no_such_package is not installed" in notes[1]
-    with pytest.raises(UnknownName, match="entry 'best'"):
-        entries.entries_of(["best"])
+    with pytest.raises(UnknownName, match="method 'best'"):
+        methods.methods_of(["best"])
 
 
 def test_a_run_that_fails_is_a_result(finished, small, monkeypatch):
@@ -167,13 +168,13 @@ def test_a_run_that_fails_is_a_result(finished, small, monkeypatch):
 
     problem = planning.draw(replace(SETTINGS, kinds=("shape",), problems=1), None)["shape"][0]
     bank = planning.banks.load_bank("flour-robot")
-    options = entries.options_of(entries.COMMON | SMALL["tiny"], bank, "closed")
+    options = methods.options_of(methods.COMMON | SMALL["tiny"], bank, "closed")
     monkeypatch.setattr(planning.Watched, "act", refuse)
     found, bed = planning.attempt(problem, Case("shape", 0, "closed", "tiny"), options, SETTINGS)
     assert found["stop"] == "FAILED" and found["note"] == "the hand is stuck"
     assert found["true_mm"] == [pytest.approx(problem.distance_mm(problem.bed))]
     assert bed is problem.bed
-    rows = measures.summarise([{"kind": "shape", "entry": "tiny", "loop": "closed"} | found])
+    rows = measures.summarise([{"kind": "shape", "method": "tiny", "loop": "closed"} | found])
     assert rows[0]["failed"] == 1 and rows[0]["left"] == 1 and rows[0]["seen_left"] is None
 
 
@@ -182,7 +183,7 @@ def test_recorded_sequences_are_planned_with_their_own_places(bank, molded):
     known = tuple(Applied(name, (u, v), 1.0, 0.0) for name, u, v in applied)
     places = np.array([[91, 92], [239, 197], [387, 302]], np.int32)
     problem = Problem("two noisy", "applied", None, now, goal, known, places=places)
-    options = entries.options_of(entries.COMMON | {"bank": "", "positions": "7x3"}, bank, "open")
+    options = methods.options_of(methods.COMMON | {"bank": "", "positions": "7x3"}, bank, "open")
     found, bed = planning.attempt(problem, Case("mpm", 0, "open", "tiny"), options, SETTINGS)
     assert bed is None and found["family"] == "noisy" and not found["true_mm"]
     assert found["retrieved"] == pytest.approx(2 / 3) and not found["exact"]  # of two steps
@@ -298,16 +299,16 @@ def test_the_command_prints_tables_and_refuses_in_one_line(
     monkeypatch.setattr(results, "conclude", lambda *_: finished[1])
     out, _ = finished
     same = ["planning", "--out", str(out), "--problems", "2", "--max-steps", "2",
-            "--entries", *SMALL]  # fmt: skip
+            "--methods", *SMALL]  # fmt: skip
     assert main(same) == 0
     text = capsys.readouterr().out
     assert "16 runs, 16 of them there already" in text and "left, % (95 %)" in text
     assert main([*same, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["runs"] == LINES
-    new = ["planning", "--out", str(tmp_path / "new"), "--entries", "tiny"]
+    new = ["planning", "--out", str(tmp_path / "new"), "--methods", "tiny"]
     for more, said in (
         ([*same, "--seed", "3"], "other settings"),
-        ([*new, "--entries", "best"], "unknown entry 'best'"),
+        ([*new, "--methods", "best"], "unknown method 'best'"),
         ([*new, "--kinds", "hills"], "unknown kind 'hills'"),
         ([*new, "--loops", "half"], "unknown loop 'half'"),
         ([*new, "--kinds", "mpm"], "none is given"),

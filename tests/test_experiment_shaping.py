@@ -6,10 +6,10 @@ import jax
 import numpy as np
 import pytest
 
-from benchmarks.experiments import EXPERIMENTS, carried, generalization, shaping
-from benchmarks.experiments.carried import Entry
+from benchmarks.experiments import EXPERIMENTS, generalization, shaping
+from benchmarks.experiments.open_loop import Method
 from benchmarks.experiments.problems import Applied
-from benchmarks.experiments.shaping_figures import stories_figure, tree_figure
+from benchmarks.experiments.shaping_figures import outcomes_figure, tree_figure
 from jshape import PAPER_BOX, actions, metric, sim
 from jshape.errors import UnknownName
 from jshape.io import banks
@@ -24,10 +24,10 @@ def told():
     other = SimulatedWorld(jax.random.key(3), bed)
     for one in applied:
         other.act(*one)
-    bank = carried.with_actions(banks.load_bank("flour-robot"), shaping.ACTIONS)
-    entry = Entry("f_D", bank, "robot, flour", shaping.GRID, shaping.TRIED[shaping.GRID], 0.0)
-    (story,) = shaping.shaped(5, bed, other.bed, applied, [entry])
-    return story
+    bank = open_loop.with_actions(banks.load_bank("flour-robot"), shaping.ACTIONS)
+    method = Method("f_D", bank, "robot, flour", shaping.GRID, shaping.TRIED[shaping.GRID], 0.0)
+    (outcome,) = shaping.shaped(5, bed, other.bed, applied, [method])
+    return outcome
 
 
 @pytest.mark.full
@@ -54,7 +54,7 @@ def test_the_tree_holds_the_best_of_each_step(told):
         distances = [one.distance_mm for one in layer]
         assert distances == sorted(distances)
     # Every action at every place, one by one on whole images: none is better than the chosen.
-    bank, start, goal = told.entry.bank, told.plan.images[0], told.plan.goal
+    bank, start, goal = told.method.bank, told.plan.images[0], told.plan.goal
     after = []
     for name in bank.actions:
         w, h = bank.roi(name)
@@ -75,14 +75,14 @@ def test_the_figures_say_what_was_chosen(told):
     assert "none lowers d: stop" in said and len(said) == 1 + 9 + 1
     bold = [line for line in drawn.lines if line.get_linewidth() > 2]
     assert len(bold) == 2
-    axes = stories_figure(["one"], [told], [[told]]).axes
+    axes = outcomes_figure(["one"], [told], [[told]]).axes
     np.testing.assert_allclose(axes[4].lines[1].get_ydata(), told.distances_mm)
 
 
-def test_shaping_writes_a_row_for_every_entry(told, tmp_path, monkeypatch):
+def test_shaping_writes_a_row_for_every_method(told, tmp_path, monkeypatch):
     monkeypatch.setattr(shaping, "PROBLEMS", {True: (0,)})
-    monkeypatch.setattr(shaping, "entries", lambda *_: [
-        Entry("f_P", told.entry.bank, "robot, flour", shaping.GRID, told.entry.tried, 0.0)
+    monkeypatch.setattr(shaping, "methods", lambda *_: [
+        Method("f_P", told.method.bank, "robot, flour", shaping.GRID, told.method.tried, 0.0)
     ])  # fmt: skip
     beds, applied = (sim.flat_bed(), sim.flat_bed(sim.DEPTH - 0.005)), list(told.applied)
     monkeypatch.setattr(shaping, "problem", lambda *_: (*beds, applied))
@@ -98,10 +98,10 @@ def test_shaping_writes_a_row_for_every_entry(told, tmp_path, monkeypatch):
 
 
 def test_a_bank_is_cut_to_some_actions(bank):
-    cut = carried.with_actions(bank, ("poke",))
+    cut = open_loop.with_actions(bank, ("poke",))
     assert cut.actions == ("poke",) and cut.roi("poke") == bank.roi("poke")
     with pytest.raises(UnknownName, match="grasp"):
-        carried.with_actions(bank, ("grasp",))
+        open_loop.with_actions(bank, ("grasp",))
 
 
 def test_situations_are_what_they_say():
@@ -123,18 +123,18 @@ def test_situations_are_what_they_say():
 @pytest.mark.full
 def test_generalization_counts_what_each_predictor_finds(tmp_path, monkeypatch, bank):
     known = [
-        Entry("f_D", bank, "nobody", name, {"positions": actions.grid(PAPER_BOX, 7, 3)}, 0.0)
+        Method("f_D", bank, "nobody", name, {"positions": actions.grid(PAPER_BOX, 7, 3)}, 0.0)
         for name in ("f_D sand", "f_P sand")
     ]
     level = generalization.SITUATIONS[0]
     monkeypatch.setattr(generalization, "SITUATIONS", (level,) * 2)
-    monkeypatch.setattr(generalization, "entries", lambda *_: known)
+    monkeypatch.setattr(generalization, "methods", lambda *_: known)
     applied = [Applied("knock", (240, 197), 1.0, 0.0)]
     monkeypatch.setattr(generalization, "drawn", lambda *_: applied)
     content = generalization.run(tmp_path / "out", quick=True)
     assert {row["situation"] for row in content["rows"]} == {"level flour"}
     first, second = (
-        [row for row in content["rows"] if row["name"] == entry.where] for entry in known
+        [row for row in content["rows"] if row["name"] == method.where] for method in known
     )
     for one, other in zip(first, second, strict=True):  # the same bank, so the same is done
         assert one["planned"] == other["planned"] and one["applied"] == "knock (240, 197)"

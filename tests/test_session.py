@@ -586,7 +586,7 @@ def test_a_signal_between_any_two_lines_of_the_ending_cuts_nothing_short(session
                 with interruptible():
                     os.kill(os.getpid(), signal.SIGTERM)
                     time.sleep(1)
-                raise AssertionError("not heard")
+                raise AssertionError("not heard") from None
 
 
 BAD = {

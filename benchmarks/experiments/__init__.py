@@ -50,7 +50,7 @@ EXPERIMENTS = {
     ),
     "ablation": Experiment(
         "benchmarks.experiments.ablation",
-        "what each ingredient of f_P brings",
+        "what each component of f_P brings",
         True,
         ("actions", "pairs", "partitions"),
     ),

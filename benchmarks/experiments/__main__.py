@@ -39,7 +39,7 @@ def planning(options: argparse.Namespace) -> dict[str, Any]:
     if kinds is None:
         recorded = options.data is not None and (options.data / "mpm").is_dir()
         kinds = benchmark.KINDS if recorded else benchmark.KINDS[:2]
-    named = {"entries": options.entries, "kinds": kinds, "loops": options.loops}
+    named = {"methods": options.methods, "kinds": kinds, "loops": options.loops}
     given: dict[str, Any] = {name: tuple(dict.fromkeys(n)) for name, n in named.items() if n}
     for name in ("problems", "max_steps", "seconds", "seed"):
         if getattr(options, name) is not None:
@@ -96,10 +96,10 @@ def twin(options: argparse.Namespace) -> dict[str, Any]:
 
 def one(options: argparse.Namespace) -> dict[str, Any]:
     """One of those that end in a page."""
-    entry, say = EXPERIMENTS[options.experiment], _say(options)
-    given = {key: getattr(options, key) for key in entry.options}
+    row, say = EXPERIMENTS[options.experiment], _say(options)
+    given = {key: getattr(options, key) for key in row.options}
     given = {key: value for key, value in given.items() if value is not None}
-    data = options.data if entry.data else None
+    data = options.data if row.data else None
     if data is not None and "pairs" in given:
         raise JShapeError("--pairs: of the simulator; with --data nothing is simulated")
     result = report.run_one(
@@ -157,15 +157,15 @@ def build_parser() -> argparse.ArgumentParser:
             added.add_argument("--data", type=Path, help="a data set (default: simulated pairs)")
         return added.add_argument
 
-    for name, entry in EXPERIMENTS.items():
-        if not entry.own_command:
-            add = command(name, one, entry.what, entry.data)
-            for key in entry.options:
+    for name, row in EXPERIMENTS.items():
+        if not row.own_command:
+            add = command(name, one, row.what, row.data)
+            for key in row.options:
                 add(f"--{key}", **OPTIONS[key])
 
     add = command("planning", planning, EXPERIMENTS["planning"].what)
     add("--problems", type=count, help="of each kind (20; quick: 1)")
-    add("--entries", nargs="+", metavar="ENTRY", help="who takes part (all; quick: two)")
+    add("--methods", nargs="+", metavar="METHOD", help="who takes part (all; quick: two)")
     add("--kinds", nargs="+", metavar="KIND", help="applied, shape, mpm (those that data has)")
     add("--loops", nargs="+", metavar="LOOP", help="open, closed (both; quick: closed)")
     add("--data", type=Path, help="folder that may hold real/ and mpm/")

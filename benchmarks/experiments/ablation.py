@@ -1,4 +1,4 @@
-"""What each ingredient of f_P brings: left out one at a time, and added one at a time to f_D."""
+"""What each component of f_P brings: left out one at a time, and added one at a time to f_D."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -9,12 +9,12 @@ import numpy as np
 
 from benchmarks.experiments import pages, studies
 from benchmarks.experiments.ablation_figures import bars_figure
-from benchmarks.experiments.ingredients import MEAN, WHOLE, Trials, Variant, added, left_out
+from benchmarks.experiments.components import MEAN, WHOLE, Trials, Variant, added, left_out
 from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
 from jshape.data.pairs import Pairs
 from jshape.learn.measure import Comparison, Trial, compare
 
-FIGURES = ("ingredients.png",)
+FIGURES = ("components.png",)
 PAIRS = {True: 8, False: 40}
 """Simulated pairs per action, of one strength and as many of several."""
 STRENGTHS = (0.3, 2.0)
@@ -41,7 +41,7 @@ def run(
     say: Say = unheard,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Errors of f_P without each of its ingredients, and of all steps from f_D to f_P.
+    """Errors of f_P without each of its components, and of all steps from f_D to f_P.
 
     Args:
       out: folder of the result.
@@ -56,7 +56,7 @@ def run(
       progress: wraps what takes long.
 
     Returns:
-      What `results.json` holds: a row per set of pairs, agent, action, part and ingredient.
+      What `results.json` holds: a row per set of pairs, agent, action, part and component.
 
     Raises:
       BadDataset: the data set cannot be read or split.
@@ -78,7 +78,7 @@ def run(
         rows += rows_of(where, steps, studies.trials_of(trials, "ablation", progress), kept)
     means = [mean_over_actions(rows, *panel) for panel in _panels(rows)]
     result = pages.Result(
-        title="What each ingredient of f_P brings",
+        title="What each component of f_P brings",
         paragraphs=words(means, partitions),
         rows=rows,
         tables=[_table(mean) for mean in means],
@@ -98,8 +98,8 @@ def run(
                   "partitions": partitions, "seed": seed},
         notes=[
             *notes,
-            "Ingredients share work: what two do alike is missed by neither alone, so the errors "
-            "of leaving out need not add up. What an ingredient changes is a mean over the pairs "
+            "Components share work: what two do alike is missed by neither alone, so the errors "
+            "of leaving out need not add up. What a component changes is a mean over the pairs "
             "tested, each once however often it was; its ± is the standard error over them, a "
             "little too small, as they share training sets.",
         ],
@@ -141,7 +141,7 @@ def rows_of(
             changes = {(c.agent, c.action): c for c in compare(both, before)}
             for (name, agent, action), score in scores.items():
                 if name == variant.name:
-                    told = {"set": where, "part": part, "step": k, "ingredient": variant.said}
+                    told = {"set": where, "part": part, "step": k, "component": variant.said}
                     told |= {"actions_std_mm": _spread(trials, name, agent)}
                     told |= score._asdict() | _change(changes.get((agent, action)))
                     over = whole.get((name, agent, action))
@@ -179,7 +179,7 @@ def mean_over_actions(
     found = []
     for part, step in dict.fromkeys((row["part"], row["step"]) for row in mine):
         same = [row for row in mine if (row["part"], row["step"]) == (part, step)]
-        line = {name: same[0][name] for name in ("set", "agent", "part", "step", "ingredient",
+        line = {name: same[0][name] for name in ("set", "agent", "part", "step", "component",
                                                  "predictor")}  # fmt: skip
         line["std_mm"] = same[0]["actions_std_mm"]
         for name in ("mean_mm", "change_mm", "changed_by_mm", "better", "over_whole_mm"):
@@ -201,7 +201,7 @@ def words(means: Sequence[Sequence[dict[str, Any]]], partitions: int) -> list[st
     """What is seen, from the numbers."""
     text = [
         "f_P presses a learned tool into the ground seen from above; f_D adds the mean change of "
-        "the image. Between them lie a few ingredients. Each is left out of f_P by itself, and "
+        "the image. Between them lie a few components. Each is left out of f_P by itself, and "
         "they are added to f_D one after the other; everything is fitted to three quarters of the "
         f"pairs and tested on the last quarter, in {partitions} random partitions.",
     ]
@@ -224,9 +224,9 @@ def words(means: Sequence[Sequence[dict[str, Any]]], partitions: int) -> list[st
         ahead = _beyond(up, -1, "over_whole")
         if ahead:
             listed = _listed(ahead, "over_whole_mm", "predictor")
-            text.append(f"Better than f_P with all its ingredients: {listed}.")
+            text.append(f"Better than f_P with all its components: {listed}.")
         needed, harmful = _beyond(down, 1), _beyond(down, -1)
-        others = [one["ingredient"] for one in down if one not in (*needed, *harmful)]
+        others = [one["component"] for one in down if one not in (*needed, *harmful)]
         text.append(
             "Changed in f_P by itself, "
             + (
@@ -255,7 +255,7 @@ def _beyond(
 
 
 def _listed(
-    lines: Sequence[dict[str, Any]], value: str = "changed_by_mm", name: str = "ingredient"
+    lines: Sequence[dict[str, Any]], value: str = "changed_by_mm", name: str = "component"
 ) -> str:
     return "; ".join(f"{line[name]} {line[value]:+.3f}" for line in lines) + " mm"
 
@@ -266,7 +266,7 @@ def _table(mean: Sequence[dict[str, Any]]) -> pages.Table:
         by, error = line["changed_by_mm"], line["changed_error_mm"]
         name = f"{line['predictor']}: " if not line["step"] else ""
         lines.append((
-            line["part"], f"{name}{line['ingredient']}",
+            line["part"], f"{name}{line['component']}",
             f"{line['mean_mm']:.3f} ± {line['std_mm']:.3f}",
             "-" if by is None else f"{by:+.3f} ± {error:.3f}",
             "-" if by is None else f"{100 * line['better']:.0f} %",

@@ -1,4 +1,4 @@
-"""The ingredients of f_P as bars."""
+"""The components of f_P as bars."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,7 @@ FIRST, LAST, STEP = "tab:orange", "tab:blue", "0.6"
 
 
 def bars_figure(means: Sequence[Sequence[dict[str, Any]]], parts: Sequence[str]) -> Figure:
-    """A row of panels per set of pairs and agent: ingredients added to f_D, and left out of f_P.
+    """A row of panels per set of pairs and agent: components added to f_D, and left out of f_P.
 
     Args:
       means: per row its lines, as `ablation.mean_over_actions` gives them.
@@ -45,7 +45,7 @@ def _bars(ax: Axes, lines: Sequence[dict[str, Any]]) -> None:
         colour = {"f_D": FIRST, "f_P": LAST}.get(name, STEP)
         ax.barh(at, mean, 0.7, xerr=std, capsize=2, color=colour)
         ax.text(mean + std, at, f"  {mean:.2f}", va="center", fontsize=8)
-        said = line["ingredient"] if line["step"] else f"{name}: {line['ingredient']}"
+        said = line["component"] if line["step"] else f"{name}: {line['component']}"
         labels.append(f"{said} = f_P" if name == "f_P" and line["step"] else said)
     ax.axvline(whole, color=LAST, linestyle="--", linewidth=1)
     ax.set_yticks(range(len(lines)), labels, fontsize=8)

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from benchmarks.experiments import carried, pages
-from benchmarks.experiments.carried import Entry, Story
+from benchmarks.experiments import pages
 from benchmarks.experiments.generalization_figures import examples_figure, left_figure
+from benchmarks.experiments.open_loop import Method, Outcome
 from benchmarks.experiments.problems import Applied
 from benchmarks.experiments.samples import Progress, Say, silent, unheard
 from jshape import actions, sim
@@ -89,19 +89,20 @@ def run(
       BadFile: the folder holds something else, or cannot be written.
     """
     pages.check(out, overwrite, FIGURES)
-    known, count = entries(quick, seed), COUNT[quick]
+    known, count = methods(quick, seed), COUNT[quick]
     cells = [(situation, k) for situation in SITUATIONS for k in range(count)]
     rows, examples = [], {}
     for situation, k in progress(cells, len(cells), "generalization"):
-        told = stories(seed, k, situation, known)
+        told = outcomes(seed, k, situation, known)
         rows += [
-            {"situation": situation.name, "problem": k + 1, "name": story.entry.where} | story.row
-            for story in told
+            {"situation": situation.name, "problem": k + 1, "name": outcome.method.where}
+            | outcome.row
+            for outcome in told
         ]
         if k == 0:
             examples[situation.name] = told
             say(f"{situation.name}: {told[0].row['applied']}")
-    names = [entry.where for entry in known]
+    names = [method.where for method in known]
     result = pages.Result(
         title="Five actions, other material, uneven beds, overlapping and deeper actions",
         paragraphs=words(rows, names),
@@ -130,7 +131,7 @@ def run(
         notes=[
             "A planned action counts as retrieved if one of the same type was applied within 10 mm "
             "of its place; order and depth do not count. "
-            + carried.noise_in_words(sim.irregular_bed(jax.random.key(seed), HILLS["irregular"])),
+            + open_loop.noise_in_words(sim.irregular_bed(jax.random.key(seed), HILLS["irregular"])),
             "f_P has learned from 200 pairs per action of several depths on uneven beds, f_D from "
             f"{PAIRS[quick]} of the usual depth on the same kinds of bed. "
             "Unlike the paper, plans are carried out: by the hand that made the goal.",
@@ -139,37 +140,37 @@ def run(
     return pages.write(result, out, overwrite=overwrite)
 
 
-def entries(quick: bool, seed: int) -> list[Entry]:
+def methods(quick: bool, seed: int) -> list[Method]:
     """f_D and f_P of flour and of sand, at the paper's 21 places, and f_P of sand at any depth."""
     places = {"positions": actions.grid(PAPER_BOX, 7, 3)}
     found = []
     for material in ("sand",) if quick else ("flour", "sand"):
-        bank = carried.mean_bank(material, AGENT, PAIRS[quick], seed)
-        found.append(Entry("f_D", bank, f"{AGENT}, {material}", f"f_D {material}", places, 0.0))
+        bank = open_loop.mean_bank(material, AGENT, PAIRS[quick], seed)
+        found.append(Method("f_D", bank, f"{AGENT}, {material}", f"f_D {material}", places, 0.0))
     for material in ("flour", "sand"):
-        bank = carried.pressed_bank(material, AGENT)
-        found.append(Entry("f_P", bank, f"{AGENT}, {material}", f"f_P {material}", places, 0.0))
+        bank = open_loop.pressed_bank(material, AGENT)
+        found.append(Method("f_P", bank, f"{AGENT}, {material}", f"f_P {material}", places, 0.0))
     if not quick:
         tried = places | {"strengths": STRENGTHS}
         found.append(replace(found[-1], where="f_P sand, any depth", tried=tried,
-                             least_mm=carried.MIN_GAIN_MM))  # fmt: skip
+                             least_mm=open_loop.MIN_GAIN_MM))  # fmt: skip
     return found
 
 
-def stories(seed: int, k: int, situation: Situation, known: Sequence[Entry]) -> list[Story]:
-    """One problem planned by each entry and carried out by the human's hand, always the same."""
+def outcomes(seed: int, k: int, situation: Situation, known: Sequence[Method]) -> list[Outcome]:
+    """One problem planned by each method and carried out by the human's hand, always the same."""
     bed, wanted, applied = problem(seed, k, situation)
     number = 1000 * seed + 10 * k
-    start = carried.looked_at(number, bed, situation.material)
-    goal = carried.looked_at(number + 1, wanted, situation.material)
+    start = open_loop.looked_at(number, bed, situation.material)
+    goal = open_loop.looked_at(number + 1, wanted, situation.material)
     return [
-        carried.told(
-            entry, start, goal, applied,
+        open_loop.told(
+            method, start, goal, applied,
             SimulatedWorld(
                 jax.random.key(number + 2), bed, material=situation.material, agent=AGENT
             ),
         )
-        for entry in known
+        for method in known
     ]  # fmt: skip
 
 

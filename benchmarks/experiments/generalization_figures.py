@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.experiments.carried import Story
+from benchmarks.experiments.open_loop import Outcome
 from benchmarks.experiments.shaping_figures import Row, rows_figure
 
 COLOURS = ("tab:gray", "tab:blue", "tab:olive", "tab:orange", "tab:red")
@@ -55,7 +55,7 @@ def _mean(rows: Sequence[Mapping[str, Any]], what: str, situation: str, name: st
     return 100 * float(np.mean(mine)) if mine else float("nan")
 
 
-def examples_figure(examples: Mapping[str, Sequence[Story]], names: Sequence[str]) -> Figure:
+def examples_figure(examples: Mapping[str, Sequence[Outcome]], names: Sequence[str]) -> Figure:
     """A problem of each situation: I0, I*, what two predictors' plans predict, and d.
 
     Args:
@@ -64,7 +64,7 @@ def examples_figure(examples: Mapping[str, Sequence[Story]], names: Sequence[str
     """
     rows = []
     for situation, told in examples.items():
-        shown = [next(one for one in told if one.entry.where == name) for name in names]
+        shown = [next(one for one in told if one.method.where == name) for name in names]
         first = shown[0].plan
         images = {"initial": first.images[0], "wanted": first.goal} | {
             f"{name} predicts {one.plan.distances_mm[-1]:.2f} mm": one.plan.images[-1]

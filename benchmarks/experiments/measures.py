@@ -1,6 +1,6 @@
 """What is measured of plans: retrieved actions, what is left of the distance, how sure that is.
 
-A run is a dict, as `planning` writes it: one entry in one loop on one problem.
+A run is a dict, as `planning` writes it: one method in one loop on one problem.
 """
 
 from collections.abc import Iterable, Sequence
@@ -69,19 +69,19 @@ def interval(values: Iterable[float]) -> tuple[float, float]:
 
 
 def summarise(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """A row of means per kind, entry and loop, in their order of appearance.
+    """A row of means per kind, method and loop, in their order of appearance.
 
     `left` is d left over d at the start, without the camera's noise; `seen_left` the same as the
     camera sees it.  What was not measured is None.
     """
     groups: dict[tuple[str, str, str], list[Run]] = {}
     for run in runs:
-        groups.setdefault((run["kind"], run["entry"], run["loop"]), []).append(run)
+        groups.setdefault((run["kind"], run["method"], run["loop"]), []).append(run)
     rows = []
-    for (kind, entry, loop), mine in groups.items():
+    for (kind, method, loop), mine in groups.items():
         deep = [run["exact"] for run in mine if run["family"] == "deep knock"]
         rows.append({
-            "kind": kind, "entry": entry, "loop": loop, "problems": len(mine),
+            "kind": kind, "method": method, "loop": loop, "problems": len(mine),
             "failed": sum(run["stop"] == "FAILED" for run in mine),
             **_left(mine),
             "seen_left": _mean(_share(run["seen_mm"]) for run in mine),

@@ -1,6 +1,6 @@
-"""The planning benchmark: entries, loops and problems, each run carried out and measured once.
+"""The planning benchmark: methods, loops and problems, each run carried out and measured once.
 
-Planners see noisy looks; what is left is measured on what is really there.  All entries meet the
+Planners see noisy looks; what is left is measured on what is really there.  All methods meet the
 same problem with the same noise and the same whims of the hand that acts, the robot's.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.experiments import measures, results
 from benchmarks.experiments.baselines import floors
-from benchmarks.experiments.entries import ENTRIES, Entry, entries_of, options_of
+from benchmarks.experiments.methods import METHODS, Method, methods_of, options_of
 from benchmarks.experiments.problems import Problem, applied_problems, shape_problems
 from benchmarks.experiments.recorded import mpm_problems
 from jshape import sim
@@ -42,7 +42,7 @@ class Settings:
 
     problems: int = 20
     """Of each kind but the recorded ones."""
-    entries: tuple[str, ...] = tuple(ENTRIES)
+    methods: tuple[str, ...] = tuple(METHODS)
     kinds: tuple[str, ...] = KINDS[:2]
     loops: tuple[str, ...] = LOOPS
     max_steps: int = 16
@@ -59,7 +59,7 @@ class Case(NamedTuple):
     number: int
     """Of the problem among its kind."""
     loop: str
-    entry: str
+    method: str
 
 
 def run_planning(
@@ -72,7 +72,7 @@ def run_planning(
     say: Callable[[str], Any] = print,
     progress: Callable[[Iterable[Case], int, str], Iterable[Case]] = lambda cases, *_: cases,
 ) -> dict[str, Any]:
-    """Make all runs that are not in the folder yet; tables and figures after every entry.
+    """Make all runs that are not in the folder yet; tables and figures after every method.
 
     Args:
       out: folder of the results; one that was left unfinished with the same settings goes on.
@@ -84,10 +84,10 @@ def run_planning(
       progress: wraps the runs to be made, to show how far they are.
 
     Returns:
-      The settings, a row of means per kind, entry and loop, and what was left out.
+      The settings, a row of means per kind, method and loop, and what was left out.
 
     Raises:
-      UnknownName: no such entry, kind or loop.
+      UnknownName: no such method, kind or loop.
       BadDataset: `data` does not hold what is asked for.
       BadFile: the folder holds something else, or runs with other settings.
     """
@@ -95,25 +95,25 @@ def run_planning(
         for name in given:
             if name not in allowed:
                 raise UnknownName(what, name, allowed)
-    entries, notes = entries_of(settings.entries)
-    known = {entry["bank"]: banks.load_bank(entry["bank"]) for entry in entries.values()}
+    methods, notes = methods_of(settings.methods)
+    known = {method["bank"]: banks.load_bank(method["bank"]) for method in methods.values()}
     results.check(out, overwrite)
     say(f"drawing problems: {', '.join(settings.kinds)}")
     problems = draw(settings, data)
     meta = asdict(settings) | {
-        "entries": entries,
+        "methods": methods,
         "banks": {name: banks.bank_manifest(name)["checksums"] for name in known},
         "drawn": {
             kind: [problem.name for problem in several] for kind, several in problems.items()
         },
     }
     record = results.opened(out, meta, overwrite)
-    cases = _cases(entries, problems, settings.loops)
+    cases = _cases(methods, problems, settings.loops)
     done = {Case(*(step[field] for field in Case._fields)) for step in record.steps}
     left = [case for case in cases if case not in done]
     say(f"{len(cases)} runs, {len(done)} of them there already")
-    used = {name: known[entry["bank"]] for name, entry in entries.items()}
-    last = {case.entry: case for case in left}
+    used = {name: known[method["bank"]] for name, method in methods.items()}
+    last = {case.method: case for case in left}
 
     def so_far() -> None:
         made = f"{len(record)} of {len(cases)} runs are made"
@@ -122,8 +122,8 @@ def run_planning(
     with floors():
         try:
             for case in progress(left, len(left), "planning"):
-                entry, problem = entries[case.entry], problems[case.kind][case.number]
-                options = options_of(entry, known[entry["bank"]], case.loop)
+                method, problem = methods[case.method], problems[case.kind][case.number]
+                options = options_of(method, known[method["bank"]], case.loop)
                 options = keywords(options, seed=settings.seed + case.number)
                 if settings.seconds is not None:
                     options |= {"seconds": settings.seconds}
@@ -131,7 +131,7 @@ def run_planning(
                 shown = case.number < SHOWN.get(case.kind, 0) and case.loop == settings.loops[-1]
                 depth = sim.render(bed, problem.camera) if shown and bed is not None else None
                 record.append(case._asdict() | found, None if depth is None else np.asarray(depth))
-                if case is last[case.entry] and case is not left[-1]:
+                if case is last[case.method] and case is not left[-1]:
                     so_far()
         except KeyboardInterrupt:  # what was made is not lost
             so_far()
@@ -140,15 +140,15 @@ def run_planning(
 
 
 def _cases(
-    entries: dict[str, Entry], problems: dict[str, list[Problem]], loops: Sequence[str]
+    methods: dict[str, Method], problems: dict[str, list[Problem]], loops: Sequence[str]
 ) -> list[Case]:
-    """All runs: the quick entries one after the other, then the long searches problem by problem.
+    """All runs: the quick methods one after the other, then the long searches problem by problem.
 
     So what is there after a while compares as many problems of each.
     """
-    long = [name for name, entry in entries.items() if "evaluations" in entry]
+    long = [name for name, method in methods.items() if "evaluations" in method]
     whole = [(kind, number) for kind, several in problems.items() for number in range(len(several))]
-    quick = [(name, *one) for name in entries if name not in long for one in whole]
+    quick = [(name, *one) for name in methods if name not in long for one in whole]
     slow = [(name, *one) for one in sorted(whole, key=lambda one: one[1]) for name in long]
     return [
         Case(kind, number, loop, name)

@@ -11,8 +11,8 @@ from jshape.io import files
 
 CLOSED = LOOPS[1:]
 SETTINGS = {
-    True: Settings(problems=1, entries=("paper", "f_D-dense"), loops=CLOSED, max_steps=4),
-    False: Settings(problems=3, entries=("paper", "f_D-dense", "greedy"), loops=CLOSED),
+    True: Settings(problems=1, methods=("paper", "f_D-dense"), loops=CLOSED, max_steps=4),
+    False: Settings(problems=3, methods=("paper", "f_D-dense", "greedy"), loops=CLOSED),
 }
 """What is run: if quick, and if not."""
 
@@ -26,11 +26,11 @@ def run(
     say: Say = unheard,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """The benchmark with few problems and entries, in the closed loop.
+    """The benchmark with few problems and methods, in the closed loop.
 
     Args:
       out: folder of the results; one that was left unfinished goes on.
-      quick: one problem of each kind, two entries, four actions.
+      quick: one problem of each kind, two methods, four actions.
       seed: of problems and noise.
       overwrite: begin anew, whatever is there.
       say: told each line for people.

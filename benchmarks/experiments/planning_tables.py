@@ -41,7 +41,7 @@ def tables(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, tuple[str, ...]
 
 
 def _applied(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], Rows]:
-    head = ("entry", "loop", "problems", "left, % (95 %)", "seen, %", "actions", "retrieved, %",
+    head = ("method", "loop", "problems", "left, % (95 %)", "seen, %", "actions", "retrieved, %",
             "exact, %", "deep knock is one, %", *_COST)  # fmt: skip
     return head, [
         (*_start(row), _left(row), _per_cent(row["seen_left"]), _number(row["actions"]),
@@ -52,7 +52,7 @@ def _applied(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], Rows]:
 
 def _shape(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], Rows]:
     families = list(dict.fromkeys(name for row in rows for name in row["families"]))
-    head = ("entry", "loop", "problems", "left, % (95 %)", "seen, %", "actions",
+    head = ("method", "loop", "problems", "left, % (95 %)", "seen, %", "actions",
             *(f"{name}, %" for name in families), *_COST)  # fmt: skip
     return head, [
         (*_start(row), _left(row), _per_cent(row["seen_left"]), _number(row["actions"]),
@@ -62,7 +62,7 @@ def _shape(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], Rows]:
 
 
 def _mpm(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], Rows]:
-    head = ("entry", "loop", "problems", "predicted left, %", "actions planned", "retrieved, %",
+    head = ("method", "loop", "problems", "predicted left, %", "actions planned", "retrieved, %",
             "exact, %", *_COST[:1], *_COST[2:])  # fmt: skip
     return head, [
         (*_start(row), _per_cent(row["predicted_left"]), _number(row["planned"]),
@@ -77,7 +77,7 @@ _COST = ("first plan, s", "from look to action, s", "predictions of the first pl
 
 def _start(row: Mapping[str, Any]) -> tuple[str, ...]:
     failed = f" ({row['failed']} failed)" if row["failed"] else ""
-    return row["entry"], row["loop"], f"{row['problems']}{failed}"
+    return row["method"], row["loop"], f"{row['problems']}{failed}"
 
 
 def _cost(row: Mapping[str, Any]) -> tuple[str, ...]:
@@ -107,7 +107,7 @@ def _number(value: float | None, digits: int = 1) -> str:
 def left_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Bars of what is left of the distance, with 95 % intervals: a panel per kind of problems."""
     kinds, loops = (list(dict.fromkeys(row[name] for row in rows)) for name in ("kind", "loop"))
-    names = list(dict.fromkeys(row["entry"] for row in rows))
+    names = list(dict.fromkeys(row["method"] for row in rows))
     figure = Figure(
         figsize=(max(5.0, 0.75 * len(names) + 1) * len(kinds), 4.2), layout="constrained"
     )
@@ -117,7 +117,7 @@ def left_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
         for row in (row for row in rows if row["kind"] == kind):
             left, low, high = (100 * row[name] for name in ("left", "left_low", "left_high"))
             place = loops.index(row["loop"])
-            at = names.index(row["entry"]) + (place - (len(loops) - 1) / 2) * wide
+            at = names.index(row["method"]) + (place - (len(loops) - 1) / 2) * wide
             colour = ("0.65", "tab:blue")[place == len(loops) - 1]
             ax.bar(at, left, wide, color=colour)
             ax.plot([at, at], [low, high], color="k", linewidth=1.2)
@@ -139,7 +139,7 @@ def left_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
 @own_style()
 def curves_figure(runs: Sequence[Mapping[str, Any]]) -> Figure:
     """Mean share of the distance left over the actions; a run that has ended stays as it is."""
-    kinds, names = (list(dict.fromkeys(run[key] for run in runs)) for key in ("kind", "entry"))
+    kinds, names = (list(dict.fromkeys(run[key] for run in runs)) for key in ("kind", "method"))
     longest = max(len(run["true_mm"]) for run in runs)
     figure = Figure(figsize=(5.6 * len(kinds), 4.4), layout="constrained")
     axes = figure.subplots(1, len(kinds), squeeze=False, sharey=True)[0]
@@ -148,7 +148,7 @@ def curves_figure(runs: Sequence[Mapping[str, Any]]) -> Figure:
             for k, name in enumerate(names):
                 who = (kind, name, loop)
                 mine = [run["true_mm"] for run in runs
-                        if (run["kind"], run["entry"], run["loop"]) == who]  # fmt: skip
+                        if (run["kind"], run["method"], run["loop"]) == who]  # fmt: skip
                 if not mine:
                     continue
                 mean = np.mean([_carried(d, longest) for d in mine], 0)
@@ -172,16 +172,16 @@ def _carried(distances: Sequence[float], count: int) -> np.ndarray:
 def gains_figure(
     runs: Sequence[Mapping[str, Any]], errors_mm: Mapping[str, Mapping[str, float]]
 ) -> Figure:
-    """Gain predicted against gain obtained of every action, a panel per entry.
+    """Gain predicted against gain obtained of every action, a panel per method.
 
     Args:
       runs: with the steps of each; of two loops the last is drawn, which predicts each action from
         what it has just seen.
-      errors_mm: per entry and action, the usual error of one prediction (caution 1): an upright
+      errors_mm: per method and action, the usual error of one prediction (caution 1): an upright
         line in the action's colour, left of which a gain may be none.
     """
     loop = list(dict.fromkeys(run["loop"] for run in runs))[-1]
-    names = list(dict.fromkeys(run["entry"] for run in runs))
+    names = list(dict.fromkeys(run["method"] for run in runs))
     columns = min(4, len(names))
     lines = -(-len(names) // columns)
     figure = Figure(figsize=(3.6 * columns, 3.4 * lines), layout="constrained")
@@ -190,7 +190,7 @@ def gains_figure(
         ax.set_axis_off()
     explained = ""
     for ax, name in zip(axes, names, strict=False):
-        steps = [step for run in runs if (run["entry"], run["loop"]) == (name, loop)
+        steps = [step for run in runs if (run["method"], run["loop"]) == (name, loop)
                  for step in run["steps"]]  # fmt: skip
         dotted: list[float] = []
         for action in dict.fromkeys(step["action"] for step in steps):

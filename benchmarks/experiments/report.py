@@ -37,16 +37,16 @@ def run_one(name: str, out: Path, *, data: Path | None = None, **options: Any) -
     """
     if name not in EXPERIMENTS:
         raise UnknownName("experiment", name, EXPERIMENTS)
-    entry = EXPERIMENTS[name]
+    row = EXPERIMENTS[name]
     pairs = options.get("pairs")
     if pairs is not None and pairs < studies.LEAST_PAIRS:
         raise JShapeError(
             f"--pairs {pairs}: must be at least {studies.LEAST_PAIRS}, to fit to and to test"
         )
-    if entry.data:
+    if row.data:
         options["data"] = data
     with pages.made_by(command_of(name, out, options)):
-        return import_module(entry.module).run(out, **options)
+        return import_module(row.module).run(out, **options)
 
 
 def command_of(name: str, out: Path, options: Mapping[str, Any]) -> list[str]:

@@ -71,12 +71,12 @@ def conclude(
     Args:
       record: with all runs.
       problems: of each kind.
-      used: the bank of each entry, for the usual errors of its predictions.
+      used: the bank of each method, for the usual errors of its predictions.
       notes: what was left out.
     """
     out, made = record.folder, record.steps
     rows = measures.summarise(made)
-    failed = [f"{run['entry']}, {run['loop']}, {run['problem']}: {run['note']}"
+    failed = [f"{run['method']}, {run['loop']}, {run['problem']}: {run['note']}"
               for run in made if run["stop"] == "FAILED"]  # fmt: skip
     summary = {
         "settings": record.meta["settings"], "notes": [*notes, *failed], "runs": len(made),
@@ -115,7 +115,7 @@ def _errors_mm(bank: Bank) -> list[float]:
 
 
 def _sheet(record: runs.Run, problems: Mapping[str, Sequence[Problem]]) -> list[list[drawn.Tile]]:
-    """Start, goal and what each entry obtained of the problems that were kept, as depths in mm."""
+    """Start, goal and what each method obtained of the problems that were kept, as depths in mm."""
     found: dict[tuple[str, int], list[drawn.Tile]] = {}
     for run in record.steps:
         if "frame" not in run:
@@ -131,6 +131,6 @@ def _sheet(record: runs.Run, problems: Mapping[str, Sequence[Problem]]) -> list[
                 drawn.Tile("goal\n", 1e3 * np.asarray(goal)),
             ]
         left = run["true_mm"][-1] / run["true_mm"][0]
-        title = f"{run['entry']}\n{100 * left:.0f} %, {len(run['steps'])} actions"
+        title = f"{run['method']}\n{100 * left:.0f} %, {len(run['steps'])} actions"
         found[where].append(drawn.Tile(title, 1e3 * record.depth(run["index"])))
     return list(found.values())

@@ -124,7 +124,7 @@ def run_robot(
         out, {"what": "robot", "arm": arm, "bank": str(bank_name or DEFAULT_BANK), "seed": seed},
         overwrite=overwrite, contents=FILES,
     )  # fmt: skip
-    rows, stories = [], []
+    rows, outcomes = [], []
     tried = TRIED_QUICK if quick else TRIED
     for number in QUICK if quick else range(len(AGENTS)):
         agent = AGENTS[number]
@@ -142,14 +142,14 @@ def run_robot(
         row = _row(number, agent, applied, result, found)
         run.append(row, result.depths[-1])
         rows.append(row)
-        stories.append(result)
+        outcomes.append(result)
         say(f"   stopped: {result.stop}")
     content = {"arm": arm, "rows": rows}
     files.write_json(out / "robot.json", content)
     files.write_atomic(out / "report.md", report(content))
     titles = [f"problem {row['problem']}, goal by a {row['goal_by']}" for row in rows]
     names = [f"{row['problem']}, by a {row['goal_by']}" for row in rows]
-    figures = partial(strips, stories, names), partial(curves, stories, titles)
+    figures = partial(strips, outcomes, names), partial(curves, outcomes, titles)
     settings = {name: run.meta[name] for name in ("arm", "bank", "seed")} | {"tried": tried}
     notes = [*notes, f"An action must help by more than {MIN_GAIN_MM} mm."]
     pages.add(page_of(rows, ARMS[arm], figures, settings, notes), out)

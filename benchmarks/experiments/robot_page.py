@@ -95,21 +95,21 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
     return row | {"applied": applied} | lists | said
 
 
-def strips(stories: Sequence[Molding], names: Sequence[str]) -> Figure:
+def strips(outcomes: Sequence[Molding], names: Sequence[str]) -> Figure:
     """Per problem I0, I*, the image predicted by the first plan, and the one obtained."""
-    camera = stories[0].first_plan.camera
-    figure = Figure(figsize=(9.4, 2.1 * len(stories)), layout="constrained")
-    axes = figure.subplots(len(stories), 4, squeeze=False)
-    every = [image for story in stories for image in (*story.images, story.goal)]
+    camera = outcomes[0].first_plan.camera
+    figure = Figure(figsize=(9.4, 2.1 * len(outcomes)), layout="constrained")
+    axes = figure.subplots(len(outcomes), 4, squeeze=False)
+    every = [image for outcome in outcomes for image in (*outcome.images, outcome.goal)]
     low, high = pictures.span([pictures.height_mm(image, camera) for image in every])
-    for number, (line, story) in enumerate(zip(axes, stories, strict=True)):
+    for number, (line, outcome) in enumerate(zip(axes, outcomes, strict=True)):
         line[0].set_ylabel(names[number], fontsize=9)
-        first = story.first_plan
+        first = outcome.first_plan
         images = {
-            "initial": story.images[0],
-            "wanted": story.goal,
+            "initial": outcome.images[0],
+            "wanted": outcome.goal,
             f"predicted, {first.distances_mm[-1]:.2f} mm": first.images[-1],
-            f"obtained, {story.distances_mm[-1]:.2f} mm": story.images[-1],
+            f"obtained, {outcome.distances_mm[-1]:.2f} mm": outcome.images[-1],
         }
         for ax, (title, image) in zip(line, images.items(), strict=True):
             height = pictures.height_mm(image, camera)
@@ -117,20 +117,22 @@ def strips(stories: Sequence[Molding], names: Sequence[str]) -> Figure:
             ax.set_title(title, fontsize=9)
             ax.set_xticks([])
             ax.set_yticks([])
-    label = "height above the end of the camera's range (mm)" if len(stories) > 2 else "height (mm)"
+    label = (
+        "height above the end of the camera's range (mm)" if len(outcomes) > 2 else "height (mm)"
+    )
     figure.colorbar(shown, ax=axes, label=label, shrink=0.6)
     return figure
 
 
-def curves(stories: Sequence[Molding], titles: Sequence[str]) -> Figure:
+def curves(outcomes: Sequence[Molding], titles: Sequence[str]) -> Figure:
     """The distance to the goal after each action, predicted and obtained, per problem."""
-    lines = -(-len(stories) // 3)
+    lines = -(-len(outcomes) // 3)
     figure = Figure(figsize=(9.4, 2.9 * lines), layout="constrained")
-    axes = figure.subplots(lines, min(3, len(stories)), squeeze=False).ravel()
-    for ax, story, title in zip(axes, stories, titles, strict=False):
-        pictures.draw_curve(ax, story.first_plan.distances_mm, story.distances_mm)
+    axes = figure.subplots(lines, min(3, len(outcomes)), squeeze=False).ravel()
+    for ax, outcome, title in zip(axes, outcomes, titles, strict=False):
+        pictures.draw_curve(ax, outcome.first_plan.distances_mm, outcome.distances_mm)
         ax.set_title(title, fontsize=9)
     figure.supylabel("distance to the goal (mm)", fontsize=10)
-    for ax in axes[len(stories) :]:
+    for ax in axes[len(outcomes) :]:
         ax.set_axis_off()
     return figure

@@ -15,12 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.experiments import carried, pages
-from benchmarks.experiments.carried import Entry, Story
+from benchmarks.experiments import pages
+from benchmarks.experiments.open_loop import Method, Outcome
 from benchmarks.experiments.problems import Applied
 from benchmarks.experiments.robot import ACTIONS, AGENTS, problem
 from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, unheard
-from benchmarks.experiments.shaping_figures import Candidate, Tree, stories_figure, tree_figure
+from benchmarks.experiments.shaping_figures import Candidate, Tree, outcomes_figure, tree_figure
 from jshape import metric, sim
 from jshape.io import banks
 from jshape.learn.fit import fit
@@ -36,7 +36,7 @@ TRIED: dict[str, dict[str, Any]] = {
     DENSE: {"stride": 8, "strengths": [0.5, 1.0, 1.6]},
 }
 """Where actions are tried: at the paper's places at the depth they were trained with, or not."""
-LEAST_MM = {GRID: 0.0, DENSE: carried.MIN_GAIN_MM}
+LEAST_MM = {GRID: 0.0, DENSE: open_loop.MIN_GAIN_MM}
 """What an action must gain: in the paper anything."""
 PROBLEMS = {True: (0, 4), False: tuple(range(len(AGENTS)))}
 """If quick: one goal of each hand; if not: all six."""
@@ -66,7 +66,7 @@ def run(
       progress: wraps what takes long.
 
     Returns:
-      What `results.json` holds: a row per problem and entry.
+      What `results.json` holds: a row per problem and method.
 
     Raises:
       BadFile: the folder holds something else, or cannot be written.
@@ -74,15 +74,15 @@ def run(
     pages.check(out, overwrite, FIGURES)
     numbers = PROBLEMS[quick]
     tried = {where: TRIED[where] for where in ((GRID,) if quick else TRIED)}
-    known = entries({AGENTS[n] for n in numbers}, PAIRS[quick], seed, tried)
+    known = methods({AGENTS[n] for n in numbers}, PAIRS[quick], seed, tried)
     rows, mine, names, trees = [], [], [], []
     for number in progress(numbers, len(numbers), "shaping"):
         agent = AGENTS[number]
-        told = stories(seed, number, [e for e in known if agent == "human" or _who(e) == agent])
+        told = outcomes(seed, number, [e for e in known if agent == "human" or _who(e) == agent])
         name = f"{number + 1}, by a {agent}"
-        rows += [{"problem": number + 1, "goal_by": agent} | story.row for story in told]
-        own = [story for story in told if _who(story.entry) == agent]
-        shown = next(s for s in own if (s.entry.predictor, s.entry.where) == ("f_P", GRID))
+        rows += [{"problem": number + 1, "goal_by": agent} | outcome.row for outcome in told]
+        own = [outcome for outcome in told if _who(outcome.method) == agent]
+        shown = next(s for s in own if (s.method.predictor, s.method.where) == ("f_P", GRID))
         names.append(name)
         mine.append((shown, own))
         trees.append(tree(shown))
@@ -97,7 +97,7 @@ def run(
         pictures=[
             pages.Picture(
                 FIGURES[0],
-                partial(stories_figure, names, *([one[k] for one in mine] for k in (0, 1))),
+                partial(outcomes_figure, names, *([one[k] for one in mine] for k in (0, 1))),
                 "Each problem with f_P on the paper's 15 places, learned from the hand that made "
                 "the goal; lighter is higher, counted from the end of the camera's "
                 "range. Right: d as each plan predicts it (dashed) and as the camera then saw it.",
@@ -115,7 +115,7 @@ def run(
         notes=[
             "A planned action counts as retrieved if one of the same type was applied within 10 mm "
             "of its place; order and depth do not count. "
-            + carried.noise_in_words(problem(seed, 0, AGENTS[0])[0]),
+            + open_loop.noise_in_words(problem(seed, 0, AGENTS[0])[0]),
             "The robot is the simulator's hand. `python -m benchmarks.experiments robot` does the "
             "same in the physics twin, looking after each action.",
         ],
@@ -123,14 +123,14 @@ def run(
     return pages.write(result, out, overwrite=overwrite)
 
 
-def _who(entry: Entry) -> str:
-    """Whose actions an entry has learned from."""
-    return entry.trained_on.split(",")[0]
+def _who(method: Method) -> str:
+    """Whose actions a method has learned from."""
+    return method.trained_on.split(",")[0]
 
 
-def entries(
+def methods(
     agents: set[str], pairs: int, seed: int, tried: Mapping[str, dict[str, Any]] = TRIED
-) -> list[Entry]:
+) -> list[Method]:
     """F_D and f_P on the grid and densely, learned from the robot, and from the human if asked."""
     found = []
     for agent in ("robot", *sorted(agents - {"robot"})):
@@ -139,36 +139,36 @@ def entries(
             if agent == "robot"
             else fit(pairs_of(None, seed=seed, count=pairs, actions=ACTIONS, agents=(agent,)), "D")
         )
-        for predictor, bank in (("f_D", plain), ("f_P", carried.pressed_bank("flour", agent))):
-            few = carried.with_actions(bank, ACTIONS)
+        for predictor, bank in (("f_D", plain), ("f_P", open_loop.pressed_bank("flour", agent))):
+            few = open_loop.with_actions(bank, ACTIONS)
             found += [
-                Entry(predictor, few, f"{agent}, flour", where, options, LEAST_MM[where])
+                Method(predictor, few, f"{agent}, flour", where, options, LEAST_MM[where])
                 for where, options in tried.items()
             ]
     return found
 
 
-def stories(seed: int, number: int, known: Sequence[Entry]) -> list[Story]:
-    """One problem, planned by each entry and carried out by the robot's hand, always the same."""
+def outcomes(seed: int, number: int, known: Sequence[Method]) -> list[Outcome]:
+    """One problem, planned by each method and carried out by the robot's hand, always the same."""
     bed, wanted, applied = problem(seed, number, AGENTS[number])
     return shaped(seed + number, bed, wanted, applied, known)
 
 
 def shaped(
-    seed: int, bed: sim.Bed, wanted: sim.Bed, applied: Sequence[Applied], known: Sequence[Entry]
-) -> list[Story]:
-    """What each entry makes of a bed that is to become another one."""
-    start, goal = carried.looked_at(2 * seed, bed), carried.looked_at(2 * seed + 1, wanted)
+    seed: int, bed: sim.Bed, wanted: sim.Bed, applied: Sequence[Applied], known: Sequence[Method]
+) -> list[Outcome]:
+    """What each method makes of a bed that is to become another one."""
+    start, goal = open_loop.looked_at(2 * seed, bed), open_loop.looked_at(2 * seed + 1, wanted)
     return [
-        carried.told(entry, start, goal, applied, SimulatedWorld(jax.random.key(seed), bed))
-        for entry in known
+        open_loop.told(method, start, goal, applied, SimulatedWorld(jax.random.key(seed), bed))
+        for method in known
     ]
 
 
-def tree(story: Story, count: int = SHOWN) -> Tree:
+def tree(outcome: Outcome, count: int = SHOWN) -> Tree:
     """The best candidates at each step of a plan on given places, and after its last one."""
-    plan, bank, camera = story.plan, story.entry.bank, story.plan.camera
-    where = places.placed_positions(bank, story.entry.tried["positions"])
+    plan, bank, camera = outcome.plan, outcome.method.bank, outcome.plan.camera
+    where = places.placed_positions(bank, outcome.method.tried["positions"])
     state = _state(bank, plan.initial, plan.goal)
     candidates = candidates_at(state, bank, where)
     layers = []
@@ -196,7 +196,7 @@ _state = jax.jit(search_state)
 
 
 def means(rows: Sequence[dict[str, Any]]) -> pages.Table:
-    """Means over the problems, per entry."""
+    """Means over the problems, per method."""
     lines = []
     for goal_by, trained_on, predictor, where in dict.fromkeys(map(_group, rows)):
         mine = [row for row in rows if _group(row) == (goal_by, trained_on, predictor, where)]
@@ -213,7 +213,7 @@ def means(rows: Sequence[dict[str, Any]]) -> pages.Table:
 
 
 def each(rows: Sequence[dict[str, Any]]) -> pages.Table:
-    """Every problem and entry."""
+    """Every problem and method."""
     head = ("problem", "applied", "learned from", "predictor", "tried", "planned", "d before",
             "predicted", "obtained", "retrieved")  # fmt: skip
     lines = [

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from benchmarks.experiments.carried import Story
+from benchmarks.experiments.open_loop import Outcome
 from jshape.viz import pictures
 
 LINES = (("tab:blue", "o"), ("tab:orange", "^"), ("tab:green", "s"), ("tab:purple", "D"))
@@ -35,8 +35,8 @@ class Row(NamedTuple):
     images: Mapping[str, ArrayLike]
     """Four by their titles; the first two, I0 and I*, set the grey scale."""
     who: Sequence[str]
-    """What is said of each story."""
-    stories: Sequence[Story]
+    """What is said of each outcome."""
+    outcomes: Sequence[Outcome]
     """Whose distances."""
 
 
@@ -44,8 +44,8 @@ Tree = Sequence[Sequence[Candidate]]
 """The best candidates of each step, best first; the last step is the one where nothing helps."""
 
 
-def stories_figure(
-    names: Sequence[str], shown: Sequence[Story], all_of: Sequence[Sequence[Story]]
+def outcomes_figure(
+    names: Sequence[str], shown: Sequence[Outcome], all_of: Sequence[Sequence[Outcome]]
 ) -> Figure:
     """Per problem I0, I*, what was predicted, what came out, and d after each action.
 
@@ -55,15 +55,15 @@ def stories_figure(
       all_of: per problem, whose distances; "f_D, 15 places" is what is said of each.
     """
     rows = []
-    for name, story, every in zip(names, shown, all_of, strict=True):
-        plan = story.plan
+    for name, outcome, every in zip(names, shown, all_of, strict=True):
+        plan = outcome.plan
         images = {
             "initial": plan.images[0],
             "wanted": plan.goal,
             f"predicted, {plan.distances_mm[-1]:.2f} mm": plan.images[-1],
-            f"obtained, {story.distances_mm[-1]:.2f} mm": story.images[-1],
+            f"obtained, {outcome.distances_mm[-1]:.2f} mm": outcome.images[-1],
         }
-        who = [f"{one.entry.predictor}, {one.entry.where}" for one in every]
+        who = [f"{one.method.predictor}, {one.method.where}" for one in every]
         rows.append(Row(name, images, who, every))
     return rows_figure(rows)
 
@@ -73,7 +73,7 @@ def rows_figure(rows: Sequence[Row]) -> Figure:
     figure = Figure(figsize=(11, 1.75 * len(rows) + 0.9), layout="constrained")
     axes = figure.subplots(len(rows), 5, squeeze=False, width_ratios=(1, 1, 1, 1, 1.25))
     for line, row in zip(axes, rows, strict=True):
-        camera = row.stories[0].plan.camera
+        camera = row.outcomes[0].plan.camera
         heights = [pictures.height_mm(np.asarray(i), camera) for i in row.images.values()]
         low, high = pictures.span(heights)
         for ax, title, height in zip(line, row.images, heights, strict=False):
@@ -82,7 +82,7 @@ def rows_figure(rows: Sequence[Row]) -> Figure:
             ax.set_title(title, fontsize=9)
         line[0].set_ylabel(row.name, fontsize=9)
         line[0].set_xlabel(f"black {low:.0f}, white {high:.0f} mm", fontsize=8)
-        _draw_distances(line[4], row.who, row.stories)
+        _draw_distances(line[4], row.who, row.outcomes)
     axes[0, 4].set_title("d to the goal (mm)", fontsize=9)
     axes[-1, 4].set_xlabel("actions applied", fontsize=9)
     handles, labels = axes[0, 4].get_legend_handles_labels()
@@ -90,14 +90,14 @@ def rows_figure(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _draw_distances(ax: Axes, names: Sequence[str], stories: Sequence[Story]) -> None:
-    """Predicted (dashed) and obtained distances of each story."""
-    for (colour, mark), who, story in zip(LINES, names, stories, strict=False):
+def _draw_distances(ax: Axes, names: Sequence[str], outcomes: Sequence[Outcome]) -> None:
+    """Predicted (dashed) and obtained distances of each outcome."""
+    for (colour, mark), who, outcome in zip(LINES, names, outcomes, strict=False):
         style = {"color": colour, "marker": mark, "markersize": 3.5, "linewidth": 1.2}
-        predicted = story.plan.distances_mm
+        predicted = outcome.plan.distances_mm
         ax.plot(range(len(predicted)), predicted, linestyle="--", label=f"{who}: predicted",
                 markerfacecolor="white", **style)  # fmt: skip
-        ax.plot(range(len(story.distances_mm)), story.distances_mm, label=f"{who}: obtained",
+        ax.plot(range(len(outcome.distances_mm)), outcome.distances_mm, label=f"{who}: obtained",
                 **style)  # fmt: skip
     ax.set_ylim(bottom=0)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))

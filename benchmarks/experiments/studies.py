@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.experiments.ingredients import Trials
+from benchmarks.experiments.components import Trials
 from benchmarks.experiments.samples import Progress
 from jshape.data.pairs import Pairs
 from jshape.errors import BadDataset

@@ -29,7 +29,7 @@ MAX_STEPS = 8
 
 
 @dataclass(frozen=True)
-class Entry:
+class Method:
     """A way to plan."""
 
     predictor: str
@@ -46,10 +46,10 @@ class Entry:
 
 
 @dataclass(frozen=True, eq=False)
-class Story:
-    """What an entry made of a problem."""
+class Outcome:
+    """What a method made of a problem."""
 
-    entry: Entry
+    method: Method
     applied: tuple[Applied, ...]
     """What made the goal."""
     plan: Plan
@@ -71,11 +71,11 @@ class Story:
     @property
     def row(self) -> dict[str, Any]:
         """As columns of a result."""
-        plan, entry = self.plan, self.entry
+        plan, method = self.plan, self.method
         return {
-            "predictor": entry.predictor,
-            "trained_on": entry.trained_on,
-            "places": entry.where,
+            "predictor": method.predictor,
+            "trained_on": method.trained_on,
+            "places": method.where,
             "applied": ", ".join(said(a.action, a.position, a.strength) for a in self.applied),
             "planned": ", ".join(
                 said(name, at, float(strength))
@@ -104,24 +104,24 @@ def said(action: str, position: Sequence[int], strength: float = 1.0) -> str:
 
 
 def told(
-    entry: Entry,
+    method: Method,
     start: np.ndarray,
     goal: np.ndarray,
     applied: Sequence[Applied],
     world: SimulatedWorld,
-) -> Story:
+) -> Outcome:
     """Plan once and carry the plan out.
 
     Args:
-      entry: how to plan.
+      method: how to plan.
       start: (H, W) the image planned from, which nobody looks at again.
       goal: (H, W) the image wanted.
       applied: what made it.
       world: the bed as it is at the start; it is changed.
     """
-    camera = entry.bank.camera
+    camera = method.bank.camera
     search = options(
-        PAPER, bank=entry.bank, max_steps=MAX_STEPS, min_gain_mm=entry.least_mm, **entry.tried
+        PAPER, bank=method.bank, max_steps=MAX_STEPS, min_gain_mm=method.least_mm, **method.tried
     )
     made = plan(start, goal, **search)
     images = [start]
@@ -133,7 +133,9 @@ def told(
         world.act(action, (u, v), strength, yaw)
         images.append(seen(world))
     distances = [metric.to_mm(metric.distance(image, goal), camera) for image in images]
-    return Story(entry, tuple(applied), made, np.stack(images), np.asarray(distances, np.float64))
+    return Outcome(
+        method, tuple(applied), made, np.stack(images), np.asarray(distances, np.float64)
+    )
 
 
 def seen(world: SimulatedWorld) -> np.ndarray:

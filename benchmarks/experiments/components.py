@@ -18,7 +18,7 @@ from jshape.models.bank import Bank
 from jshape.models.orthographic import OrthographicGrid
 
 MEAN, WHOLE = "f_D", "f_P"
-"""Where the ingredients are added to, and what has them all."""
+"""Where the components are added to, and what has them all."""
 
 
 @jax.tree_util.register_dataclass
@@ -61,7 +61,7 @@ def _sampled(
 
 
 class Variant(NamedTuple):
-    """f_P without some of its ingredients; or f_D."""
+    """f_P without some of its components; or f_D."""
 
     name: str
     """In rows: "f_D", "f_P", "f_P without tool", "f_D with view, absolute"."""
@@ -84,17 +84,17 @@ SAID = {
     "stroke": "own stroke",
     "deep": "rims of deep strokes",
 }
-"""The ingredients in words: the view, and those that `fit_imprint` can do without."""
+"""The components in words: the view, and those that `fit_imprint` can do without."""
 STEPS_UP = {
     "view": "+ view from above, depth of the places, rims on nodes",
     "absolute": "+ fit by descent, absolute error",
 }
-"""Steps up from f_D that bring more than the one ingredient."""
+"""Steps up from f_D that bring more than the one component."""
 STEPS_DOWN = {
     "absolute": "squared error instead",
     "tool": "without tool that levels and growing rims",
 }
-"""Steps down from f_P that are more than to leave one ingredient out, or something else."""
+"""Steps down from f_P that are more than to leave one component out, or something else."""
 ADDED = ("absolute", "tool", "reference", "swell", "follow", "stroke", "deep")
 """In this order to the mean change seen from above."""
 OF_STRENGTHS = ("stroke", "deep")
@@ -118,8 +118,8 @@ def added(varied: bool) -> list[Variant]:
 
 
 def left_out(varied: bool) -> list[Variant]:
-    """f_P, and f_P without each of its ingredients."""
-    found = [Variant(WHOLE, "all ingredients")]
+    """f_P, and f_P without each of its components."""
+    found = [Variant(WHOLE, "all components")]
     for name, said in SAID.items():
         if varied or name not in OF_STRENGTHS:
             without, view = ((), AsSeen) if name == "view" else ((name,), OrthographicGrid)

@@ -10,13 +10,13 @@ from jshape.models.bank import Bank
 from jshape.planning.options import DEFAULT_BANK, PAPER, options
 from jshape.planning.search import PLANNERS
 
-Entry = dict[str, Any]
+Method = dict[str, Any]
 """Options that JSON can hold.  `bank` is a name, `min_gain_mm` in mm, `patience` for closed loops;
 `positions` is a grid, for which recorded sequences have their own."""
 
-COMMON: Entry = {"planner": "greedy", "min_gain_mm": 0.005, "patience": 4}
-"""What an entry does not say.  The least gain is `jshape plan`'s: below it noise decides."""
-DENSE: Entry = {
+COMMON: Method = {"planner": "greedy", "min_gain_mm": 0.005, "patience": 4}
+"""What a method does not say.  The least gain is `jshape plan`'s: below it noise decides."""
+DENSE: Method = {
     "bank": DEFAULT_BANK,
     "stride": 12,
     "strengths": [0.2, 0.5, 1.0, 1.6, 2.3],
@@ -25,13 +25,13 @@ DENSE: Entry = {
 }
 """Every action all over the bed, the long ones in several directions, from a fifth to 2.3 times
 as deep.  An action must gain more than half of its own usual error."""
-SEARCH: Entry = DENSE | {"horizon": 2, "evaluations": {"open": 400_000, "closed": 100_000}}
+SEARCH: Method = DENSE | {"horizon": 2, "evaluations": {"open": 400_000, "closed": 100_000}}
 """Searches that could go on for long: what they may spend on a plan.  Evaluations, not seconds, so
 that a busy machine finds the same; a plan of `greedy` takes 130,000 to 380,000."""
-FLOOR: Entry = {"bank": "flour-robot", "stride": 12, "patience": 1000}
+FLOOR: Method = {"bank": "flour-robot", "stride": 12, "patience": 1000}
 """Floors act whatever comes of it; of the bank they use the ROIs."""
 
-ENTRIES: dict[str, Entry] = {
+METHODS: dict[str, Method] = {
     "paper": {"bank": "flour-robot", "positions": "7x3"},
     "f_D-dense": {"bank": "flour-robot", "stride": 12},
     "greedy": DENSE,
@@ -48,31 +48,31 @@ EXTRAS = {"mcts": "mctx"}
 """Planners that need a package which jshape does not bring."""
 
 
-def entries_of(names: Sequence[str]) -> tuple[dict[str, Entry], list[str]]:
-    """The entries of some names, and why those of them that cannot run here are left out.
+def methods_of(names: Sequence[str]) -> tuple[dict[str, Method], list[str]]:
+    """The methods of some names, and why those of them that cannot run here are left out.
 
     Raises:
-      UnknownName: an entry that is none.
+      UnknownName: a method that is none.
     """
     found, notes = {}, []
     for name in names:
-        if name not in ENTRIES:
-            raise UnknownName("entry", name, ENTRIES)
-        entry = COMMON | ENTRIES[name]
-        planner = entry["planner"]
+        if name not in METHODS:
+            raise UnknownName("method", name, METHODS)
+        method = COMMON | METHODS[name]
+        planner = method["planner"]
         package = EXTRAS.get(planner)
         if planner not in (*PLANNERS, *FLOORS):
             notes.append(f"{name} is left out: there is no planner {quoted(planner)}")
         elif package and importlib.util.find_spec(package) is None:
             notes.append(f"{name} is left out: {package} is not installed")
         else:
-            found[name] = entry
+            found[name] = method
     return found, notes
 
 
-def options_of(entry: Entry, bank: Bank, loop: str) -> dict[str, Any]:
+def options_of(method: Method, bank: Bank, loop: str) -> dict[str, Any]:
     """Keywords of `mold` as the library takes them: the bank itself, the budget."""
-    own = {name: entry[name] for name in ("patience", "horizon") if name in entry}
-    fields = {name: value for name, value in entry.items() if name not in own}
-    fields |= {"bank": bank, "evaluations": entry.get("evaluations", {}).get(loop)}
+    own = {name: method[name] for name in ("patience", "horizon") if name in method}
+    fields = {name: value for name, value in method.items() if name not in own}
+    fields |= {"bank": bank, "evaluations": method.get("evaluations", {}).get(loop)}
     return options(PAPER, **fields) | own

@@ -177,7 +177,7 @@ def gains_figure(
     Args:
       runs: with the steps of each; of two loops the last is drawn, which predicts each action from
         what it has just seen.
-      errors_mm: per method and action, the usual error of one prediction (caution 1): an upright
+      errors_mm: per method and action, the usual error of one prediction (error_margin 1): an upright
         line in the action's colour, left of which a gain may be none.
     """
     loop = list(dict.fromkeys(run["loop"] for run in runs))[-1]

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from benchmarks.experiments import EXPERIMENTS, generalization, shaping
+from benchmarks.experiments import EXPERIMENTS, generalization, open_loop, shaping
 from benchmarks.experiments.open_loop import Method
 from benchmarks.experiments.problems import Applied
 from benchmarks.experiments.shaping_figures import outcomes_figure, tree_figure

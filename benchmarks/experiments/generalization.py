@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from benchmarks.experiments import pages
+from benchmarks.experiments import open_loop, pages
 from benchmarks.experiments.generalization_figures import examples_figure, left_figure
 from benchmarks.experiments.open_loop import Method, Outcome
 from benchmarks.experiments.problems import Applied

@@ -177,8 +177,8 @@ def gains_figure(
     Args:
       runs: with the steps of each; of two loops the last is drawn, which predicts each action from
         what it has just seen.
-      errors_mm: per method and action, the usual error of one prediction (error_margin 1): an upright
-        line in the action's colour, left of which a gain may be none.
+      errors_mm: per method and action, the usual error of one prediction (error_margin 1): an
+        upright line in the action's colour, left of which a gain may be none.
     """
     loop = list(dict.fromkeys(run["loop"] for run in runs))[-1]
     names = list(dict.fromkeys(run["method"] for run in runs))

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.experiments import pages
+from benchmarks.experiments import open_loop, pages
 from benchmarks.experiments.open_loop import Method, Outcome
 from benchmarks.experiments.problems import Applied
 from benchmarks.experiments.robot import ACTIONS, AGENTS, problem

@@ -342,6 +342,9 @@ def test_readings_are_checked_where_they_come_in():
     assert guard.effort() == 2.5 and guard.pose().dtype == np.float64
     with pytest.raises(ArmError, match="Nothing: an arm has .*stop"):
         GuardedArm(type("Nothing", (), {})())
+    forgot = type("Forgot", (Arm,), {n: getattr(Plain, n) for n in vars(Arm) if n in CALLS})
+    with pytest.raises(ArmError, match="Forgot: an arm has stop, close; this has none"):
+        GuardedArm(forgot())  # the protocol's own do nothing
     with pytest.raises(ArmError, match="plain arm: pose: OSError: \\[Errno 5\\] lost"):
         fast(Plain(pose=lambda: (_ for _ in ()).throw(OSError(5, "lost")))).pose()
 

@@ -39,13 +39,7 @@ def described(rows: Mapping[str, DeviceKind]) -> str:
 def open_device(
     text: str, rows: Mapping[str, DeviceKind[Settings, Device]], settings: Settings, what: str
 ) -> Device:
-    """The device that a text names.
-
-    Args:
-      text: `NAME` or `NAME:ADDRESS`.
-      rows: the table.
-      settings: passed on to the row's opener.
-      what: `an arm` or `a camera`, for errors.
+    """The device of a table that `NAME` or `NAME:ADDRESS` names; `what` is `an arm`, for errors.
 
     Raises:
       JShapeError: no such name, an address too many or too few, or as the device itself says.

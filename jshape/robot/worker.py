@@ -8,6 +8,7 @@ daemons, since a program must be able to end while a driver hangs.
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, InvalidStateError, wait
 from queue import SimpleQueue
 from typing import Any
 
@@ -17,24 +18,20 @@ SLICE = 0.1
 """Seconds within which Ctrl-C is heard by whoever waits."""
 
 
-class Call:
+class Call(Future):
     """A call that somebody waits for."""
 
-    def __init__(self, what: str, function: Callable[[], Any] = lambda: None):
+    def __init__(self, what: str, function: Callable[[], Any]):
         """Made by `Worker.begin`; `what` names it in errors."""
-        self.what = what
-        self._function = function
-        self._lock = threading.Lock()
-        self._settled = threading.Event()
-        self._result: Any = None
-        self._problem: BaseException | None = None
+        super().__init__()
+        self.what, self._function = what, function
 
     def run(self) -> None:
         """Make it, unless whoever waited has given up by now: what nobody waits for never begins.
 
         A call that is given up meanwhile ends unheard.
         """
-        if self._settled.is_set():
+        if self.done():
             return
         try:
             result = self._function()
@@ -45,12 +42,11 @@ class Call:
 
     def settle(self, result: Any = None, problem: BaseException | None = None) -> bool:
         """Say how it ended, the first time only; whether this was the first time."""
-        with self._lock:
-            if self._settled.is_set():
-                return False
-            self._result, self._problem = result, problem
-            self._settled.set()
-            return True
+        try:
+            self.set_result(result) if problem is None else self.set_exception(problem)
+        except InvalidStateError:
+            return False
+        return True
 
     def wait(self, seconds: float) -> bool:
         """Wait at most so long; whether it has ended.
@@ -59,33 +55,17 @@ class Call:
         was given.
         """
         until = time.monotonic() + seconds
-        while not self._settled.wait(min(max(until - time.monotonic(), 0.0), SLICE)):
-            if time.monotonic() >= until:
-                return False
-        return True
+        while not self.done() and (left := until - time.monotonic()) > 0:
+            wait([self], min(left, SLICE))
+        return self.done()
 
-    @property
-    def problem(self) -> BaseException | None:
-        """What it raised, if it has ended so."""
-        return self._problem
-
-    def result(self, name: str, error: type[JShapeError]) -> Any:
-        """What it returned, once it has ended.
-
-        Args:
-          name: of the device, for its errors.
-          error: what a driver raises becomes one of these.
-
-        Raises:
-          JShapeError: what the call raised.
-        """
-        problem = self._problem
+    def value(self, name: str, error: type[JShapeError]) -> Any:
+        """What it returned, once it has ended; what a driver of that name raised is an `error`."""
+        problem = self.exception(0)
         if isinstance(problem, Exception) and not isinstance(problem, JShapeError):
             said = f"{name}: {self.what}: {type(problem).__name__}: {one_line(problem)}"
             raise error(said) from problem
-        if problem is not None:
-            raise problem
-        return self._result
+        return self.result(0)
 
 
 class Worker:
@@ -108,11 +88,39 @@ class Worker:
             self._thread.start()
         return call
 
-    def end(self) -> None:
-        """Let the thread end after the calls so far; one more begins another thread."""
-        if self._thread is not None:
-            self._calls.put(None)
-            self._thread = None
+    def within(
+        self,
+        seconds: float,
+        what: str,
+        function: Callable[[], Any],
+        error: type[JShapeError],
+        lost: type[JShapeError],
+    ) -> Any:
+        """What a call returned; `error`: it raised something, `lost`: it has not ended by then."""
+        call = self.begin(what, function)
+        try:
+            call.wait(seconds)
+        finally:  # Ctrl-C too: nobody waits for it any more
+            overdue = f"{self._name}: {what} has not ended after {seconds:g} s"
+            call.settle(problem=lost(overdue))
+        return call.value(self._name, error)
+
+    def close(
+        self,
+        seconds: float,
+        function: Callable[[], Any],
+        error: type[JShapeError],
+        lost: type[JShapeError],
+    ) -> None:
+        """Make the last call, beside one that hangs, and let the threads end.  See `within`."""
+        worker = self if self.busy is None else Worker(self._name)
+        try:
+            worker.within(seconds, "close", function, error, lost)
+        finally:
+            for one in {worker, self}:
+                if one._thread is not None:
+                    one._calls.put(None)
+                    one._thread = None
 
     def _work(self) -> None:
         while (call := self._calls.get()) is not None:

@@ -75,9 +75,8 @@ class Arm(Protocol):
     def limit(self, *, effort: float, speed: float) -> None:
         """What no motion may exceed from now on, the way home included.
 
-        Args:
-          effort: contact effort in Nm at which it stops at once and raises `EffortLimit`.
-          speed: of the tool, metres per second.
+        At a contact effort in Nm above `effort` it stops at once and raises `EffortLimit`; the tool
+        is no faster than `speed`, metres per second.
         """
         ...
 
@@ -87,12 +86,7 @@ class Arm(Protocol):
         postures: Sequence[str],
         tool: Float[np.ndarray, "4 4"],
     ) -> None:
-        """Whether it can go to these poses one after the other; it does not move.
-
-        Args:
-          poses: of the tool in the base frame.
-          postures: names of what the hand is to do.
-          tool: as for `begin`.
+        """Whether the tool can go to these poses one after the other; nothing moves.
 
         Raises:
           PoseRefused: a pose that it cannot reach.
@@ -103,9 +97,7 @@ class Arm(Protocol):
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
         """Told before each operation.
 
-        Args:
-          doing: what comes.
-          tool: pose of the tool frame in the hand's flange frame, for the action's posture.
+        `tool` is the pose of the tool frame in the hand's flange frame, for the action's posture.
         """
         ...
 
@@ -125,12 +117,7 @@ class Arm(Protocol):
         ...
 
     def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
-        """Give the hand a posture; end early at contact.
-
-        Args:
-          name: one of `POSTURES`, or of those in your own hand's files.
-          seconds: how long it takes.
-          threshold: contact effort in Nm that ends it.
+        """Give the hand one of `POSTURES`, or of those in your own files; end early at contact.
 
         Raises:
           ArmError: no such posture, or it did not do it.
@@ -165,6 +152,27 @@ class Arm(Protocol):
     def close(self) -> None:
         """Let go of the hardware, after `stop`."""
         ...
+
+
+class NoHardware:
+    """What an arm that moves nothing real need not say: it can do all, and stands already."""
+
+    def limit(self, *, effort: float, speed: float) -> None:
+        """Nothing exceeds it."""
+
+    def check(
+        self,
+        poses: Sequence[Float[np.ndarray, "4 4"]],
+        postures: Sequence[str],
+        tool: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """It can do all of it."""
+
+    def stop(self) -> None:
+        """It stands already."""
+
+    def close(self) -> None:
+        """Nothing to let go of."""
 
 
 class ArmSettings(NamedTuple):

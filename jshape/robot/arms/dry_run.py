@@ -1,15 +1,15 @@
 """An arm that only says what it would do."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
 
 from jshape._typing import Float
-from jshape.robot.arms.base import ArmSettings, Doing, Moved, OpenedArm
+from jshape.robot.arms.base import ArmSettings, Doing, Moved, NoHardware, OpenedArm
 
 
-class DryRun:
+class DryRun(NoHardware):
     """Says every motion and makes none: for reading a plan, and for trying everything but the arm.
 
     The limits are checked before (`procedure.check_reach`), as for any arm.
@@ -19,19 +19,7 @@ class DryRun:
 
     def __init__(self, say: Callable[[str], object] = print):
         """`say` is given each line."""
-        self._say = say
-        self._pose = np.eye(4)
-
-    def limit(self, *, effort: float, speed: float) -> None:
-        """It makes no motion."""
-
-    def check(
-        self,
-        poses: Sequence[Float[np.ndarray, "4 4"]],
-        postures: Sequence[str],
-        tool: Float[np.ndarray, "4 4"],
-    ) -> None:
-        """It can do all of it."""
+        self._say, self._pose = say, np.eye(4)
 
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
         """Say what comes."""
@@ -71,9 +59,6 @@ class DryRun:
         """Say so, if anybody still listens."""
         with suppress(OSError):
             self._say("  stop")
-
-    def close(self) -> None:
-        """Nothing to let go of."""
 
 
 def open_dry_run(address: str, settings: ArmSettings) -> OpenedArm:

@@ -6,8 +6,9 @@ STOP make the caller go on at once, and the arm is told to stop from another thr
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +39,6 @@ STUCK = 0.02
 ASTRAY = 0.25
 """Metres that the tool may be farther from where it was to go than where it set out."""
 
-T = TypeVar("T")
-
 
 class GuardedArm:
     """An arm behind deadlines and checks; implements `Arm`."""
@@ -53,22 +52,27 @@ class GuardedArm:
         closing: float = CLOSING,
         homing: float = HOMING,
     ):
-        """Guard an arm: all calls but `stop` come from one thread, one after the other.
+        """Guard an arm, which nobody else may call from now on.
 
         An arm that has a `slowness` is given so many times as long: simulations compile, and are
         slower than the clock.
 
         Args:
-          arm: an `Arm`; nobody else may call it.
-          floor: seconds that every call is given.
-          stopping: seconds that anybody waits for its `stop`.
-          closing: seconds that anybody waits for its `close`.
-          homing: metres that the way home is taken for.
+          arm: an `Arm`.
+          floor: instead of `FLOOR`.
+          stopping: instead of `STOPPING`.
+          closing: instead of `CLOSING`.
+          homing: instead of `HOMING`.
 
         Raises:
           ArmError: it lacks a method.
         """
-        missing = [name for name in _METHODS if not callable(getattr(arm, name, None))]
+        missing = [
+            name
+            for name, stub in vars(Arm).items()
+            if not name.startswith("_")
+            and (not callable(getattr(arm, name, None)) or getattr(type(arm), name, None) is stub)
+        ]
         if missing:
             raise ArmError(f"{type(arm).__name__}: an arm has {', '.join(missing)}; this has none")
         self.arm: Arm = arm
@@ -107,23 +111,20 @@ class GuardedArm:
     @property
     def trouble(self) -> str | None:
         """What went wrong with the last `stop`, in one line; None: nothing so far."""
-        call = self._stop
+        call, waited = self._stop, time.monotonic() - self._stopped_at
         if call is None:
             return None
         if not call.wait(0.0):
-            waited = time.monotonic() - self._stopped_at
-            if waited < self._wait:
-                return None
-            return f"{self.name}: did not stop: no answer for {waited:.0f} s: use its own switch"
-        if call.problem is None:
+            why = f"no answer for {waited:.0f} s: use its own switch"
+            return f"{self.name}: did not stop: {why}" if waited >= self._wait else None
+        if (problem := call.exception(0)) is None:
             return None
-        problem = call.problem
         return f"{self.name}: did not stop: {type(problem).__name__}: {one_line(problem)}"
 
     def limit(self, *, effort: float, speed: float) -> None:
         """As the arm's."""
         self._fastest = speed
-        self._made("limit", lambda: self.arm.limit(effort=effort, speed=speed))
+        self._made("limit", 0.0, effort=effort, speed=speed)
 
     def check(
         self,
@@ -132,51 +133,39 @@ class GuardedArm:
         tool: Float[np.ndarray, "4 4"],
     ) -> None:
         """As the arm's."""
-        self._made("check", lambda: self.arm.check(poses, postures, tool))
+        self._made("check", 0.0, poses, postures, tool)
 
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
         """As the arm's."""
-        self._made("begin", lambda: self.arm.begin(doing, tool))
+        self._made("begin", 0.0, doing, tool)
 
     def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
         """As the arm's, within `FLOOR` and `SLACK` times the way over the speed."""
         start, target = self._at, pose[:3, 3].copy()
         way = self._homing if start is None else float(np.linalg.norm(target - start))
-        moved = self._made(
-            "move",
-            lambda: self.arm.move(pose, speed=speed, threshold=threshold),
-            self._moved,
-            way / speed,
-        )
+        moved = self._moved("move", way / speed, pose, speed=speed, threshold=threshold)
         if start is not None:
             self._check_way(start, target, moved)
         return moved
 
     def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
         """As the arm's, within `FLOOR` and `SLACK` times the seconds that it takes."""
-        return self._made(
-            "posture",
-            lambda: self.arm.posture(name, seconds=seconds, threshold=threshold),
-            self._moved,
-            seconds,
-        )
+        return self._moved("posture", seconds, name, seconds=seconds, threshold=threshold)
 
     def home(self) -> Moved:
         """As the arm's, within `FLOOR` and `SLACK` times `HOMING` over the fastest speed."""
-        return self._made("home", self.arm.home, self._moved, self._homing / self._fastest)
+        return self._moved("home", self._homing / self._fastest)
 
     def effort(self) -> float:
         """As the arm's."""
-        return self._made("effort", self.arm.effort, lambda value: self._effort("effort", value))
+        return self._effort("effort", self._made("effort", 0.0))
 
     def pose(self) -> Float[np.ndarray, "4 4"]:
         """As the arm's."""
-        return self._made("pose", self.arm.pose, lambda value: self._pose("pose", value))
+        return self._pose("pose", self._made("pose", 0.0))
 
     def stop(self) -> None:
-        """Tell the arm to stop, on a thread of its own, and wait for at most `STOPPING` seconds.
-
-        A second Ctrl-C does not cut it short.
+        """Tell the arm to stop, and wait for at most `STOPPING` seconds, Ctrl-C or not.
 
         Raises:
           ArmError: it did not, or has not answered by then.
@@ -188,34 +177,17 @@ class GuardedArm:
             raise ArmError(self.trouble)
 
     def close(self) -> None:
-        """Let go of the arm, within `CLOSING` seconds.
+        """Let go of the arm; ArmLost if that takes longer than `CLOSING`, ArmError if it raises."""
+        self._worker.close(self._closing, self.arm.close, ArmError, ArmLost)
 
-        Raises:
-          ArmLost: it has not ended by then.
-          ArmError: it raised something.
-        """
-        worker = self._worker if self._worker.busy is None else Worker(self.name)
-        call = worker.begin("close", self.arm.close)
-        worker.end()
-        self._worker.end()
-        call.wait(self._closing)
-        overdue = f"{self.name}: close has not ended after {self._closing:g} s"
-        call.settle(problem=ArmLost(overdue))
-        call.result(self.name, ArmError)
-
-    def _made(
-        self,
-        what: str,
-        function: Callable[[], Any],
-        checked: Callable[[Any], T] = lambda value: value,
-        seconds: float = 0.0,
-    ) -> T:
-        """What a call returned, checked; `seconds` that a motion takes at full speed.
+    def _made(self, what: str, seconds: float, /, *given: Any, **named: Any) -> Any:
+        """What a method of the arm returned; `seconds` that a motion takes at full speed.
 
         Raises:
           ArmLost: it is overdue; the arm was told to stop.
           ArmError: it was stopped by a person, or raised something.
         """
+        function = partial(getattr(self.arm, what), *given, **named)
         with self._lock:
             if self._interrupted:
                 raise self._refusal()
@@ -235,7 +207,7 @@ class GuardedArm:
             call.settle(problem=self._refusal())
             self._begin_stop()
             raise
-        return checked(call.result(self.name, ArmError))
+        return call.value(self.name, ArmError)
 
     def _refusal(self) -> ArmError:
         return ArmError(f"{self.name}: stopped by a person")
@@ -259,31 +231,20 @@ class GuardedArm:
             if self._worker.busy is not None:
                 Call("stop", self.arm.stop).run()
 
-    def _moved(self, value: Any) -> Moved:
-        """How a motion ended, if that can be.
-
-        Raises:
-          ArmError, EffortLimit: it cannot.
-        """
-        what = self._call.what if self._call is not None else "motion"
+    def _moved(self, what: str, seconds: float, /, *given: Any, **named: Any) -> Moved:
+        """How a motion ended; ArmError, EffortLimit: it cannot have ended so.  See `_made`."""
+        value = self._made(what, seconds, *given, **named)
         if not isinstance(value, tuple) or len(value) != 3:
-            raise ArmError(
-                f"{self.name}: {what} returned {quoted(value)}; expected Moved(contact, effort, "
-                "pose)"
-            )
+            expected = "expected Moved(contact, effort, pose)"
+            raise ArmError(f"{self.name}: {what} returned {quoted(value)}; {expected}")
         contact, effort, pose = value
         if not isinstance(contact, bool | np.bool_):
-            raise ArmError(
-                f"{self.name}: {what}: contact is {quoted(contact)}; it is True or False"
-            )
+            said = f"contact is {quoted(contact)}; it is True or False"
+            raise ArmError(f"{self.name}: {what}: {said}")
         return Moved(bool(contact), self._effort(what, effort), self._pose(what, pose))
 
     def _effort(self, what: str, value: Any) -> float:
-        """A contact effort, Nm.
-
-        Raises:
-          EffortLimit: it is none, so that no limit holds.
-        """
+        """A contact effort, Nm; EffortLimit: it is none, so that no limit holds."""
         number = np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
         if not number or not 0 <= float(value) < np.inf:
             came = f"{float(value):g}" if number else quoted(value)
@@ -294,11 +255,7 @@ class GuardedArm:
         return float(value)
 
     def _pose(self, what: str, value: Any) -> Float[np.ndarray, "4 4"]:
-        """A pose of the tool, metres.
-
-        Raises:
-          ArmError: it is none.
-        """
+        """A pose of the tool, metres; ArmError: it is none."""
         try:
             pose = check_rigid(value, f"{self.name}: {what}: the tool's pose")
         except JShapeError as problem:
@@ -307,11 +264,7 @@ class GuardedArm:
         return pose
 
     def _check_way(self, start: np.ndarray, target: np.ndarray, moved: Moved) -> None:
-        """Whether the tool can be where the arm says after a motion.
-
-        Raises:
-          ArmError: it says the same as before, or a place far off the way.
-        """
+        """ArmError where the arm says the same pose as before a motion, or one far off the way."""
         way, at = float(np.linalg.norm(target - start)), moved.pose[:3, 3]
         if not moved.contact and way > STUCK and np.abs(at - start).max() < 1e-5:
             raise ArmError(
@@ -325,8 +278,3 @@ class GuardedArm:
                 f"to go, after a way of {1000 * way:.0f} mm; at most {1000 * ASTRAY:.0f} mm more "
                 "than that: is it in metres, in the base frame?"
             )
-
-
-_METHODS = (
-    *("limit", "check", "begin", "move", "posture", "home", "effort", "pose", "stop", "close"),
-)

@@ -25,13 +25,7 @@ def open_arm(
     material: str | Material = "flour",
     say: Callable[[str], object] = print,
 ) -> OpenedArm:
-    """The arm that a text names, and what comes with it.
-
-    Args:
-      text: `NAME` or `NAME:ADDRESS` of `ARMS`.
-      camera: the bank's; a simulated camera is like it.
-      material: of a simulated bed.
-      say: told what a dry run would do.
+    """The arm that `NAME` or `NAME:ADDRESS` of `ARMS` names; the rest is for `ArmSettings`.
 
     Raises:
       JShapeError: no such arm, or an address that it does not take.

@@ -1,13 +1,19 @@
 """An arm over the height-field bed: it moves at once, feels the material, and the bed gives way."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from jshape import sim
 from jshape._typing import Float
 from jshape.actions import PAPER_Z
-from jshape.robot.arms.base import ArmError, ArmSettings, Doing, EffortLimit, Moved, OpenedArm
+from jshape.robot.arms.base import (
+    ArmError,
+    ArmSettings,
+    Doing,
+    EffortLimit,
+    Moved,
+    NoHardware,
+    OpenedArm,
+)
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.registry import seed_of
 from jshape.robot.simulated import SimulatedWorld, bed_of
@@ -22,7 +28,7 @@ RIGID = 1e4
 """Effort per metre below something that does not give way, Nm."""
 
 
-class SimulatedArm:
+class SimulatedArm(NoHardware):
     """Moves the tool in the camera's frame, which is also its base frame.
 
     What it does to the bed it does when it comes up again: as much of the stroke as the tool really
@@ -34,10 +40,7 @@ class SimulatedArm:
     """Over a bed that is compiled first."""
 
     def __init__(self, world: SimulatedWorld, *, obstacle_mm: float | None = None):
-        """An arm over a world's bed.
-
-        `obstacle_mm` is the height above the floor of something rigid all over the bed.
-        """
+        """An arm over a world's bed, all of it rigid up to so far above the floor."""
         self.world = world
         self._obstacle = None if obstacle_mm is None else obstacle_mm / 1000.0
         self._pose = np.eye(4)
@@ -50,14 +53,6 @@ class SimulatedArm:
     def limit(self, *, effort: float, speed: float) -> None:
         """Stop at this effort; it has no speed."""
         self._hard = effort
-
-    def check(
-        self,
-        poses: Sequence[Float[np.ndarray, "4 4"]],
-        postures: Sequence[str],
-        tool: Float[np.ndarray, "4 4"],
-    ) -> None:
-        """It goes everywhere; the bed knows its hand."""
 
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
         """Remember what is being done; coming up, the bed changes."""
@@ -79,9 +74,8 @@ class SimulatedArm:
         self._pose[:3, 3] = line[end]
         self._effort = float(efforts[end])
         if self._effort > self._hard:
-            raise EffortLimit(
-                f"contact effort {self._effort:.0f} Nm; the arm stops at {self._hard:g}"
-            )
+            said = f"contact effort {self._effort:.0f} Nm; the arm stops at {self._hard:g}"
+            raise EffortLimit(said)
         if self._doing is not None and self._doing.operation == "act":
             self._surface = float(self._bed_depth(target[None])[0])
             self._wanted = float(target[2]) - self._surface
@@ -107,12 +101,6 @@ class SimulatedArm:
     def pose(self) -> Float[np.ndarray, "4 4"]:
         """Of the tool."""
         return self._pose.copy()
-
-    def stop(self) -> None:
-        """It stands already."""
-
-    def close(self) -> None:
-        """Nothing to let go of."""
 
     def _bed_depth(self, points: np.ndarray) -> np.ndarray:
         """Depth of the surface in front of points (N, 3) in the camera's frame, metres."""

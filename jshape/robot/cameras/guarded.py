@@ -1,8 +1,6 @@
 """The one way to a robot's camera: a driver that hangs is noticed."""
 
-from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Any
 
 import numpy as np
 
@@ -29,35 +27,12 @@ class GuardedCamera(AbstractContextManager):
         self._worker = Worker(self.name)
 
     def frame(self) -> Num[np.ndarray, "H W"]:
-        """As the camera's.
-
-        Raises:
-          CameraLost: as the camera's; nothing came in time, or its driver raised something.
-        """
-        return self._made(self._worker, "frame", self.inside.frame, self._hangs)
+        """As the camera's; CameraLost too if nothing came in time, or its driver raised."""
+        return self._worker.within(self._hangs, "frame", self.inside.frame, CameraLost, CameraLost)
 
     def close(self) -> None:
-        """As the camera's, within `CLOSING` seconds; beside a frame that hangs.
-
-        Raises:
-          CameraLost: it has not ended by then, or raised something.
-        """
-        worker = self._worker if self._worker.busy is None else Worker(self.name)
-        try:
-            self._made(worker, "close", self.inside.close, self._closing)
-        finally:
-            worker.end()
-            self._worker.end()
+        """As the camera's, beside a frame that hangs; CameraLost if it does not end, or raises."""
+        self._worker.close(self._closing, self.inside.close, CameraLost, CameraLost)
 
     def __exit__(self, *problem: object) -> None:
         self.close()
-
-    def _made(self, worker: Worker, what: str, function: Callable[[], Any], seconds: float) -> Any:
-        call = worker.begin(what, function)
-        try:
-            call.wait(seconds)
-        finally:  # Ctrl-C too: nobody waits for it any more
-            call.settle(
-                problem=CameraLost(f"{self.name}: {what} has not ended after {seconds:g} s")
-            )
-        return call.result(self.name, CameraLost)

@@ -68,11 +68,11 @@ def test_a_recording_is_copied_to_the_bit(folder, tmp_path, capsys):
 def test_the_largest_count_is_no_reading(tmp_path, watched, rng, capsys):
     frames = noisy(rng, 12)
     frames[:, :12, :] = 65535
-    watched(iter(frames), count=12)
+    watched(iter(frames))
     code, out, _ = run(capsys, "camera", "check", "watched", "--frames", 6)
     assert code == 0 and "BAD 75.0% of the pixels have a reading" in out
     assert "pixels without depth in all frames: 4608 (of them 4,608 at 65535 (the largest" in out
-    watched(iter(frames), count=12)
+    watched(iter(frames))
     code, out, _ = run(capsys, "record", "watched", "--out", tmp_path / "rec")
     assert "75.0% of the pixels have a reading (of them 9,216 at 65535 (the largest uint1" in out
     recording = open_recording(tmp_path / "rec")

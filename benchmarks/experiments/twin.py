@@ -22,7 +22,7 @@ from jshape.robot.arms.mujoco import BOX, Ready, make_twin
 from jshape.robot.procedure import Hand, OperationResult, perform
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.surface import surface_point
-from jshape.robot.twin import engine, iiwa
+from jshape.robot.twin import engine
 from jshape.robot.twin.model import Obstacle
 from jshape.robot.twin.world import Twin
 
@@ -149,7 +149,7 @@ def trial(ready: Ready, hand: Hand, action: str, point: np.ndarray) -> dict[str,
 
     def watch(twin: Twin) -> None:
         nonlocal least
-        least = min(least, float((iiwa.RANGES - np.abs(twin.joints())).min()))
+        least = min(least, float((twin.reach.ranges - np.abs(twin.joints())).min()))
 
     done: list[OperationResult] = []
     before, arm.watch = arm.watch, watch

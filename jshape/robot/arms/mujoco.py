@@ -23,6 +23,7 @@ from jshape.robot.arms.base import (
     Doing,
     EffortLimit,
     Moved,
+    NoHardware,
     OpenedArm,
     PoseRefused,
 )
@@ -77,30 +78,20 @@ def _commanded(command: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
-class MuJoCoArm:
-    """Moves the twin's arm and hand; implements `Arm`."""
+class MuJoCoArm(NoHardware):
+    """Moves the twin's arm and hand."""
 
     name = "KUKA LBR iiwa 14 with a five-finger hand (MuJoCo)"
     slowness = 30.0
     """The physics is compiled first, and then slower than the clock."""
 
-    def __init__(
-        self,
-        twin: Twin,
-        *,
-        watch: Callable[[Twin], None] = lambda twin: None,
-    ):
-        """An arm over a twin's bed.
-
-        Args:
-          twin: the world that it moves in.
-          watch: called after every step of the physics, for pictures and measurements.
-        """
+    def __init__(self, twin: Twin, *, watch: Callable[[Twin], None] = lambda twin: None):
+        """An arm over a twin's bed."""
         self.twin = twin
         self._hard = HARD
         self._fastest = FASTEST
         self.watch = watch
-        """Called after every step of the physics."""
+        """Called after every step of the physics, for pictures and measurements."""
         self._tool = np.eye(4)
         self._doing: Doing | None = None
         self._press: BedPress | None = None
@@ -123,7 +114,7 @@ class MuJoCoArm:
                 raise ArmError(str(UnknownName("posture", name, fingers.POSTURES)))
         joints, flange = self.twin.target, np.linalg.inv(np.asarray(tool, float))
         for pose in poses:
-            joints = self.twin.reach.line(joints, np.asarray(pose, float) @ flange).joints[-1]
+            joints = self.twin.reach.line(joints, np.asarray(pose, float) @ flange)[1][-1]
 
     @_commanded
     def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
@@ -135,11 +126,15 @@ class MuJoCoArm:
     def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
         """Bring the tool there along a straight line, or as far as the effort allows."""
         flange = np.asarray(pose, float) @ np.linalg.inv(self._tool)
-        line = self.twin.reach.line(self.twin.target, flange)
+        length, joints = self.twin.reach.line(self.twin.target, flange)
         if self._doing is not None and self._doing.operation == "act":
-            self._press = self._pressing(self._doing, pose)
-        seconds = max(PEAK * line.way[-1] / speed, SLOWEST)
-        joints = line.joints if len(line.way) > 1 else np.repeat(line.joints, 2, axis=0)
+            try:
+                self._press = BedPress(
+                    self.twin, self._doing, self.pose(), np.asarray(pose, float), REFRESH
+                )
+            except (UnknownName, BadPosition) as problem:
+                raise ArmError(str(problem)) from None
+        seconds = max(PEAK * length / speed, SLOWEST)
         spline = CubicSpline(np.linspace(0.0, 1.0, len(joints)), joints)
         return self._follow(spline, seconds, threshold)
 
@@ -147,18 +142,16 @@ class MuJoCoArm:
     def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
         """Give the hand a posture; a turn of the wrist may take longer than `seconds`."""
         try:
-            angles = fingers.angles(name)
+            first, last = self.twin.grip, fingers.angles(name)
         except UnknownName as problem:
             raise ArmError(str(problem)) from None
-        twin = self.twin
-        first, last = twin.grip, np.array([angles[joint] for joint in fingers.JOINTS])
         seconds = max(seconds, PEAK * np.abs(last - first).max() / TURNS)
 
         def step(share: float, rate: float) -> float:
-            twin.grip = first + share * (last - first)
+            self.twin.grip = first + share * (last - first)
             if self._press is not None:
                 self._press.close(share)
-            return twin.step()
+            return self.twin.step()
 
         return self._run(step, seconds, threshold)
 
@@ -194,9 +187,6 @@ class MuJoCoArm:
             return
         self.twin.halt()
         self._finish()
-
-    def close(self) -> None:
-        """Nothing to let go of."""
 
     def _lift(self) -> None:
         """Straight up out of the box, should the tool still be in it."""
@@ -240,19 +230,12 @@ class MuJoCoArm:
                 raise ArmError(f"{self.name}: stopped")
             if effort > self._hard:
                 self.stop()
-                raise EffortLimit(
-                    f"contact effort {effort:.0f} Nm; the arm stops at {self._hard:g}"
-                )
+                said = f"contact effort {effort:.0f} Nm; the arm stops at {self._hard:g}"
+                raise EffortLimit(said)
             if effort > threshold:
                 self.twin.halt()
                 return Moved(True, greatest, self.pose())
         return Moved(False, greatest, self.pose())
-
-    def _pressing(self, doing: Doing, pose: np.ndarray) -> BedPress:
-        try:
-            return BedPress(self.twin, doing, self.pose(), np.asarray(pose, float), REFRESH)
-        except (UnknownName, BadPosition) as problem:
-            raise ArmError(str(problem)) from None
 
     def _finish(self) -> None:
         if self._press is not None:
@@ -261,14 +244,12 @@ class MuJoCoArm:
 
 
 class Ready(NamedTuple):
-    """What a robot is made of; `arm.twin` is the world behind both."""
+    """A robot at home, the bed in its camera's view; `arm.twin` is the world behind both."""
 
     arm: MuJoCoArm
-    """At home, the bed in the camera's view."""
     camera: MuJoCoCamera
-    """On its wrist."""
     base_camera: Float[np.ndarray, "4 4"]
-    """Pose of the camera in the arm's base frame when the arm is at home."""
+    """Pose of the camera in the arm's base frame."""
 
 
 def make_twin(

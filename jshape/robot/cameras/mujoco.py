@@ -30,15 +30,7 @@ class MuJoCoCamera(AbstractContextManager):
         depth_unit: float = DEPTH_UNIT,
         noise: float = 0.00045,
     ):
-        """The camera of a twin.
-
-        Args:
-          twin: whose wrist carries it.
-          key: for the noise; None is `jax.random.key(1)`.
-          depth_unit: metres per count.
-          noise: standard deviation at 0.45 m, metres, and as many holes as `sim.sensor` makes; 0
-            for neither.
-        """
+        """The camera of a twin; `noise` at 0.45 m in metres (0: no holes either), `key` for it."""
         self.camera = twin.camera
         self.depth_unit = depth_unit
         self.still = noise == 0
@@ -50,12 +42,7 @@ class MuJoCoCamera(AbstractContextManager):
         self._closed = False
 
     def frame(self) -> Num[np.ndarray, "H W"]:
-        """A frame: counts of `depth_unit`, 0 = no reading.
-
-        Raises:
-          CameraLost: it was closed.
-          NoPicture: MuJoCo cannot draw here.
-        """
+        """A frame: counts of `depth_unit`, 0 = no reading; raises as `depth`."""
         depth = self.depth()
         if self._noise:
             self._key, key = jax.random.split(self._key)

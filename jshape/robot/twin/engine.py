@@ -7,7 +7,7 @@ import sys
 import warnings
 from typing import Any
 
-from jshape.errors import JShapeError
+from jshape.errors import JShapeError, one_line
 
 LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
 """Ways to draw without a screen, and the library that each needs."""
@@ -18,11 +18,7 @@ class NoPicture(JShapeError):
 
 
 def mujoco() -> Any:
-    """The module `mujoco`.
-
-    Raises:
-      JShapeError: it is not installed.
-    """
+    """The module `mujoco`; JShapeError: it is not installed."""
     # MuJoCo reads the variable once, when it is imported, and takes GLFW, which needs a screen.
     if sys.platform == "linux" and "MUJOCO_GL" not in os.environ and "DISPLAY" not in os.environ:
         for name, library in LIBRARIES.items():
@@ -33,11 +29,7 @@ def mujoco() -> Any:
 
 
 def mink() -> Any:
-    """The module `mink`.
-
-    Raises:
-      JShapeError: it is not installed.
-    """
+    """The module `mink`; JShapeError: it is not installed."""
     mujoco()
     return _module("mink")
 
@@ -48,15 +40,14 @@ def renderer(model: Any, width: int, height: int) -> Any:
     Raises:
       NoPicture: neither EGL nor OSMesa works here.
     """
-    engine = mujoco()
     try:
         with warnings.catch_warnings():  # GLFW warns of a missing screen, four times
             warnings.simplefilter("ignore")
-            return engine.Renderer(model, height=height, width=width)
+            return mujoco().Renderer(model, height=height, width=width)
     except Exception as problem:  # each way to draw fails in its own fashion
-        why = " ".join(str(problem).split())[:120] or type(problem).__name__
         raise NoPicture(
-            f"MuJoCo cannot draw with MUJOCO_GL={os.environ.get('MUJOCO_GL', '(unset)')} ({why}); "
+            f"MuJoCo cannot draw with MUJOCO_GL={os.environ.get('MUJOCO_GL', '(unset)')} "
+            f"({one_line(problem, 120) or type(problem).__name__}); "
             "on Debian install libosmesa6 and set MUJOCO_GL=osmesa, or "
             "libegl1 libegl-mesa0 libgl1-mesa-dri and MUJOCO_GL=egl"
         ) from None

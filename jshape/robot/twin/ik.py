@@ -4,19 +4,15 @@ Poses are of the flange in the base frame, metres.  A straight line is solved po
 from the one before, so that the arm neither jumps nor turns its elbow round.
 """
 
-from typing import Any, NamedTuple
-
 import numpy as np
 
 from jshape._typing import Float
 from jshape.robot.arms.base import PoseRefused
 from jshape.robot.twin.engine import mink, mujoco
-from jshape.robot.twin.iiwa import add_arm
+from jshape.robot.twin.model import FOLDER
 
-NEAR_MM = 0.05
-"""A pose is reached within this distance..."""
-NEAR_RAD = 2e-4
-"""... and this angle."""
+NEAR_MM, NEAR_RAD = 0.05, 2e-4
+"""A pose is reached within this distance and this angle."""
 ROUNDS = 60
 """Steps of the solver for one pose, at most; from a neighbour 2 to 5 are enough."""
 RESTFUL = 8
@@ -31,36 +27,25 @@ MARGIN = np.radians(1.0)
 """Stay so far from the joints' limits."""
 
 
-class Line(NamedTuple):
-    """A straight line as joint angles."""
-
-    way: Float[np.ndarray, "K"]
-    """Length of the way up to each point, metres; turns count with `LEVER`."""
-    joints: Float[np.ndarray, "K 7"]
-    """Angles, radians."""
-
-
 class Reach:
     """What the arm can reach, and how."""
 
     def __init__(self, posture: Float[np.ndarray, "7"]):
         """The arm's kinematics; of all solutions it takes those near `posture` (radians)."""
-        engine = mujoco()
         self._mink = mink()
-        spec = engine.MjSpec()
-        spec.compiler.degree = False
-        add_arm(spec)
-        self._model = spec.compile()
-        self._configuration = self._mink.Configuration(self._model)
+        model = mujoco().MjModel.from_xml_path(str(FOLDER / "iiwa.xml"))
+        self.ranges = model.jnt_range[:, 1].copy()
+        """The joints turn so far to either side, radians."""
+        self._configuration = self._mink.Configuration(model)
         self._task = self._mink.FrameTask("flange", "site", position_cost=1.0, orientation_cost=0.3)
-        self._rest = self._mink.PostureTask(self._model, cost=2e-3)
+        self._rest = self._mink.PostureTask(model, cost=2e-3)
         self._rest.set_target(np.asarray(posture, float))
-        self._limits = [self._mink.ConfigurationLimit(self._model, min_distance_from_limits=MARGIN)]
+        self._limits = [self._mink.ConfigurationLimit(model, min_distance_from_limits=MARGIN)]
 
     def pose(self, joints: Float[np.ndarray, "7"]) -> Float[np.ndarray, "4 4"]:
         """Of the flange at these joint angles."""
         self._configuration.update(np.asarray(joints, float))
-        return self._frame().as_matrix()
+        return self._configuration.get_transform_frame_to_world("flange", "site").as_matrix()
 
     def solve(
         self, pose: Float[np.ndarray, "4 4"], start: Float[np.ndarray, "7"]
@@ -73,7 +58,8 @@ class Reach:
         self._configuration.update(np.asarray(start, float))
         self._task.set_target(self._mink.SE3.from_matrix(np.asarray(pose, float)))
         for n in range(ROUNDS):
-            if self._off() < 1.0:
+            far_mm, turned = self._error()
+            if max(far_mm / NEAR_MM, turned / NEAR_RAD) < 1.0:
                 return self._configuration.q.copy()
             # Where the arm is almost straight or folded, its rest would pull it off the target.
             tasks = [self._task, self._rest] if n < RESTFUL else [self._task]
@@ -86,15 +72,21 @@ class Reach:
             # A large step would leave where the linear problem holds.
             largest = np.abs(velocity).max()
             self._configuration.integrate_inplace(velocity * min(1.0, 0.3 / (largest + 1e-9)), 1.0)
-        at = np.asarray(pose)[:3, 3] * 1000.0
+        far_mm, turned = self._error()
         raise PoseRefused(
             f"inverse kinematics finds no joint angles for the flange at "
-            f"({at[0]:.0f}, {at[1]:.0f}, {at[2]:.0f}) mm in the base frame; "
-            f"the nearest is {self._miss()}"
+            f"{_mm(np.asarray(pose)[:3, 3])} mm in the base frame; "
+            f"the nearest is {far_mm:.1f} mm and {np.degrees(turned):.1f} degrees off"
         )
 
-    def line(self, start: Float[np.ndarray, "7"], pose: Float[np.ndarray, "4 4"]) -> Line:
+    def line(
+        self, start: Float[np.ndarray, "7"], pose: Float[np.ndarray, "4 4"]
+    ) -> tuple[float, Float[np.ndarray, "K 7"]]:
         """The straight line from where the flange is at `start` to a pose.
+
+        Returns:
+          Its length in metres, turns counted with `LEVER`, and joint angles of evenly spaced points
+          along it, radians.
 
         Raises:
           PoseRefused: a point of it cannot be reached, or only by a jump.
@@ -114,26 +106,18 @@ class Reach:
             )
             solved = self.solve(point.as_matrix(), joints[-1])
             if np.abs(solved - joints[-1]).max() > JUMP:
-                at = point.translation() * 1000.0
                 raise PoseRefused(
-                    f"the straight line passes too near a singular pose at ({at[0]:.0f}, "
-                    f"{at[1]:.0f}, {at[2]:.0f}) mm in the base frame"
+                    "the straight line passes too near a singular pose at "
+                    f"{_mm(point.translation())} mm in the base frame"
                 )
             joints.append(solved)
-        return Line(np.linspace(0.0, length, count + 1), np.stack(joints))
-
-    def _frame(self) -> Any:
-        return self._configuration.get_transform_frame_to_world("flange", "site")
+        return length, np.stack(joints)
 
     def _error(self) -> tuple[float, float]:
         """Distance in mm and angle in radians from the target."""
         error = self._task.compute_error(self._configuration)
         return float(np.linalg.norm(error[:3])) * 1000.0, float(np.linalg.norm(error[3:]))
 
-    def _off(self) -> float:
-        far, turned = self._error()
-        return max(far / NEAR_MM, turned / NEAR_RAD)
 
-    def _miss(self) -> str:
-        far, turned = self._error()
-        return f"{far:.1f} mm and {np.degrees(turned):.1f} degrees off"
+def _mm(point: np.ndarray) -> str:
+    return "({:.0f}, {:.0f}, {:.0f})".format(*(1000.0 * point))

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from jshape import sim
-from jshape._typing import Array, Float, Key
+from jshape._typing import Float
 from jshape.robot.arms.base import Doing
 from jshape.robot.twin.model import FLOOR
 from jshape.robot.twin.world import Twin
@@ -34,23 +34,15 @@ class BedPress:
         end: Float[np.ndarray, "4 4"],
         refresh: int,
     ):
-        """A stroke that begins.
-
-        Args:
-          twin: whose bed it is.
-          doing: action, strength and yaw.
-          start: pose of the tool now, base frame.
-          end: where it is told to go.
-          refresh: change the surface every so many steps.
+        """A stroke from one pose of the tool to another (base frame), shown every `refresh` steps.
 
         Raises:
           UnknownName: the simulator has no such action.
           BadPosition: the tool is not over the bed.
         """
         self._twin, self._doing, self._refresh = twin, doing, refresh
-        camera_base = np.linalg.inv(twin.base_camera)
-        at = (camera_base @ start)[:3, 3]
-        self.xy = float(at[0]), float(at[1])
+        x, y, _ = (np.linalg.inv(twin.base_camera) @ start)[:3, 3].tolist()
+        self.xy = x, y
         """Where the tool touched, in the bed's frame, metres."""
         self._stroke = sim.stroke(doing.action)
         self._key = twin.next_key()
@@ -98,10 +90,9 @@ class BedPress:
             path = path.at[2].set(path[1] + shut * (path[2] - path[1]))
             stroke = replace(stroke, path=path)
         # The key is used again: it is the same repetition, cut off or less deep.
-        return sim.apply_action(
-            _copy(self._key), self._before, twin.material, stroke, self.xy,
-            strength=strength, yaw=self._doing.yaw, spread=twin.spread,
-        )  # fmt: skip
+        key = jax.random.wrap_key_data(jax.random.key_data(self._key))
+        how = {"strength": strength, "yaw": self._doing.yaw, "spread": twin.spread}
+        return sim.apply_action(key, self._before, twin.material, stroke, self.xy, **how)
 
     def _surface(self) -> float:
         """Height of the bed where the tool is, base frame, metres."""
@@ -124,7 +115,3 @@ class BedPress:
 def _share(first: float, now: float, last: float) -> float:
     """How much of the way down from first to last is done, 0 to 1."""
     return float(np.clip((first - now) / max(first - last, 1e-6), 0.0, 1.0))
-
-
-def _copy(key: Key[Array, ""]) -> Key[Array, ""]:
-    return jax.random.wrap_key_data(jax.random.key_data(key))

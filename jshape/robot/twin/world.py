@@ -6,13 +6,17 @@ import jax
 import numpy as np
 
 from jshape import sim
-from jshape._typing import Array, Bool, Float, Key
+from jshape._typing import Array, Float, Key
 from jshape.camera import D435_BAZAR, Camera
-from jshape.robot.twin import fingers, iiwa
+from jshape.robot.twin import fingers
 from jshape.robot.twin.engine import mujoco
 from jshape.robot.twin.ik import Reach
-from jshape.robot.twin.model import Obstacle, build, field_of, flange_camera
+from jshape.robot.twin.model import Obstacle, base_camera, build, field_of
 
+JOINTS = tuple(f"joint{k}" for k in range(1, 8))
+"""Of the arm, from the base."""
+LAG = 0.02
+"""Damping over stiffness of the arm's drives in `iiwa.xml`, seconds."""
 FILTER = 0.015
 """Time constant of the low pass that efforts go through, seconds."""
 REST = np.radians([0.0, 27.0, 0.0, -86.0, 0.0, 92.0, -90.0])
@@ -33,40 +37,24 @@ class Twin:
         obstacle: Obstacle | None = None,
         spread: float = 0.0,
     ):
-        """A twin at home over a bed.
-
-        Args:
-          bed: as it is now; its size is the box's.
-          key: for the variability of actions; None is `jax.random.key(0)`.
-          material: of the bed.
-          camera: size and intrinsics of the depth camera on the wrist.
-          obstacle: something rigid in the bed.
-          spread: factor on the robot's variability in `sim.apply_action`.
-
-        Raises:
-          UnknownName: no such material.
-          JShapeError: MuJoCo or mink is not installed.
-        """
+        """A twin at home over a bed; `key` is `jax.random.key(0)` if None.  See `make_twin`."""
         self._engine = mujoco()
-        scene = build(bed, camera, obstacle)
-        self.model: Any = scene.model
+        self.model: Any = build(bed, camera, obstacle)
         self.data: Any = self._engine.MjData(self.model)
-        self.base_camera = scene.base_camera
+        self.base_camera = base_camera()
         self.camera = camera
         self.material = sim.read_material(material)
-        self.obstacle = obstacle
         self.spread = spread
         self.reach = Reach(REST)
-        flange = self.base_camera @ np.linalg.inv(flange_camera())
-        self.home = self.reach.solve(flange, REST)
+        camera_flange = np.linalg.inv(self.eye()) @ self.flange()
+        self.home = self.reach.solve(self.base_camera @ camera_flange, REST)
         self._key = jax.random.key(0) if key is None else key
-        self._arm = _addresses(self.model, iiwa.JOINTS)
-        self._hand = _addresses(self.model, fingers.JOINTS)
-        drives = iiwa.JOINTS, fingers.JOINTS
-        self._drives = [np.array([self.model.actuator(n).id for n in names]) for names in drives]
-        self._bed_geom: int = self.model.geom("bed").id
-        soft = [self._bed_geom] + ([self.model.geom("obstacle").id] if obstacle else [])
-        self._meant = np.array(soft)
+        model, drives = self.model, (JOINTS, fingers.JOINTS)
+        # Places of joints in qpos; all are hinges, so those in qvel are the same.
+        self._arm, self._hand = ([model.joint(n).qposadr[0] for n in names] for names in drives)
+        self._drives = [[model.actuator(n).id for n in names] for names in drives]
+        soft = ("bed", "obstacle") if obstacle else ("bed",)
+        self._meant = [model.geom(name).id for name in soft]
         self.shown = 0
         """Counts the changes of the height field, so that pictures know when they are stale."""
         self.collisions: set[tuple[str, str]] = set()
@@ -74,7 +62,7 @@ class Twin:
         self.put(bed)
         self.target = self.home.copy()
         """Joint angles that the arm holds, radians."""
-        self.grip = np.array([fingers.angles("fist")[name] for name in fingers.JOINTS])
+        self.grip = fingers.angles("fist")
         """Joint angles that the hand holds, radians."""
         self.data.qpos[self._arm], self.data.qpos[self._hand] = self.target, self.grip
         self._felt = np.zeros(7)
@@ -104,7 +92,7 @@ class Twin:
         Returns:
           The contact effort, Nm.
         """
-        ahead = self.target if speed is None else self.target + iiwa.LAG * speed
+        ahead = self.target if speed is None else self.target + LAG * speed
         self.data.ctrl[self._drives[0]] = ahead
         self.data.ctrl[self._drives[1]] = self.grip
         self._engine.mj_step(self.model, self.data)
@@ -135,14 +123,6 @@ class Twin:
         self._engine.mj_kinematics(self.model, self.data)
         return _pose(self.data.body("camera"))
 
-    def touches_bed(self) -> bool:
-        """Whether some part of the robot touches the material now."""
-        return bool((self.data.contact.geom == self._bed_geom).any())
-
-    def within_limits(self) -> Bool[np.ndarray, "7"]:
-        """Which joints of the arm are inside their limits now."""
-        return np.abs(self.joints()) <= iiwa.RANGES
-
     def halt(self) -> None:
         """Hold everything where it is."""
         self.target = self.joints()
@@ -152,11 +132,6 @@ class Twin:
         for pair in self.data.contact.geom[~np.isin(self.data.contact.geom, self._meant).any(1)]:
             one, other = (self.model.geom(shape).name for shape in pair)
             self.collisions.add((one, other))
-
-
-def _addresses(model: Any, names: tuple[str, ...]) -> np.ndarray:
-    """Places of joints in qpos; all are hinges, so those in qvel are the same."""
-    return np.array([model.joint(name).qposadr[0] for name in names])
 
 
 def _pose(thing: Any) -> np.ndarray:

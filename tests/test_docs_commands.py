@@ -209,14 +209,14 @@ def _stand_ins(monkeypatch):
     """
     from jshape.robot.cameras import realsense
 
-    words, real = [], realsense.RealSense
+    words, real = [], realsense.realsense_camera
 
     def plugged(serial=None, *, file=None, **options):
         if file is not None:
             return real(serial, file=file, **options)
         return docs_inputs.camera(20 if words[0] == "record" else None)
 
-    monkeypatch.setattr(realsense, "RealSense", plugged)
+    monkeypatch.setattr(realsense, "realsense_camera", plugged)
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
     if find_spec("nicegui"):
         monkeypatch.setattr("jshape.app.view.page.serve_pages", lambda *more, **options: None)

@@ -14,7 +14,7 @@ from jshape.io.cameras import write_camera
 from jshape.robot.cameras import realsense
 from jshape.robot.cameras.base import CameraLost, EndOfFrames, look
 from jshape.robot.cameras.names import open_camera
-from jshape.robot.cameras.realsense import RealSense
+from jshape.robot.cameras.realsense import realsense_camera
 
 rs = pytest.importorskip("pyrealsense2")
 
@@ -33,7 +33,7 @@ def noisy(rng, count, shape=SMALL.shape, holes=0.0, std=5.0):
 def through(frames, camera=SMALL, unit=UNIT, **options):
     """What comes out of the camera of what is pushed into the virtual device."""
     device = Virtual(camera, unit)
-    with RealSense(source=device.source(), **options) as seen:
+    with realsense_camera(source=device.source(), **options) as seen:
         out = []
         for counts in frames:
             device.push(counts)
@@ -88,7 +88,7 @@ def test_a_look_through_the_device_is_a_median_in_metres(rng):
     device = Virtual(SMALL, UNIT)
     for counts in noisy(rng, 15):
         device.push(counts)
-    with RealSense(source=device.source()) as camera:
+    with realsense_camera(source=device.source()) as camera:
         depth = look(camera)
     assert np.abs(depth - 0.45).max() < 0.001 and depth.std() < 0.0003
 
@@ -99,7 +99,7 @@ def test_sixty_per_cent_missing_comes_as_missing(rng):
     device = Virtual(SMALL, UNIT)
     for counts in frames:
         device.push(counts)
-    with RealSense(source=device.source()) as camera:
+    with realsense_camera(source=device.source()) as camera:
         assert np.isclose((look(camera) == 0).mean(), 0.6, atol=0.02)
 
 
@@ -108,7 +108,7 @@ def test_a_frozen_device_is_lost(rng):
     device = Virtual(SMALL, UNIT)
     for _ in range(15):
         device.push(same)
-    with RealSense(source=device.source()) as camera:
+    with realsense_camera(source=device.source()) as camera:
         with pytest.raises(CameraLost, match="virtual D435 .*: 15 frames are the same to the bit"):
             look(camera)
 
@@ -116,7 +116,7 @@ def test_a_frozen_device_is_lost(rng):
 def test_an_unplugged_device_is_lost(rng):
     device = Virtual(SMALL, UNIT)
     device.push(noisy(rng, 1)[0])
-    with RealSense(source=device.source(), timeout=0.25) as camera:
+    with realsense_camera(source=device.source(), timeout=0.25) as camera:
         camera.frame()
         device.started.stop()
         with pytest.raises(CameraLost, match=r"sent nothing for 0.25 s; is it unplugged\?"):
@@ -129,7 +129,7 @@ def test_a_device_that_fails_is_lost():
     def wait(milliseconds):
         raise RuntimeError("Device\ndisconnected")
 
-    with RealSense(source=device.source()._replace(wait=wait)) as camera:
+    with realsense_camera(source=device.source()._replace(wait=wait)) as camera:
         with pytest.raises(CameraLost, match="is lost: Device disconnected"):
             camera.frame()
 
@@ -138,13 +138,13 @@ def test_a_device_that_fails_is_lost():
 def test_wrong_intrinsics_are_refused(lens, match):
     device = Virtual(replace(SMALL, **lens), UNIT)
     with pytest.raises(BadCamera, match=f"virtual D435 {SERIAL}: {match}"):
-        RealSense(source=device.source())
+        realsense_camera(source=device.source())
 
 
 def test_a_lens_that_distorts_is_refused():
     device = Virtual(SMALL, UNIT, coeffs=(0.1, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(BadCamera, match="the lens distorts .*; rectify the frames first"):
-        RealSense(source=device.source())
+        realsense_camera(source=device.source())
 
 
 # Recordings of the SDK.
@@ -159,7 +159,7 @@ def recorded(tmp_path, rng):
 
 def test_a_recording_comes_back_to_the_bit_however_slowly_it_is_asked(recorded):
     path, frames = recorded
-    with RealSense(file=path, temporal=False) as camera:
+    with realsense_camera(file=path, temporal=False) as camera:
         assert camera.camera == D435_BAZAR and camera.depth_unit == UNIT and not camera.live
         assert camera.name == f"virtual D435 {SERIAL}"
         for k, counts in enumerate(frames):
@@ -169,14 +169,14 @@ def test_a_recording_comes_back_to_the_bit_however_slowly_it_is_asked(recorded):
         for _ in range(2):
             with pytest.raises(EndOfFrames, match="no more frames"):
                 camera.frame()
-    with RealSense(file=path, temporal=False) as camera:  # closed in the middle: begins anew
+    with realsense_camera(file=path, temporal=False) as camera:  # closed in the middle: begins anew
         np.testing.assert_array_equal(camera.frame(), frames[0])
 
 
 def test_a_recording_through_the_filter_is_what_was_live(recorded):
     path, frames = recorded
     _, live = through(frames, D435_BAZAR)
-    with RealSense(file=path) as camera:
+    with realsense_camera(file=path) as camera:
         played = np.stack([camera.frame() for _ in frames])
     np.testing.assert_array_equal(played, live)
     assert (live != frames).mean() > 0.5
@@ -200,7 +200,7 @@ def test_recordings_that_cannot_be_played(recorded, tmp_path):
 
     def refused(match, file):
         with pytest.raises(BadFile, match=match) as found:
-            RealSense(file=file)
+            realsense_camera(file=file)
         message = str(found.value)
         assert "\n" not in message and file.name in message and len(message) < 400
 

@@ -4,7 +4,7 @@ import numpy as np
 import pyrealsense2 as rs
 
 from jshape.camera import Camera
-from jshape.robot.cameras.realsense import queued
+from jshape.robot.cameras.realsense import FrameSource
 
 SERIAL = "000000000001"
 
@@ -49,8 +49,14 @@ class Virtual:
         self.sensor.on_video_frame(frame)
 
     def source(self):
-        """For `RealSense(source=...)`."""
-        return queued(self.queue, self.profile, self.unit, f"virtual D435 {SERIAL}")
+        """For `realsense_camera(source=...)`."""
+
+        def wait(milliseconds):
+            there, frame = self.queue.try_wait_for_frame(milliseconds)
+            return frame if there else None
+
+        video, name = self.profile.as_video_stream_profile(), f"virtual D435 {SERIAL}"
+        return FrameSource(name, video, self.unit, wait, lambda: False, lambda: None, True)
 
     def stop(self) -> None:
         self.started.stop()

@@ -66,26 +66,18 @@ class CameraSettings(NamedTuple):
     depth_unit: float | None = None
     """Metres that 1 in the frames stands for."""
 
-    def check_own(self, name: str) -> None:
-        """Refuse intrinsics and a unit for a camera that has its own.
-
-        Raises:
-          BadCamera: they were given.
-        """
-        if self.camera is not None:
+    def check_own(self, name: str, unit_only: bool = False) -> None:
+        """BadCamera if intrinsics or a unit were given for a camera that says its own."""
+        if self.camera is not None and not unit_only:
             raise BadCamera(
                 f"{name}: has a camera of its own; --camera is for devices, bags, pictures"
             )
-        self.check_own_unit(name)
-
-    def check_own_unit(self, name: str) -> None:
-        """Refuse a unit for a camera that says its own.
-
-        Raises:
-          BadCamera: it was given.
-        """
         if self.depth_unit is not None:
             raise BadCamera(f"{name}: says its unit itself; --depth-unit is for bags and pictures")
+
+
+AS_THEY_SAY = CameraSettings()
+"""Nothing beside the name."""
 
 
 def next_frame(camera: DepthCamera, left_out: Counter[str] | None = None) -> np.ndarray:

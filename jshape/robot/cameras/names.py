@@ -9,9 +9,9 @@ from jshape.io.cameras import read_camera
 from jshape.io.recordings import CAMERA
 from jshape.robot.cameras.base import CameraSettings, DepthCamera
 from jshape.robot.cameras.files import FILES, PICTURES, format_of, open_file
+from jshape.robot.cameras.played import windowed
 from jshape.robot.cameras.realsense import open_realsense
 from jshape.robot.cameras.simulated import open_simulated
-from jshape.robot.cameras.window import Window
 from jshape.robot.registry import DeviceKind, open_device, usage
 
 CAMERAS: dict[str, DeviceKind[CameraSettings, DepthCamera]] = {
@@ -43,17 +43,11 @@ def open_camera(
     holes: bool = False,
     depth_unit: float | None = None,
 ) -> DepthCamera:
-    """The camera that a text names, started.
+    """The camera that `NAME`, `NAME:ADDRESS` or the path of one of `FILES` names, started.
 
-    Args:
-      text: `NAME` or `NAME:ADDRESS` of `CAMERAS`, or the path of one of `FILES`.
-      camera: a camera.json to believe instead of what the device, bag or picture says.
-      topic: of a bag's depth frames.
-      z_range: depths between which the bed lies, metres; None: the camera's own, or the paper's.
-      window: (left, top, width, height) in pixels: the part of the frames to look at.
-      temporal: the SDK's temporal filter (RealSense only).
-      holes: the SDK's hole filling (RealSense only).
-      depth_unit: metres that 1 in the frames of a bag or picture stands for.
+    `camera` is a camera.json to believe instead of what the device, bag or picture says, `window`
+    the part of the frames to look at: (left, top, width, height), pixels.  The rest is for
+    `CameraSettings`.
 
     Raises:
       JShapeError: no such camera, a name of two, or as the camera itself says, in one line.
@@ -78,7 +72,7 @@ def open_camera(
         raise JShapeError(_no_camera(text))
     try:
         opened.camera = within(opened.camera, z_range)
-        return Window(opened, *window) if window is not None else opened
+        return windowed(opened, *window) if window is not None else opened
     except BaseException:
         opened.close()
         raise

@@ -1,5 +1,6 @@
 """Frames that come out of an iterator, as a camera: what recordings and pictures have in common."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from jshape._typing import Num
 from jshape.camera import Camera
-from jshape.robot.cameras.base import CameraLost, EndOfFrames
+from jshape.robot.cameras.base import CameraLost, DepthCamera, EndOfFrames, still
 
 
 class Played(AbstractContextManager):
@@ -20,10 +21,10 @@ class Played(AbstractContextManager):
         depth_unit: float,
         frames: Iterator[np.ndarray],
         *,
-        count: int | None = None,
         still: bool = False,
         live: bool = False,
         close: Callable[[], None] | None = None,
+        whole: Camera | None = None,
     ):
         """A camera.
 
@@ -32,17 +33,13 @@ class Played(AbstractContextManager):
           camera: of the frames.
           depth_unit: metres per count.
           frames: (H, W) uint16 counts each, 0 = no reading.
-          count: how many there are, where that is known.
           still: the same frame again and again is what it should send.
           live: frames come from now, not from a recording.
           close: lets go of what the frames are read from.
+          whole: the camera that the frames are cut out of; None: `camera`.
         """
-        self.name = name
-        self.camera = camera
-        self.depth_unit = depth_unit
-        self.count = count
-        self.still = still
-        self.live = live
+        self.name, self.camera, self.depth_unit = name, camera, depth_unit
+        self.still, self.live, self.whole = still, live, whole or camera
         self._frames: Iterator[np.ndarray] | None = frames
         self._close = close
 
@@ -71,3 +68,27 @@ class Played(AbstractContextManager):
 
     def __exit__(self, *problem: object) -> None:
         self.close()
+
+
+def calls(frame: Callable[[], np.ndarray]) -> Iterator[np.ndarray]:
+    """What a function returns, again and again; unlike a generator it goes on after an error."""
+    return map(lambda _: frame(), itertools.repeat(None))
+
+
+def windowed(inside: DepthCamera, left: int, top: int, width: int, height: int) -> Played:
+    """A window of another camera's frames, in its pixels: the box without the table around it.
+
+    Raises:
+      BadCamera: it is empty or leaves the image.
+    """
+    part = np.s_[top : top + height, left : left + width]
+    return Played(
+        inside.name,
+        inside.camera.crop(left, top, width, height),
+        inside.depth_unit,
+        calls(lambda: np.ascontiguousarray(inside.frame()[part])),
+        still=still(inside),
+        live=bool(getattr(inside, "live", False)),
+        close=inside.close,
+        whole=inside.camera,
+    )

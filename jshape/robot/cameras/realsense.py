@@ -6,22 +6,15 @@ the SDK's own.
 
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jshape._typing import Num
 from jshape.data.intrinsics import Z_RANGE, pinhole, same_frames
 from jshape.errors import BadFile, JShapeError, one_line
-from jshape.robot.cameras.base import (
-    TIMEOUT,
-    CameraLost,
-    CameraSettings,
-    DepthCamera,
-    EndOfFrames,
-)
+from jshape.robot.cameras.base import TIMEOUT, CameraLost, CameraSettings, EndOfFrames
+from jshape.robot.cameras.played import Played, calls
 
 SUFFIXES = (".db3", ".bag")
 """Recordings of the SDK: .db3 since 2.58, .bag before."""
@@ -54,114 +47,91 @@ class FrameSource(NamedTuple):
     live: bool
 
 
-class RealSense(AbstractContextManager):
-    """A RealSense depth camera."""
+def realsense_camera(
+    serial: str | None = None,
+    *,
+    file: str | Path | None = None,
+    source: FrameSource | None = None,
+    size: tuple[int, int] = (848, 480),
+    fps: int = 30,
+    z_range: tuple[float, float] = Z_RANGE,
+    temporal: bool = True,
+    holes: bool = False,
+    timeout: float = TIMEOUT,
+) -> Played:
+    """Start a camera, or a recording from its beginning.
 
-    def __init__(
-        self,
-        serial: str | None = None,
-        *,
-        file: str | Path | None = None,
-        source: FrameSource | None = None,
-        size: tuple[int, int] = (848, 480),
-        fps: int = 30,
-        z_range: tuple[float, float] = Z_RANGE,
-        temporal: bool = True,
-        holes: bool = False,
-        timeout: float = TIMEOUT,
-    ):
-        """Start a camera, or a recording from its beginning.
+    Args:
+      serial: of the device; None: the only one, or the first.
+      file: a recording of the SDK, every frame of which is played, however slowly it is asked.
+      source: frames of the SDK from elsewhere, as of a software device.
+      size: (width, height) of a device's frames.
+      fps: a device's frames per second.
+      z_range: depths between which the bed lies, metres.
+      temporal: smooth over time and bridge short gaps, by the SDK's filter.  Not for recordings
+        that are averaged later: a hand that leaves stays for some frames where nothing is read.
+      holes: fill what has no reading from its neighbours.  Off: jshape counts missing readings,
+        and fills better where they are few.
+      timeout: seconds after which it counts as lost.
 
-        Args:
-          serial: of the device; None: the only one, or the first.
-          file: a recording of the SDK, every frame of which is played, however slowly it is asked.
-          source: frames of the SDK from elsewhere, such as `queued` gives.
-          size: (width, height) of a device's frames.
-          fps: a device's frames per second.
-          z_range: depths between which the bed lies, metres.
-          temporal: smooth over time and bridge short gaps, by the SDK's filter.  Not for recordings
-            that are averaged later: a hand that leaves stays for some frames where nothing is read.
-          holes: fill what has no reading from its neighbours.  Off: jshape counts missing readings,
-            and fills better where they are few.
-          timeout: seconds after which it counts as lost.
+    Raises:
+      JShapeError: the SDK is not installed.
+      CameraLost: no such camera is connected, or it does not start.
+      BadFile: the recording cannot be read, or has no depth.
+      BadCamera: intrinsics that make no sense.
+    """
+    rs = sdk()
+    if source is None:
+        source = played(file) if file is not None else connected(serial, size, fps)
+    # A float32 as the shortest decimal that gives it back: 0.0001, not 0.00009999999747.
+    unit, filters = float(str(np.float32(source.unit))), []
+    try:
+        lens = source.profile.get_intrinsics()
+        focal, centre = (lens.fx, lens.fy), (lens.ppx, lens.ppy)
+        pixels = (lens.width, lens.height)
+        camera = pinhole(source.name, pixels, focal, centre, lens.coeffs, z_range)
+        if temporal:
+            near = float(np.clip(REACH / unit, 1, 100))
+            filters.append(rs.temporal_filter(ALPHA, near, PERSISTENCE))
+        if holes:
+            filters.append(rs.hole_filling_filter(FARTHEST))
+    except BaseException:
+        source.stop()
+        raise
 
-        Raises:
-          JShapeError: the SDK is not installed.
-          CameraLost: no such camera is connected, or it does not start.
-          BadFile: the recording cannot be read, or has no depth.
-          BadCamera: intrinsics that make no sense.
-        """
-        rs = sdk()
-        if source is None:
-            source = played(file) if file is not None else connected(serial, size, fps)
-        self._source: FrameSource | None = source
+    def frame() -> np.ndarray:
+        now = _next(source, timeout)
+        for each in filters:
+            now = each.process(now)
+        return np.array(now.as_depth_frame().get_data())
+
+    return Played(source.name, camera, unit, calls(frame), live=source.live, close=source.stop)
+
+
+def _next(source: FrameSource, timeout: float) -> Any:
+    until = time.monotonic() + timeout
+    while True:
+        ended = source.ended()  # asked before: a last frame may have come before the end
+        left = until - time.monotonic()
         try:
-            self.name = source.name
-            self.depth_unit = source.unit
-            lens = source.profile.get_intrinsics()
-            focal, centre = (lens.fx, lens.fy), (lens.ppx, lens.ppy)
-            pixels = (lens.width, lens.height)
-            self.camera = pinhole(source.name, pixels, focal, centre, lens.coeffs, z_range)
-            self.live = source.live
-            self._timeout = timeout
-            self._filters = []
-            if temporal:
-                near = float(np.clip(REACH / source.unit, 1, 100))
-                self._filters.append(rs.temporal_filter(ALPHA, near, PERSISTENCE))
-            if holes:
-                self._filters.append(rs.hole_filling_filter(FARTHEST))
-        except BaseException:
-            self.close()
-            raise
-
-    def frame(self) -> Num[np.ndarray, "H W"]:
-        """The next frame, filtered: (H, W) uint16 counts of `depth_unit`.
-
-        Raises:
-          CameraLost: nothing came in time, or it was closed.
-          EndOfFrames: the recording is at its end.
-        """
-        if self._source is None:
-            raise CameraLost(f"{self.name}: was closed")
-        frame = self._next(self._source)
-        for each in self._filters:
-            frame = each.process(frame)
-        return np.array(frame.as_depth_frame().get_data())
-
-    def _next(self, source: FrameSource) -> Any:
-        until = time.monotonic() + self._timeout
-        while True:
-            ended = source.ended()  # asked before: a last frame may have come before the end
-            left = until - time.monotonic()
-            try:
-                frame = source.wait(max(1, min(_POLL_MS, round(1000 * left))))
-            except RuntimeError as problem:
-                raise CameraLost(f"{self.name}: is lost: {one_line(problem)}") from None
-            if frame is not None:
-                return frame
-            if ended:
-                raise EndOfFrames(f"{self.name}: has no more frames")
-            if left <= 0:
-                raise CameraLost(
-                    f"{self.name}: has sent nothing for {self._timeout:g} s; is it unplugged?"
-                )
-
-    def close(self) -> None:
-        """Stop the device; a second time does nothing."""
-        source, self._source = self._source, None
-        if source is not None:
-            source.stop()
-
-    def __exit__(self, *problem: object) -> None:
-        self.close()
+            frame = source.wait(max(1, min(_POLL_MS, round(1000 * left))))
+        except RuntimeError as problem:
+            raise CameraLost(f"{source.name}: is lost: {one_line(problem)}") from None
+        if frame is not None:
+            return frame
+        if ended:
+            raise EndOfFrames(f"{source.name}: has no more frames")
+        if left <= 0:
+            lost = f"has sent nothing for {timeout:g} s; is it unplugged?"
+            raise CameraLost(f"{source.name}: {lost}")
 
 
-def open_realsense(address: str, settings: CameraSettings) -> DepthCamera:
+def open_realsense(address: str, settings: CameraSettings) -> Played:
     """The only one for "", one of several by its serial number, or a recording by its path."""
-    settings.check_own_unit(f"realsense:{address}" if address else "realsense")
+    settings.check_own(f"realsense:{address}" if address else "realsense", unit_only=True)
     file = address if Path(address).suffix.lower() in SUFFIXES else None
     serial = address if address and file is None else None
-    opened = RealSense(serial, file=file, temporal=settings.temporal, holes=settings.holes)
+    opened = realsense_camera(serial, file=file, temporal=settings.temporal, holes=settings.holes)
     if settings.camera is not None:  # its unit is the device's all the same
         size = (opened.camera.width, opened.camera.height)
         try:
@@ -180,28 +150,17 @@ class Device(NamedTuple):
 
 
 def devices() -> list[Device]:
-    """The RealSense cameras that are connected.
-
-    Raises:
-      JShapeError: the SDK is not installed.
-    """
+    """The RealSense cameras that are connected; JShapeError: the SDK is not installed."""
     rs = sdk()
-    info = rs.camera_info
+    both = (rs.camera_info.name, rs.camera_info.serial_number)
     try:
-        return [
-            Device(d.get_info(info.name), d.get_info(info.serial_number))
-            for d in rs.context().query_devices()
-        ]
+        return [Device(*map(one.get_info, both)) for one in rs.context().query_devices()]
     except RuntimeError as problem:
         raise CameraLost(f"RealSense cameras cannot be listed: {one_line(problem)}") from None
 
 
 def sdk() -> Any:
-    """The SDK's module.
-
-    Raises:
-      JShapeError: it is not installed, or cannot be loaded.
-    """
+    """The SDK's module; JShapeError: it is not installed, or cannot be loaded."""
     try:
         import pyrealsense2 as rs
     except ImportError as problem:
@@ -260,24 +219,6 @@ def played(file: str | Path) -> FrameSource:
     return _piped(rs, pipe, started, live=False)
 
 
-def queued(queue: Any, profile: Any, unit: float, name: str = "RealSense") -> FrameSource:
-    """Frames that a started sensor of the SDK puts into an `rs.frame_queue`.
-
-    Args:
-      queue: that the sensor was started with.
-      profile: of its depth stream.
-      unit: metres per count.
-      name: of the device.
-    """
-
-    def wait(milliseconds: int) -> Any:
-        there, frame = queue.try_wait_for_frame(milliseconds)
-        return frame if there else None
-
-    video = profile.as_video_stream_profile()
-    return FrameSource(name, video, _decimal(unit), wait, lambda: False, lambda: None, True)
-
-
 def _piped(rs: Any, pipe: Any, started: Any, *, live: bool) -> FrameSource:
     def wait(milliseconds: int) -> Any:
         there, frames = pipe.try_wait_for_frames(milliseconds)
@@ -286,24 +227,17 @@ def _piped(rs: Any, pipe: Any, started: Any, *, live: bool) -> FrameSource:
 
     device = started.get_device()
     player = None if live else device.as_playback()
+
+    def ended() -> bool:
+        return player is not None and player.current_status() == rs.playback_status.stopped
+
     try:
         name = device.get_info(rs.camera_info.name)
         if device.supports(rs.camera_info.serial_number):
             name += f" {device.get_info(rs.camera_info.serial_number)}"
-        return FrameSource(
-            name,
-            started.get_stream(rs.stream.depth).as_video_stream_profile(),
-            _decimal(device.first_depth_sensor().get_depth_scale()),
-            wait,
-            lambda: player is not None and player.current_status() == rs.playback_status.stopped,
-            pipe.stop,
-            live,
-        )
+        profile = started.get_stream(rs.stream.depth).as_video_stream_profile()
+        unit = device.first_depth_sensor().get_depth_scale()
+        return FrameSource(name, profile, unit, wait, ended, pipe.stop, live)
     except RuntimeError as problem:
         pipe.stop()
         raise CameraLost(f"RealSense: says nothing of itself: {one_line(problem)}") from None
-
-
-def _decimal(unit: float) -> float:
-    """A float32 as the shortest decimal that gives it back: 0.0001, not 0.00009999999747."""
-    return float(str(np.float32(unit)))

@@ -1,14 +1,12 @@
 """A camera over a simulated bed: it sees what a hand does to it, with a D435's noise and holes."""
 
 from collections.abc import Iterator
-from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
 
 from jshape import sim
 from jshape._typing import Array, Key
-from jshape.camera import Camera
 from jshape.data.recording import LEVELLED_STD
 from jshape.data.simulate import DEPTH_UNIT
 from jshape.robot.cameras.base import CameraSettings
@@ -22,16 +20,8 @@ HOLES = 0.002
 """Share of pixels without a reading."""
 
 
-@runtime_checkable
-class HasBed(Protocol):
-    """What a simulated camera looks at; `SimulatedWorld` is one."""
-
-    bed: sim.Bed
-    camera: Camera
-
-
 def simulated_camera(
-    world: HasBed, key: Key[Array, ""], *, noise: float = NOISE, holes: float = HOLES
+    world: SimulatedWorld, key: Key[Array, ""], *, noise: float = NOISE, holes: float = HOLES
 ) -> Played:
     """A camera that sees the bed of a world as it is at each frame.
 
@@ -61,7 +51,9 @@ def levelled_world(seed: int = 0) -> SimulatedWorld:
     return SimulatedWorld(for_world, sim.irregular_bed(for_bed, LEVELLED_STD))
 
 
-def _frames(world: HasBed, key: Key[Array, ""], noise: float, holes: float) -> Iterator[np.ndarray]:
+def _frames(
+    world: SimulatedWorld, key: Key[Array, ""], noise: float, holes: float
+) -> Iterator[np.ndarray]:
     bed = depth = None
     while True:
         if world.bed is not bed:  # looking along every ray takes longer than noise does

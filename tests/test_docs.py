@@ -26,7 +26,6 @@ WHOLE = (
     "jshape.robot.calibration",
     "jshape.robot.waypoints",
     "jshape.robot.pose_file",
-    "jshape.robot.waypoint_file",
     "jshape.planning.devices",
     "jshape.errors",
 )

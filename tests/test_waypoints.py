@@ -15,7 +15,7 @@ from jshape.data.view import View
 from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName
 from jshape.planning.plan import successive
 from jshape.planning.plan_file import write_plan
-from jshape.robot import waypoint_file as waypoints
+from jshape.robot import waypoints
 from jshape.robot.arms.base import PoseRefused
 from jshape.robot.pose_file import CameraPose, write_pose
 from jshape.robot.procedure import Hand, Operation, Procedure
@@ -91,9 +91,9 @@ def test_places_are_the_plans_pixels(plan):
         np.testing.assert_array_equal(path.position, expected)
         # Places are meant at one depth (Hypothesis 3), whatever the surface.
         np.testing.assert_allclose(pixel(path.surface, PAPER_Z), expected, atol=1e-6)
-        for one in path.waypoints:
-            if one.pose is not None:
-                np.testing.assert_allclose(pixel(one.pose[:3, 3], PAPER_Z), expected, atol=1e-6)
+        for _, pose in path.waypoints:
+            if pose is not None:
+                np.testing.assert_allclose(pixel(pose[:3, 3], PAPER_Z), expected, atol=1e-6)
 
 
 def test_from_the_base_they_go_back_through_the_camera(plan):
@@ -105,9 +105,9 @@ def test_from_the_base_they_go_back_through_the_camera(plan):
     ):
         back = (np.linalg.inv(BASE) @ np.append(path.surface, 1.0))[:3]
         np.testing.assert_allclose(pixel(back, PAPER_Z), expected, atol=1e-6)
-        for a, b in zip(path.waypoints, seen.waypoints, strict=True):
-            if a.pose is not None:
-                np.testing.assert_allclose(a.pose, BASE @ b.pose, atol=1e-12)
+        for (_, a), (_, b) in zip(path.waypoints, seen.waypoints, strict=True):
+            if a is not None:
+                np.testing.assert_allclose(a, BASE @ b, atol=1e-12)
 
 
 def test_a_surface_at_the_places_depth_is_seen_at_the_plans_pixels():
@@ -128,20 +128,23 @@ def test_operations_are_the_hands(plan):
     hand = load_hand()
     for k, path in enumerate(waypoints_of(plan, hand).actions):
         procedure = hand.procedures[path.action]
-        assert tuple(one.operation for one in path.waypoints) == NAMES
-        for one, operation in zip(path.waypoints, procedure.operations, strict=True):
-            assert one.posture == operation.posture
-            assert one.speed == pytest.approx(operation.speed_mm_s / 1e3)
-            assert one.effort == operation.effort_nm
+        fields = waypoints.waypoint_fields(waypoints_of(plan, hand))["actions"][k]["operations"]
+        assert tuple(one["operation"] for one in fields) == NAMES
+        for (_, pose), one, operation in zip(
+            path.waypoints, fields, procedure.operations, strict=True
+        ):
+            assert one["posture"] == operation.posture
+            assert one["speed_m_s"] == pytest.approx(operation.speed_mm_s / 1e3)
+            assert one["effort_Nm"] == operation.effort_nm
             if operation.name == "clear":
-                assert one.pose is None
+                assert pose is None
                 continue
-            down = 1e3 * (one.pose[2, 3] - path.surface[2])
+            down = 1e3 * (pose[2, 3] - path.surface[2])
             if operation.depth_mm is not None:
                 assert down == pytest.approx(operation.depth_mm * plan.strengths[k])
             else:
                 assert down == pytest.approx(-operation.height_mm)
-            turn = Rotation.from_matrix(one.pose[:3, :3]).as_rotvec()
+            turn = Rotation.from_matrix(pose[:3, :3]).as_rotvec()
             np.testing.assert_allclose(turn, [0, 0, plan.yaws[k]], atol=1e-6)
 
 
@@ -259,8 +262,8 @@ def test_every_number_has_a_unit(plan):
 def test_an_operation_without_motion_stays(plan):
     still = (Operation("above", height_mm=50.0), Operation("act", posture="fist", seconds=2.0))
     hand = Hand({name: Procedure(name, still) for name in ("knock", "poke")})
-    _, act = waypoints_of(plan, hand).actions[0].waypoints
-    assert act.pose is None and act.posture == "fist" and act.seconds == 2.0
+    _, (act, pose) = waypoints_of(plan, hand).actions[0].waypoints
+    assert pose is None and act.posture == "fist" and act.seconds == 2.0
 
 
 # The command

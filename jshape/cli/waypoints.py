@@ -14,8 +14,13 @@ from jshape.errors import BadFile
 from jshape.planning.plan import Plan
 from jshape.robot import pose_file as poses
 from jshape.robot import procedure_file as procedures
-from jshape.robot import waypoint_file
-from jshape.robot.waypoints import Waypoints, waypoints_of
+from jshape.robot.waypoints import (
+    Waypoints,
+    check_ending,
+    waypoint_fields,
+    waypoints_of,
+    write_waypoints,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +46,7 @@ def waypoints(plan: Path, /, options: WaypointsOptions) -> dict[str, Any]:
       plan: plan.json, or the folder of `jshape plan --out`.
       options: how.
     """
-    check_new(waypoint_file.check_ending(options.out), options.overwrite)
+    check_new(check_ending(options.out), options.overwrite)
     if options.base is None and options.gripper is not None:
         raise BadFile("--gripper goes with --base, the pose of a camera in the hand")
     base_camera = None
@@ -50,11 +55,11 @@ def waypoints(plan: Path, /, options: WaypointsOptions) -> dict[str, Any]:
     hand = procedures.load_hand(options.hand)
     made = Plan.from_json(plan_file(plan))
     ways = waypoints_of(made, hand, base_camera, place_depth=options.place_depth)
-    waypoint_file.write_waypoints(options.out, ways)
+    write_waypoints(options.out, ways)
     if not options.json:
         _print(ways)
         print(f"waypoints: {options.out}")
-    return waypoint_file.waypoint_fields(ways) | {"out": str(options.out)}
+    return waypoint_fields(ways) | {"out": str(options.out)}
 
 
 def _print(ways: Waypoints) -> None:
@@ -63,8 +68,8 @@ def _print(ways: Waypoints) -> None:
     head = ("step", "action", "strength", "x", "y", "z", "surface z", "poses")
     rows = []
     for k, path in enumerate(ways.actions):
-        act = next(one for one in path.waypoints if one.operation == "act")
-        at = ("", "", "") if act.pose is None else act.pose[:3, 3] * 1e3
+        act = next(pose for operation, pose in path.waypoints if operation.name == "act")
+        at = ("", "", "") if act is None else act[:3, 3] * 1e3
         rows.append(
             (
                 k + 1,
@@ -72,7 +77,7 @@ def _print(ways: Waypoints) -> None:
                 f"{path.strength:.2f}",
                 *(x if x == "" else f"{x:.1f}" for x in at),
                 f"{1e3 * path.surface[2]:.1f}",
-                sum(one.pose is not None for one in path.waypoints),
+                sum(pose is not None for _, pose in path.waypoints),
             )
         )
     print_table(head, rows)

@@ -1,40 +1,60 @@
-"""A plan as poses of the tool, for a controller that is not ours.
+"""A plan as poses of the tool, for a controller that is not ours; JSON or YAML, read by people too.
 
 Every action becomes its six operations on the surface that is predicted before it, so that later
 actions touch what the earlier ones leave.
 """
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jshape import metric
 from jshape._typing import Float
 from jshape.actions import PAPER_Z
-from jshape.errors import BadPosition, JShapeError, UnknownName
+from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName, quoted
+from jshape.io.files import write_atomic, write_json
 from jshape.planning.plan import Plan
 from jshape.robot.procedure import Hand, Operation, check_reach, poses_of
-from jshape.robot.rigid import check_rigid
+from jshape.robot.rigid import check_rigid, quaternion_of
 from jshape.robot.surface import surface_point
 
+try:
+    import yaml
+except ImportError:
+    raise JShapeError("hands and waypoints need PyYAML: pip install 'jshape[robot]'") from None
 
-class Waypoint(NamedTuple):
-    """One operation: the tool goes there, then the hand takes its posture."""
+FORMAT = "jshape-waypoints"
+VERSION = 1
+ENDINGS = (".json", ".yaml", ".yml")
+"""Of the files that can be written."""
 
-    operation: str
-    """above, prepare, contact, act, up or clear."""
-    pose: Float[np.ndarray, "4 4"] | None
-    """Of the tool at its end, metres; None: it stays, or, for clear, the arm goes home."""
-    posture: str | None
-    """Of the hand, after the motion; None: as it was."""
-    seconds: float
-    """That the posture takes."""
-    speed: float
-    """Of the tool, m/s."""
-    effort: float
-    """Contact effort that ends the operation, Nm."""
+UNITS = {
+    "_m": "metres",
+    "_m_s": "metres per second",
+    "_s": "seconds",
+    "_Nm": "newton metres",
+    "_rad": "radians",
+    "_px": "pixels (u, v): column, row, from 0, in the image of the plan's camera",
+    "quaternion_xyzw": "x, y, z, w of the tool's rotation in the frame",
+    "matrix": "4 rows: the tool's pose in the frame, rotation and metres",
+    "strength": "times as deep as the trained action",
+}
+"""What the ends of names stand for; a part of every file."""
+
+_CAMERA_AXES = "x right in the image, y down the image, z away from the camera"
+_READING = {
+    "tool": "the point of the hand that meets the bed, tool_in_flange_m in the flange's frame "
+    f"with the flange's axes; at yaw 0 its axes are the camera's: {_CAMERA_AXES}",
+    "operation": "move the tool to the pose in a straight line at the speed, then give the hand "
+    "the posture; a contact effort above effort_Nm ends it, and the next one begins",
+    "no pose": "the tool stays; for clear, the arm goes home, out of the camera's view",
+    "surface_m": "the bed under the place as it is predicted to be before the action",
+    "hard_effort_Nm": "a contact effort above it stops the arm for good",
+}
 
 
 class ActionPath(NamedTuple):
@@ -53,8 +73,9 @@ class ActionPath(NamedTuple):
     """The tool's origin in the flange's frame, metres; the axes are the flange's."""
     distance_mm: float
     """Predicted distance to the goal after it."""
-    waypoints: tuple[Waypoint, ...]
-    """The six operations, in order."""
+    waypoints: list[tuple[Operation, Float[np.ndarray, "4 4"] | None]]
+    """The six operations in order, and the tool's pose at the end of each, metres; None: it stays,
+    or, for clear, the arm goes home."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +136,7 @@ def waypoints_of(
     frame = "camera" if base_camera is None else "base"
     change = np.eye(4) if base_camera is None else check_rigid(base_camera, "T_base_camera")
     rise = 0.0 if plan.view is None else plan.view.rise
-    all_actions = []
+    paths = []
     for k, action in enumerate(plan.actions):
         procedure = hand.procedures[action]
         u, v = (float(x) for x in plan.exact_positions[k])
@@ -131,23 +152,96 @@ def waypoints_of(
             surface=change[:3, :3] @ point + change[:3, 3],
             tool=np.array(procedure.tool_mm) / 1e3,
             distance_mm=float(plan.distances_mm[k + 1]),
-            waypoints=tuple(
-                _waypoint(operation, None if pose is None else change @ pose)
+            waypoints=[
+                (operation, None if pose is None else change @ pose)
                 for operation, pose in poses_of(procedure, hand.limits, point, strength, yaw)
-            ),
+            ],
         )
-        all_actions.append(path)
+        paths.append(path)
     kept = None if base_camera is None else change
-    return Waypoints(frame, kept, place_depth, hand.limits.effort_nm, tuple(all_actions))
+    return Waypoints(frame, kept, place_depth, hand.limits.effort_nm, tuple(paths))
 
 
-def _waypoint(operation: Operation, pose: np.ndarray | None) -> Waypoint:
-    """An operation with the tool's pose (4, 4); None: the arm goes home, wherever that is."""
-    return Waypoint(
-        operation.name,
-        pose,
-        operation.posture,
-        float(operation.seconds),
-        operation.speed_mm_s / 1e3,
-        float(operation.effort_nm),
-    )
+class _Dumper(yaml.SafeDumper):
+    """Plain values only; numbers of a list stand on one line."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _sequence(dumper: yaml.SafeDumper, values: list) -> yaml.Node:
+    flow = all(isinstance(value, int | float) for value in values)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", values, flow_style=flow)
+
+
+_Dumper.add_representer(list, _sequence)
+
+
+def check_ending(path: str | os.PathLike) -> Path:
+    """The path, if waypoints can be written there; else BadFile."""
+    path = Path(path)
+    if path.suffix.lower() not in ENDINGS:
+        raise BadFile(f"{path}: ends in {quoted(path.suffix)}; allowed: {', '.join(ENDINGS)}")
+    return path
+
+
+def write_waypoints(path: str | os.PathLike, ways: Waypoints) -> None:
+    """Write waypoints as JSON or YAML, whichever the path ends in, whole or not at all."""
+    path, fields = check_ending(path), waypoint_fields(ways)
+    if path.suffix.lower() == ".json":
+        write_json(path, fields)
+    else:
+        dumped = {"Dumper": _Dumper, "sort_keys": False, "default_flow_style": False, "width": 100}
+        write_atomic(path, yaml.dump(fields, **dumped))
+
+
+def waypoint_fields(ways: Waypoints) -> dict[str, Any]:
+    """What waypoints say, as plain values that JSON and YAML can hold."""
+    where = {
+        "base": "the base of the arm",
+        "camera": f"the camera that took the frames, NOT the arm: {_CAMERA_AXES}",
+    }
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "frame": ways.frame,
+        "frame_is": where[ways.frame],
+        "units": dict(UNITS),
+        "reading": dict(_READING),
+        "T_base_camera": None if ways.base_camera is None else _numbers(ways.base_camera),
+        "place_depth_m": float(ways.place_depth),
+        "hard_effort_Nm": float(ways.hard_effort),
+        "actions": [_action(k, path) for k, path in enumerate(ways.actions)],
+    }
+
+
+def _action(index: int, path: ActionPath) -> dict[str, Any]:
+    return {
+        "number": index + 1,
+        "action": path.action,
+        "position_px": _numbers(path.position),
+        "strength": round(path.strength, 6),
+        "yaw_rad": round(path.yaw, 6),
+        "surface_m": _numbers(path.surface),
+        "tool_in_flange_m": _numbers(path.tool),
+        "predicted_distance_mm": round(path.distance_mm, 6),
+        "operations": [_operation(*one) for one in path.waypoints],
+    }
+
+
+def _operation(one: Operation, pose: np.ndarray | None) -> dict[str, Any]:
+    return {
+        "operation": one.name,
+        "position_m": None if pose is None else _numbers(pose[:3, 3]),
+        "quaternion_xyzw": None if pose is None else _numbers(quaternion_of(pose)),
+        "matrix": None if pose is None else _numbers(pose),
+        "speed_m_s": one.speed_mm_s / 1e3,
+        "effort_Nm": float(one.effort_nm),
+        "posture": one.posture,
+        "posture_s": None if one.posture is None else float(one.seconds),
+    }
+
+
+def _numbers(values: Any) -> list:
+    """Lists of plain numbers to 1e-12, so that a rounded zero is 0.0 and not -6e-17."""
+    return (np.round(np.asarray(values, np.float64), 12) + 0.0).tolist()

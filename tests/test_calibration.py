@@ -12,7 +12,8 @@ from jshape.cli.main import main
 from jshape.errors import BadFile, JShapeError, UnknownName
 from jshape.io.cameras import write_camera
 from jshape.robot import pose_file as poses
-from jshape.robot.calibration import METHODS, calibrate, least_turn_deg
+from jshape.robot.calibration import calibrate
+from jshape.robot.hand_eye import METHODS, least_turn_deg
 from jshape.robot.rigid import (
     BadPose,
     angles_deg,
@@ -357,12 +358,12 @@ SHORT = {"xyz_mm": [0, 0], "quat": [0, 0, 0, 1]}
         ([3], "pair 1: has no base_gripper"),
         ([GOOD, {"base_gripper": GOOD["base_gripper"]}], "pair 2: has no camera_target"),
         ([GOOD] * 301, "holds 301 pairs; at most 300"),
-        ([GOOD | {"base_gripper": "x"}], "base_gripper: is 'x'; expected 4 rows"),
-        ([GOOD | {"base_gripper": [[1, 2]] * 4}], "row 1 is [1, 2]; expected 4 numbers"),
-        ([GOOD | {"base_gripper": [[True] * 4] * 4}], "row 1 is [True"),
+        ([GOOD | {"base_gripper": "x"}], "base_gripper is 'x'; expected 4 x 4 numbers"),
+        ([GOOD | {"base_gripper": [[1, 2]] * 4}], "base_gripper is [[1, 2]"),
+        ([GOOD | {"base_gripper": [[True] * 4] * 4}], "base_gripper is [[True"),
         ([GOOD | {"base_gripper": [[2, 0, 0, 0]] * 4}], "the last row"),
         ([GOOD | {"base_gripper": SHORT}], "xyz_mm is [0, 0]; expected 3 numbers"),
-        ([GOOD | {"base_gripper": {"xyz": [0, 0, 0]}}], "has 'xyz'; expected 'xyz_mm' and 'quat'"),
+        ([GOOD | {"base_gripper": {"xyz": [0, 0, 0]}}], "unknown 'xyz'; allowed: xyz_mm, quat"),
         (
             [GOOD | {"base_gripper": {"xyz_mm": [0, 0, 0], "quat": [0, 0, 0, 2]}}],
             "quat has length 2",
@@ -415,9 +416,9 @@ EYE = np.eye(4).tolist()
     ("change", "said"),
     [
         ({"format": "jshape-plan"}, "format is 'jshape-plan'"),
-        ({"version": 2}, "version is 2; this program reads up to 1"),
+        ({"version": 2}, "version 2 is newer than this program reads (1)"),
         ({"version": True}, "version is True"),
-        ({"T_base_camera": None}, "T_base_camera: is None"),
+        ({"T_base_camera": None}, "T_base_camera is None"),
         ({"T_gripper_camera": EYE}, "has 2 of T_base_camera, T_gripper_camera"),
         ({"T_base_camera": np.diag([1, 1, 1.0002, 1]).tolist()}, "is not rigid"),
         ({"T_base_camera": np.diag([1, 1, -1, 1]).tolist()}, "det R is -1"),

@@ -13,7 +13,8 @@ from jshape.cli.tables import print_table, warn
 from jshape.errors import BadFile
 from jshape.io.cameras import described
 from jshape.robot import calibration, pose_file
-from jshape.robot.calibration import METHODS, TARGET, Calibration
+from jshape.robot.calibration import Calibration
+from jshape.robot.hand_eye import METHODS, TARGET
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,7 @@ for a fixed camera, T_gripper_camera for one in the hand.  With A = T_base_gripp
 for a fixed camera, A X T_camera_target is the same for all pairs: where the target is.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,50 +15,26 @@ from scipy.spatial.transform import Rotation
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera
 from jshape.errors import UnknownName
-from jshape.robot.rigid import (
-    BadPose,
-    angles_deg,
-    check_far,
-    check_rigid,
-    mean_pose,
-    nearest_rigid,
+from jshape.robot.hand_eye import (
+    METHODS,
+    PAIR_TOLERANCE,
+    POINTS,
+    Residuals,
+    least_turn_deg,
+    residuals_of,
+    solve,
 )
+from jshape.robot.rigid import BadPose, check_far, check_rigid, mean_pose, nearest_rigid
 
-METHODS = ("tsai", "park", "horaud", "andreff", "daniilidis")
-"""What OpenCV's `calibrateHandEye` offers."""
 LEAST, ENOUGH, MOST = 3, 8, 300
 """Pairs: fewer are refused, fewer are warned of, more are refused."""
 LEAST_DEG, ENOUGH_DEG = 5.0, 15.0
 """The same for the turn about the axis that is turned about least."""
-PAIR_TOLERANCE = 2e-3
-"""How far from orthonormal the rotations of pairs may be: those written with 3 decimals are
-by up to 0.0016, and some 0.03° off."""
 USUAL_MM, WORST_MM = 2.0, 10.0
 """Mean errors of the target's points: larger ones are warned of, and refused."""
 NEAR_HAND, NEAR_TARGET = 0.1, 0.05
 """Metres: no arm keeps its gripper so near its base in all poses, no camera a target so near
 itself.  What is nearer is in another unit."""
-TARGET = 0.1
-"""Side of the square target whose corners and middle measure errors, metres."""
-
-_HALF = TARGET / 2
-_POINTS = np.array(
-    [(x, y, 0.0, 1.0) for x, y in ((0, 0), (-_HALF, -_HALF), (_HALF, -_HALF), (_HALF, _HALF),
-                                   (-_HALF, _HALF))]
-).T  # fmt: skip
-
-
-class Residuals(NamedTuple):
-    """How far each pair's target is from where the calibration says it is."""
-
-    mm: Float[np.ndarray, "N"]
-    """Of its origin."""
-    degrees: Float[np.ndarray, "N"]
-    """Of its rotation."""
-    points_mm: Float[np.ndarray, "N"]
-    """Mean over the corners and the middle of a square of 100 mm: both in one number."""
-    pixels: Float[np.ndarray, "N"] | None
-    """The same points in the image; None without a camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +58,29 @@ class Calibration:
     """How far the poses are turned about the axis that they are turned about least."""
     tried_mm: dict[str, float]
     """Mean error of the target's points by method."""
-    warnings: tuple[str, ...] = ()
-    """What a person should know, a line each."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should know, a line each."""
+        error = self.residuals.points_mm
+        count = len(error)
+        lines = []
+        if count < ENOUGH:
+            lines.append(f"only {count} pose pairs; {ENOUGH} or more average the noise")
+        if self.turn_deg < ENOUGH_DEG:
+            lines.append(
+                f"the gripper is turned by only {self.turn_deg:.0f}° about its least-turned axis; "
+                f"{ENOUGH_DEG:g}° or more make the position sure"
+            )
+        worst, usual = int(error.argmax()), float(np.median(error))
+        if count > LEAST and error[worst] > max(4 * usual, 1.0):
+            lines.append(
+                f"pair {worst + 1} is off by {error[worst]:.1f} mm, half of all by at most "
+                f"{usual:.1f}: look at it, or leave it out"
+            )
+        if error.mean() > USUAL_MM:
+            lines.append(f"the pairs contradict each other by {error.mean():.1f} mm on average")
+        return tuple(lines)
 
 
 def calibrate(
@@ -131,12 +127,9 @@ def calibrate(
     check_far(hands, NEAR_HAND, "base_gripper: the gripper", "the base")
     check_far(targets, NEAR_TARGET, "camera_target: the target", "the camera")
     moving = hands if eye_in_hand else np.linalg.inv(hands)
-    poses = {name: _solve(name, moving, targets) for name in ((method,) if method else METHODS)}
-    tried = {
-        name: float(_residuals(pose, moving, targets, camera).points_mm.mean())
-        for name, pose in poses.items()
-        if pose is not None
-    }
+    names = (method,) if method else METHODS
+    poses = {n: pose for n in names if (pose := solve(n, moving, targets)) is not None}
+    tried = {n: float(residuals_of(p, moving, targets).points_mm.mean()) for n, p in poses.items()}
     if not tried:
         raise BadPose(
             f"{method or 'no method'} finds no rigid pose that fits these pairs"
@@ -144,36 +137,21 @@ def calibrate(
         )
     best = min(tried, key=lambda name: tried[name])
     pose = poses[best]
-    assert pose is not None
     if tried[best] > WORST_MM:
         raise BadPose(
             f"the pairs contradict each other by {tried[best]:.0f} mm on average, at most "
             f"{WORST_MM:g} mm is allowed" + _hint(eye_in_hand, tried[best], hands, targets)
         )
-    found = Calibration(
+    return Calibration(
         pose=pose,
         eye_in_hand=eye_in_hand,
         method=best,
         target=mean_pose(moving @ pose @ targets),
-        residuals=_residuals(pose, moving, targets, camera),
+        residuals=residuals_of(pose, moving, targets, camera),
         left_out=_left_out(best, moving, targets, camera) if len(hands) > LEAST else None,
         turn_deg=turn,
         tried_mm=tried,
     )
-    return _warned(found)
-
-
-def least_turn_deg(poses: Float[np.ndarray, "N 4 4"]) -> float:
-    """How far poses are turned about the axis that they are turned about least, degrees.
-
-    The least singular value of all R_ij - 1 stacked, over the root of their number, as the angle
-    that would give it.  Hand-eye calibration divides by it: 0 if all turn about one axis.
-    The sum of the R_ij is SᵀS with S the sum of the R_i, so no pair is ever formed.
-    """
-    count = len(poses)
-    most = np.linalg.svd(poses[:, :3, :3].sum(0), compute_uv=False)[0]
-    square = max(0.0, 2 * (count**2 - most**2) / (count * (count - 1)))
-    return float(np.degrees(2 * np.arcsin(min(1.0, np.sqrt(square) / 2))))
 
 
 def _checked(poses: ArrayLike, what: str) -> Float[np.ndarray, "N 4 4"]:
@@ -182,83 +160,21 @@ def _checked(poses: ArrayLike, what: str) -> Float[np.ndarray, "N 4 4"]:
     except TypeError:
         raise BadPose(f"{what}: is a {type(poses).__name__}; expected (N, 4, 4) matrices") from None
     checked = [
-        nearest_rigid(check_rigid(pose, f"{what} of pair {k + 1}", PAIR_TOLERANCE))
-        for k, pose in enumerate(pile)
+        nearest_rigid(check_rigid(pose, f"{what} of pair {k}", PAIR_TOLERANCE))
+        for k, pose in enumerate(pile, 1)
     ]
     return np.array(checked).reshape(-1, 4, 4)
 
 
 def _check_ahead(targets: np.ndarray) -> None:
     """Refuse a target of which a point lies behind the camera."""
-    depths = (targets @ _POINTS)[:, 2].min(-1)
+    depths = (targets @ POINTS)[:, 2].min(-1)
     if depths.min() <= 0:
         k = int(depths.argmin())
         raise BadPose(
             f"camera_target of pair {k + 1}: the target is at z = {targets[k, 2, 3]:.3f} m, not "
             "before the camera; is it the target in the camera's frame, in metres?"
         )
-
-
-def _solve(name: str, moving: np.ndarray, targets: np.ndarray) -> np.ndarray | None:
-    """X by one of OpenCV's methods; None if it finds no rotation."""
-    import cv2
-
-    opencv: Any = cv2  # its stubs know lists of matrices only
-    log = opencv.utils.logging
-    level = log.getLogLevel()
-    log.setLogLevel(log.LOG_LEVEL_SILENT)  # Tsai's says on stderr where it fails
-    try:
-        rotation, position = opencv.calibrateHandEye(
-            moving[:, :3, :3],
-            moving[:, :3, 3],
-            targets[:, :3, :3],
-            targets[:, :3, 3],
-            method=getattr(opencv, f"CALIB_HAND_EYE_{name.upper()}"),
-        )
-    except cv2.error:
-        return None
-    finally:
-        log.setLogLevel(level)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, np.ravel(position)
-    if (pose == np.eye(4)).all():  # what Tsai's gives where it fails
-        return None
-    try:
-        return nearest_rigid(check_rigid(pose, name, PAIR_TOLERANCE))
-    except BadPose:
-        return None
-
-
-def _residuals(
-    pose: np.ndarray,
-    moving: np.ndarray,
-    targets: np.ndarray,
-    camera: Camera | None,
-    target: np.ndarray | None = None,
-) -> Residuals:
-    """Of pairs; `target` is where the target is, None: the mean over these pairs."""
-    if target is None:
-        target = mean_pose(moving @ pose @ targets)
-    expected = np.linalg.inv(moving @ pose) @ target
-    a, b = (np.swapaxes((poses @ _POINTS)[:, :3], -1, -2) for poses in (targets, expected))
-    return Residuals(
-        1e3 * np.linalg.norm(targets[:, :3, 3] - expected[:, :3, 3], axis=-1),
-        angles_deg(targets, expected),
-        1e3 * np.linalg.norm(a - b, axis=-1).mean(-1),
-        None if camera is None else _pixels(camera, a, b),
-    )
-
-
-def _pixels(camera: Camera, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N,) mean distance of points (N, 5, 3) in the image; infinite behind the camera."""
-    fx, fy, u0, v0 = (float(x) for x in (camera.fx, camera.fy, camera.u0, camera.v0))
-
-    def at(points):
-        x, y, z = np.moveaxis(points, -1, 0)
-        z = np.where(z > 0, z, np.nan)
-        return np.stack([fx * x / z + u0, fy * y / z + v0], -1)
-
-    return np.nan_to_num(np.linalg.norm(at(a) - at(b), axis=-1).mean(-1), nan=np.inf)
 
 
 def _left_out(
@@ -271,12 +187,12 @@ def _left_out(
         others = np.arange(count) != k
         pose = None
         if least_turn_deg(moving[others]) >= LEAST_DEG:
-            pose = _solve(name, moving[others], targets[others])
+            pose = solve(name, moving[others], targets[others])
         if pose is None:
             all_rows.append([np.nan] * 4)
             continue
         target = mean_pose(moving[others] @ pose @ targets[others])
-        one = _residuals(pose, moving[k : k + 1], targets[k : k + 1], camera, target)
+        one = residuals_of(pose, moving[k : k + 1], targets[k : k + 1], camera, target)
         all_rows.append([np.nan if x is None else x.item() for x in one])
     mm, degrees, points_mm, pixels = np.array(all_rows).T
     return Residuals(mm, degrees, points_mm, None if camera is None else pixels)
@@ -284,31 +200,32 @@ def _left_out(
 
 def _hint(eye_in_hand: bool, error: float, hands: np.ndarray, targets: np.ndarray) -> str:
     """What may be the matter with pairs that contradict each other."""
+
+    def fit(hands: np.ndarray, targets: np.ndarray, in_hand: bool) -> float:
+        """Mean error of the target's points, mm, were these the pairs."""
+        moving = hands if in_hand else np.linalg.inv(hands)
+        pose = solve("park", moving, targets)
+        return np.inf if pose is None else residuals_of(pose, moving, targets).points_mm.mean()
+
     for what, one, other in (
         ("base_gripper", _w_first(hands), targets),
         ("camera_target", hands, _w_first(targets)),
         ("both", _w_first(hands), _w_first(targets)),
     ):
-        moved = one if eye_in_hand else np.linalg.inv(one)
-        pose = _solve("park", moved, other)
-        if pose is not None:
-            fits = float(_residuals(pose, moved, other, None).points_mm.mean())
-            if fits < min(error / 4, WORST_MM):
-                return (
-                    f"; with the quaternions of {what} as w, x, y, z they fit to {fits:.1f} mm: "
-                    "x, y, z, w is expected"
-                )
-    moving = np.linalg.inv(hands) if eye_in_hand else hands  # as the other set-up has it
-    pose = _solve("park", moving, targets)
-    if pose is not None:
-        fits = float(_residuals(pose, moving, targets, None).points_mm.mean())
-        if fits < error / 4:
-            right = "with a fixed camera" if eye_in_hand else "with the camera in the hand"
-            # The same as all poses of one kind inverted: which of the two, the pairs cannot say.
+        fits = fit(one, other, eye_in_hand)
+        if fits < min(error / 4, WORST_MM):
             return (
-                f"; {right} they fit to {fits:.1f} mm: is that how it was set up, or are the poses "
-                "of one kind inverted?"
+                f"; with the quaternions of {what} as w, x, y, z they fit to {fits:.1f} mm: "
+                "x, y, z, w is expected"
             )
+    fits = fit(hands, targets, not eye_in_hand)
+    if np.isfinite(fits) and fits < error / 4:
+        right = "with a fixed camera" if eye_in_hand else "with the camera in the hand"
+        # The same as all poses of one kind inverted: which of the two, the pairs cannot say.
+        return (
+            f"; {right} they fit to {fits:.1f} mm: is that how it was set up, or are the poses "
+            "of one kind inverted?"
+        )
     return "; are they T_base_gripper and T_camera_target, each pair of one moment?"
 
 
@@ -318,26 +235,3 @@ def _w_first(poses: np.ndarray) -> np.ndarray:
     read = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
     found[:, :3, :3] = Rotation.from_quat(np.roll(read, -1, axis=1)).as_matrix()
     return found
-
-
-def _warned(found: Calibration) -> Calibration:
-    """The calibration with what a person should know."""
-    error = found.residuals.points_mm
-    count = len(error)
-    lines = []
-    if count < ENOUGH:
-        lines.append(f"only {count} pose pairs; {ENOUGH} or more average the noise")
-    if found.turn_deg < ENOUGH_DEG:
-        lines.append(
-            f"the gripper is turned by only {found.turn_deg:.0f}° about its least-turned axis; "
-            f"{ENOUGH_DEG:g}° or more make the position sure"
-        )
-    worst, usual = int(error.argmax()), float(np.median(error))
-    if count > LEAST and error[worst] > max(4 * usual, 1.0):
-        lines.append(
-            f"pair {worst + 1} is off by {error[worst]:.1f} mm, half of all by at most "
-            f"{usual:.1f}: look at it, or leave it out"
-        )
-    if error.mean() > USUAL_MM:
-        lines.append(f"the pairs contradict each other by {error.mean():.1f} mm on average")
-    return replace(found, warnings=tuple(lines))

@@ -11,15 +11,18 @@ hand may leave out the rest.
 
 import os
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
 from jshape._typing import Float
-from jshape.errors import BadFile, one_line, quoted
+from jshape.errors import BadFile
 from jshape.io.files import JSON_LIMIT, parse_json, read_bytes, read_json, write_json
-from jshape.robot.calibration import MOST, NEAR_HAND, PAIR_TOLERANCE, TARGET, Calibration, Residuals
+from jshape.io.records import Numbers, check_format, read_record, read_value
+from jshape.robot.calibration import MOST, NEAR_HAND, Calibration
+from jshape.robot.hand_eye import PAIR_TOLERANCE, TARGET, Residuals
 from jshape.robot.rigid import (
+    TOLERANCE,
     BadPose,
     check_far,
     check_rigid,
@@ -32,6 +35,17 @@ FORMAT = "jshape-pose"
 VERSION = 1
 PARENTS = ("base", "gripper")
 """Frames that a camera's pose may be in."""
+
+
+_Matrix = Annotated[np.ndarray, Numbers((4, 4))]
+
+
+@dataclass(frozen=True, eq=False)
+class _Position:
+    """A pose that is no matrix; metres go into one."""
+
+    xyz_mm: Annotated[np.ndarray, Numbers((3,))]
+    quat: Annotated[np.ndarray, Numbers((4,))]
 
 
 class PosePairs(NamedTuple):
@@ -63,7 +77,7 @@ def read_pairs(path: str | os.PathLike) -> PosePairs:
     """The pose pairs of a file.
 
     Raises:
-      BadFile: the file cannot be read, or is no list of pairs.
+      BadFile: it cannot be read, or is no list of pairs.
       BadPose: a pose that is not rigid, or not in metres.
     """
     where = str(path)
@@ -75,20 +89,16 @@ def read_pairs(path: str | os.PathLike) -> PosePairs:
         raise BadFile(f'{where}: expected [{{"base_gripper": ..., "camera_target": ...}}, ...]')
     if len(pairs) > MOST:
         raise BadFile(f"{where}: holds {len(pairs)} pairs; at most {MOST} are taken")
-    hands, targets = (
-        np.array([_pose_in(pair, name, f"{where}: pair {k + 1}") for k, pair in enumerate(pairs)])
-        for name in ("base_gripper", "camera_target")
+    return PosePairs(
+        *(
+            np.array([_pose_in(one, name, f"{where}: pair {k}") for k, one in enumerate(pairs, 1)])
+            for name in PosePairs._fields
+        )
     )
-    return PosePairs(hands, targets)
 
 
 def read_gripper(path: str | os.PathLike) -> Float[np.ndarray, "4 4"]:
-    """T_base_gripper of a file that holds `{"base_gripper": POSE}`, metres.
-
-    Raises:
-      BadFile: the file cannot be read, or holds no such pose.
-      BadPose: a pose that is not rigid, or not in metres.
-    """
+    """T_base_gripper of a file with `{"base_gripper": POSE}`, metres; raises as `read_pairs`."""
     pose = _pose_in(read_json(path), "base_gripper", str(path))
     check_far(pose, NEAR_HAND, f"{path}: base_gripper: the gripper", "the base")
     return pose
@@ -101,7 +111,7 @@ def write_pose(path: str | os.PathLike, pose: CameraPose) -> None:
       BadPose: the matrix is not rigid, or not in metres.
       BadFile: it cannot be written.
     """
-    name = _name(pose.parent, str(path))
+    name = f"T_{read_value(Literal[PARENTS], pose.parent, f'{path}: parent')}_camera"
     matrix = check_rigid(pose.matrix, f"{path}: {name}")
     write_json(
         path,
@@ -110,7 +120,7 @@ def write_pose(path: str | os.PathLike, pose: CameraPose) -> None:
             "version": VERSION,
             "camera": pose.camera,
             "units": "metres; points of the camera's frame times the matrix are in the "
-            + f"{pose.parent}'s frame; quaternion x, y, z, w",
+            f"{pose.parent}'s frame; quaternion x, y, z, w",
             name: matrix,
             "position_m": matrix[:3, 3],
             "quaternion_xyzw": quaternion_of(matrix),
@@ -127,29 +137,21 @@ def read_pose(path: str | os.PathLike) -> CameraPose:
       BadFile: not such a file, or from a newer version.
       BadPose: the matrix is not rigid (1e-4), or not in metres.
     """
-    where, fields = str(path), read_json(path)
-    if fields.get("format") != FORMAT:
-        raise BadFile(f"{where}: format is {quoted(fields.get('format'))}; expected {FORMAT!r}")
-    version = fields.get("version")
-    if type(version) is not int or not 1 <= version <= VERSION:
-        raise BadFile(f"{where}: version is {quoted(version)}; this program reads up to {VERSION}")
-    there = [parent for parent in PARENTS if _name(parent, where) in fields]
+    where, content = str(path), read_json(path)
+    check_format(content, FORMAT, VERSION, where)
+    there = [parent for parent in PARENTS if f"T_{parent}_camera" in content]
     if len(there) != 1:
         raise BadFile(f"{where}: has {len(there)} of T_base_camera, T_gripper_camera; expected one")
     parent = there[0]
-    for name, kind, word in (
-        ("camera", str, "text"), ("found", dict, "an object"), ("residuals", dict, "an object"),
-    ):  # fmt: skip
-        if not isinstance(fields.get(name, kind()), kind):
-            raise BadFile(f"{where}: {name} is {quoted(fields[name])}; expected {word}")
-    matrix = _matrix(fields[_name(parent, where)], f"{where}: {_name(parent, where)}")
+    said = {
+        name: read_value(kind, content[name], f"{where}: {name}")
+        for name, kind in (("camera", str), ("found", dict), ("residuals", dict))
+        if name in content
+    }
+    matrix = _matrix(content[f"T_{parent}_camera"], f"{where}: T_{parent}_camera")
     if parent == "base" and matrix[:3, 3].any():  # a camera's frame may be taken for the base
         check_far(matrix, NEAR_HAND, f"{where}: T_base_camera: the camera", "the base")
-    return CameraPose(
-        matrix,
-        parent,
-        **{name: fields[name] for name in ("camera", "found", "residuals") if name in fields},
-    )
+    return CameraPose(matrix, parent, **said)
 
 
 def read_base_camera(
@@ -223,40 +225,12 @@ def _pose_in(fields: Any, name: str, where: str) -> np.ndarray:
     where, value = f"{where}: {name}", fields[name]
     if not isinstance(value, dict):
         return nearest_rigid(_matrix(value, where, PAIR_TOLERANCE))
-    if set(value) != {"xyz_mm", "quat"}:
-        raise BadFile(
-            f"{where}: has {one_line(', '.join(map(repr, value)), 60) or 'nothing'}; "
-            "expected 'xyz_mm' and 'quat' (x, y, z, w); metres go into a 4x4 matrix"
-        )
-    position, quaternion = (
-        _numbers(value[part], count, f"{where}: {part}")
-        for part, count in (("xyz_mm", 3), ("quat", 4))
-    )
-    length = float(np.linalg.norm(quaternion))
+    read = read_record(_Position, value, where)
+    length = float(np.linalg.norm(read.quat))
     if abs(length - 1) > 1e-2:
         raise BadPose(f"{where}: quat has length {length:.4g}; a rotation has 1")
-    return check_rigid(pose_at(position / 1e3, quaternion), where)
+    return check_rigid(pose_at(read.xyz_mm / 1e3, read.quat), where)
 
 
-def _matrix(value: Any, where: str, tolerance: float | None = None) -> np.ndarray:
-    if not isinstance(value, list) or len(value) != 4:
-        raise BadFile(f"{where}: is {quoted(value)}; expected 4 rows of 4 numbers")
-    rows = np.array([_numbers(row, 4, f"{where}: row {k + 1}") for k, row in enumerate(value)])
-    return check_rigid(rows, where) if tolerance is None else check_rigid(rows, where, tolerance)
-
-
-def _numbers(value: Any, count: int, where: str) -> np.ndarray:
-    """So many numbers; JSON's true is none, nor is a whole number that no float holds."""
-    if (
-        not isinstance(value, list)
-        or len(value) != count
-        or any(type(x) not in (int, float) or abs(x) > 1e300 for x in value)
-    ):
-        raise BadFile(f"{where} is {quoted(value)}; expected {count} numbers")
-    return np.array(value, np.float64)
-
-
-def _name(parent: str, where: str) -> str:
-    if parent not in PARENTS:
-        raise BadFile(f"{where}: parent is {quoted(parent)}; allowed: {', '.join(PARENTS)}")
-    return f"T_{parent}_camera"
+def _matrix(value: Any, where: str, tolerance: float = TOLERANCE) -> np.ndarray:
+    return check_rigid(read_value(_Matrix, value, where), where, tolerance)

@@ -6,12 +6,14 @@ above an operation's threshold ends that operation and goes on to the next, as i
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jshape._typing import Float
+from jshape.errors import quoted
+from jshape.io.records import OneLine, Range
 from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, Moved, PoseRefused, stop_arm
 
 NAMES = ("above", "prepare", "contact", "act", "up", "clear")
@@ -22,48 +24,86 @@ DEEPEST = 10.0
 """Greatest strength of an action: more than any bed is deep."""
 
 
+REACH_MM = 2000.0
+"""No arm's tool is farther than this from anything, mm."""
+ROOM_MM = 20.0
+"""Limits with less room than this are in metres."""
+_Place = Annotated[tuple[float, float, float], Range(-REACH_MM, REACH_MM)]
+_Speed = Annotated[float, Range(0, 2000, above=True, metres_below=1)]
+_Effort = Annotated[float, Range(0, 1000, above=True)]
+_METRES = "less than {:g} mm looks like metres: times 1000"
+
+
 @dataclass(frozen=True)
 class Operation:
     """One of the six."""
 
     name: str
-    height_mm: float | None = None
+    height_mm: Annotated[float | None, Range(-REACH_MM, REACH_MM, metres_below=1)] = None
     """Where the tool goes: above the surface at the place; below it where negative."""
-    depth_mm: float | None = None
+    depth_mm: Annotated[float | None, Range(0, REACH_MM, above=True, metres_below=0.1)] = None
     """Where the tool goes instead: below the surface, times the strength of the action."""
-    posture: str | None = None
+    posture: Annotated[str | None, OneLine()] = None
     """What the hand does, once the tool is there."""
-    speed_mm_s: float = 100.0
+    speed_mm_s: _Speed = 100.0
     """Of the tool."""
-    seconds: float = 0.5
+    seconds: Annotated[float, Range(0, 60, above=True)] = 0.5
     """That the posture takes."""
-    effort_nm: float = 40.0
+    effort_nm: _Effort = 40.0
     """Contact effort that ends the operation."""
+
+    def problem(self) -> str | None:
+        """What a file of it must not say."""
+        if self.name == "clear" and self != Operation("clear"):
+            return "the arm goes home, there is nothing else to say of it"
+        if self.name in IN_THE_AIR and not (self.height_mm or 0.0) > 0:
+            return "needs a height_mm above 0: the tool touches nothing there"
+        if self.height_mm is not None and self.depth_mm is not None:
+            return "height_mm and depth_mm are both given; one says where the tool is"
+        return None
 
 
 @dataclass(frozen=True)
 class Procedure:
     """The six operations of one action."""
 
-    action: str
+    action: Annotated[str, OneLine()]
     operations: tuple[Operation, ...]
-    tool_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tool_mm: _Place = (0.0, 0.0, 0.0)
     """The point of the hand that meets the place, in the flange's frame."""
+
+    def problem(self) -> str | None:
+        """What a file of it must not say."""
+        names, length = [one.name for one in self.operations], float(np.linalg.norm(self.tool_mm))
+        if names != list(NAMES):
+            return f"operations are {quoted(names)}; expected {', '.join(NAMES)}, in this order"
+        if 0 < length < 1:
+            return f"tool_mm is {length:g} mm long; {_METRES.format(1)}"
+        return None
 
 
 @dataclass(frozen=True)
 class ArmLimits:
     """What no operation may exceed, whatever its file says."""
 
-    low_mm: tuple[float, float, float] = (-400.0, -400.0, 150.0)
+    low_mm: _Place = (-400.0, -400.0, 150.0)
     """Lowest x, y, z of the tool in the camera's frame."""
-    high_mm: tuple[float, float, float] = (400.0, 400.0, 498.0)
+    high_mm: _Place = (400.0, 400.0, 498.0)
     """Highest: z is how far below the camera the tool may go.  A stroke that would go deeper ends
     there; the floor of the paper's box is at 500."""
-    speed_mm_s: float = 250.0
+    speed_mm_s: _Speed = 250.0
     """Fastest motion of the tool, the limit of collaborative work (ISO 10218-1, 5.6.2)."""
-    effort_nm: float = 120.0
+    effort_nm: _Effort = 120.0
     """Contact effort at which the arm is stopped for good."""
+
+    def problem(self) -> str | None:
+        """What a file of it must not say."""
+        room = np.subtract(self.high_mm, self.low_mm)
+        if not (room > 0).all():
+            return f"low_mm {self.low_mm} is not below high_mm {self.high_mm}"
+        if room.max() < ROOM_MM:
+            return f"low_mm to high_mm is {room.max():g} mm at most; {_METRES.format(ROOM_MM)}"
+        return None
 
 
 @dataclass(frozen=True)
@@ -100,24 +140,18 @@ def pose_of(
 ) -> Float[np.ndarray, "4 4"] | None:
     """Of the tool at the end of an operation, in the camera's frame, metres; None: it goes nowhere.
 
-    Args:
-      operation: gives the height or the depth.
-      point: on the surface, camera frame, metres.
-      strength: factor on the depth.
-      yaw: turn of the hand from u towards v, radians.
-      deepest_mm: a depth ends there at the latest: above the floor of the box.
+    `point` is on the surface there, `strength` a factor on the depth, which ends at `deepest_mm`
+    at the latest; `yaw` turns the hand from u towards v, radians.
     """
-    if operation.depth_mm is not None:
-        down = operation.depth_mm * strength
-    elif operation.height_mm is not None:
-        down = -operation.height_mm
-    else:
-        return None
     pose = np.eye(4)
     pose[:3, :3] = turned(yaw)
-    pose[:3, 3] = point + np.array([0.0, 0.0, down / 1000.0])
+    pose[:3, 3] = point
     if operation.depth_mm is not None:
-        pose[2, 3] = min(pose[2, 3], deepest_mm / 1000.0)
+        pose[2, 3] = min(pose[2, 3] + operation.depth_mm * strength / 1e3, deepest_mm / 1e3)
+    elif operation.height_mm is not None:
+        pose[2, 3] -= operation.height_mm / 1e3
+    else:
+        return None
     return pose
 
 
@@ -129,8 +163,8 @@ def poses_of(
     yaw: float = 0.0,
 ) -> list[tuple[Operation, Float[np.ndarray, "4 4"] | None]]:
     """Each operation with the pose where it ends: see `pose_of`; strokes end above the floor."""
-    deepest = limits.high_mm[2]
-    return [(one, pose_of(one, point, strength, yaw, deepest)) for one in procedure.operations]
+    how = (point, strength, yaw, limits.high_mm[2])
+    return [(one, pose_of(one, *how)) for one in procedure.operations]
 
 
 def check_reach(
@@ -143,7 +177,7 @@ def check_reach(
     """Whether all of an action stays inside the limits, before the arm moves.
 
     Raises:
-      PoseRefused: an operation leaves the workspace, is too fast or trips above the hard limit; a
+      PoseRefused: it leaves the workspace, is too fast, trips above the hard limit, or has a
         strength or yaw that makes no sense.
     """
     if not (np.isfinite(point).all() and np.isfinite(yaw) and 0 < strength <= DEEPEST):
@@ -153,21 +187,20 @@ def check_reach(
         )
     for operation, pose in poses_of(procedure, limits, point, strength, yaw):
         where = f"{procedure.action}: {operation.name}"
-        if operation.speed_mm_s > limits.speed_mm_s:
-            raise PoseRefused(
-                f"{where}: speed {operation.speed_mm_s:g} mm/s; at most {limits.speed_mm_s:g}"
-            )
-        if operation.effort_nm > limits.effort_nm:
-            raise PoseRefused(
-                f"{where}: threshold {operation.effort_nm:g} Nm; at most {limits.effort_nm:g}"
-            )
+        for what, value, most in (
+            ("speed {:g} mm/s", operation.speed_mm_s, limits.speed_mm_s),
+            ("threshold {:g} Nm", operation.effort_nm, limits.effort_nm),
+        ):
+            if value > most:
+                raise PoseRefused(f"{where}: {what.format(value)}; at most {most:g}")
         if pose is None:
             continue
         at = pose[:3, 3] * 1000.0
         if not ((at >= limits.low_mm) & (at <= limits.high_mm)).all():
+            text = "({:.0f}, {:.0f}, {:.0f})".format
             raise PoseRefused(
-                f"{where} goes to {_text(at)} mm in the camera's frame; "
-                f"the workspace is {_text(limits.low_mm)} to {_text(limits.high_mm)}"
+                f"{where} goes to {text(*at)} mm in the camera's frame; "
+                f"the workspace is {text(*limits.low_mm)} to {text(*limits.high_mm)}"
             )
 
 
@@ -182,31 +215,21 @@ def perform(
     yaw: float = 0.0,
     told: Callable[[OperationResult], None] = lambda done: None,
 ) -> list[OperationResult]:
-    """Carry an action out.
+    """Carry an action out as `prepare` has it; `told` is called after each operation.
 
     Any failure, Ctrl-C included, stops the arm before the error is passed on.
-
-    Args:
-      arm: does it.
-      hand: its procedures and limits.
-      action: name.
-      point: (3,) on the surface in the camera's frame, metres.
-      base_camera: pose of the camera in the arm's base frame.
-      strength: factor on the depth.
-      yaw: turn of the hand from u towards v, radians.
-      told: called after each operation.
 
     Raises:
       PoseRefused: it leaves the workspace or what the arm can reach; the arm has not moved.
       ArmError: the arm did not do it, touched something in the air, or has no such procedure.
       EffortLimit: the effort rose above the hard limit.
     """
-    prepared = prepare(arm, hand, action, point, base_camera, strength, yaw)
+    tool, operations = prepare(arm, hand, action, point, base_camera, strength, yaw)
     camera_base = np.linalg.inv(base_camera)
     all_done = []
     try:
-        for operation, pose in prepared.operations:
-            arm.begin(Doing(action, operation.name, strength, yaw), prepared.tool)
+        for operation, pose in operations:
+            arm.begin(Doing(action, operation.name, strength, yaw), tool)
             contact, effort = _one(arm, operation, pose, f"{action}: {operation.name}", hand.limits)
             x, y, z = ((camera_base @ arm.pose())[:3, 3] * 1000.0).tolist()
             done = OperationResult(operation.name, contact, effort, (x, y, z))
@@ -218,15 +241,6 @@ def perform(
     return all_done
 
 
-class Prepared(NamedTuple):
-    """An action at a place, checked."""
-
-    tool: np.ndarray
-    """(4, 4) pose of the tool in the flange's frame."""
-    operations: list[tuple[Operation, np.ndarray | None]]
-    """Each with the tool's pose (4, 4) in the base frame; None: it goes nowhere."""
-
-
 def prepare(
     arm: Arm,
     hand: Hand,
@@ -235,8 +249,12 @@ def prepare(
     base_camera: Float[np.ndarray, "4 4"],
     strength: float = 1.0,
     yaw: float = 0.0,
-) -> Prepared:
-    """All poses of an action, checked against the limits and by the arm, which does not move.
+) -> tuple[Float[np.ndarray, "4 4"], list[tuple[Operation, Float[np.ndarray, "4 4"] | None]]]:
+    """Check an action at a point of the surface (camera's frame, metres); the arm does not move.
+
+    Returns:
+      The pose of the tool in the flange's frame, and the operations with the tool's poses in the
+      base frame, None for one that goes nowhere.
 
     Raises:
       PoseRefused, ArmError: as for `perform`.
@@ -247,14 +265,12 @@ def prepare(
     check_reach(procedure, limits, point, strength, yaw)
     tool = np.eye(4)
     tool[:3, 3] = np.asarray(procedure.tool_mm) / 1000.0
-    operations = [
-        (operation, None if pose is None else base_camera @ pose)
-        for operation, pose in poses_of(procedure, limits, point, strength, yaw)
-    ]
+    seen = poses_of(procedure, limits, point, strength, yaw)
+    operations = [(one, None if pose is None else base_camera @ pose) for one, pose in seen]
     arm.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
     poses = [pose for _, pose in operations if pose is not None]
     arm.check(poses, [one.posture for one in procedure.operations if one.posture], tool)
-    return Prepared(tool, operations)
+    return tool, operations
 
 
 def _one(
@@ -263,12 +279,11 @@ def _one(
     """Whether the effort ended an operation, and the greatest effort."""
 
     def judged(moved: Moved) -> tuple[bool, float]:
+        said = f"{where}: effort {moved.effort:.0f} Nm"
         if not 0 <= moved.effort <= limits.effort_nm:  # NaN too
-            raise EffortLimit(
-                f"{where}: effort {moved.effort:.0f} Nm; the hard limit is {limits.effort_nm:g}"
-            )
+            raise EffortLimit(f"{said}; the hard limit is {limits.effort_nm:g}")
         if moved.contact and operation.name in IN_THE_AIR:
-            raise ArmError(f"{where}: effort {moved.effort:.0f} Nm: something is in the way")
+            raise ArmError(f"{said}: something is in the way")
         return moved.contact, moved.effort
 
     if operation.name == "clear":
@@ -277,14 +292,9 @@ def _one(
     if pose is not None:
         speed = operation.speed_mm_s / 1000.0
         contact, effort = judged(arm.move(pose, speed=speed, threshold=operation.effort_nm))
-    if operation.posture is not None:
+    if (name := operation.posture) is not None:
         # A hand that touches something on its way down still closes: it is what the action does.
-        touched, more = judged(
-            arm.posture(operation.posture, seconds=operation.seconds, threshold=operation.effort_nm)
-        )
+        most = operation.effort_nm
+        touched, more = judged(arm.posture(name, seconds=operation.seconds, threshold=most))
         contact, effort = contact or touched, max(effort, more)
     return contact, effort
-
-
-def _text(values) -> str:
-    return "(" + ", ".join(f"{value:.0f}" for value in values) + ")"

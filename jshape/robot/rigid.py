@@ -22,12 +22,7 @@ class BadPose(JShapeError):
 def check_rigid(
     matrix: ArrayLike, what: str, tolerance: float = TOLERANCE
 ) -> Float[np.ndarray, "4 4"]:
-    """The matrix as float64, if it is a pose.
-
-    Args:
-      matrix: 4x4.
-      what: names it in errors.
-      tolerance: how far RᵀR may be from 1, per number, and det R from 1.
+    """The matrix as float64, if it is a pose; `what` names it in errors.
 
     Raises:
       BadPose: another shape, not finite, sheared, scaled, mirrored, or not in metres.
@@ -60,11 +55,7 @@ def check_rigid(
 
 
 def check_far(poses: Float[np.ndarray, "*B 4 4"], least: float, what: str, of: str) -> None:
-    """Refuse poses that are all nearer than `least` metres: another unit was meant.
-
-    Raises:
-      BadPose: says how near they are, and what would fit.
-    """
+    """BadPose where all poses are nearer than `least` metres: another unit was meant."""
     far = float(np.linalg.norm(poses[..., :3, 3], axis=-1).max())
     if far < least:
         would = (

@@ -25,11 +25,7 @@ class BedMoved(BadImage):
 
 
 def check_clear(depth: Float[np.ndarray, "H W"], camera: Camera, where: str = "look") -> None:
-    """Whether nothing is between the camera and the bed.
-
-    Raises:
-      Occluded: more than `OCCLUDED` of the pixels are nearer than the camera's range.
-    """
+    """Occluded where more than `OCCLUDED` of the pixels are nearer than the camera's range."""
     near = ~missing(depth) & (depth < float(camera.z_min) - NEARER_MM / 1000.0)
     if near.mean() > OCCLUDED:
         v, u = (int(x.mean()) for x in np.nonzero(near))
@@ -44,13 +40,7 @@ def moved_mm(
     after: Float[np.ndarray, "H W"],
     touched: Bool[np.ndarray, "H W"] | None = None,
 ) -> float:
-    """Median |change| of depth where both looks have a reading and nothing was touched, mm.
-
-    Args:
-      before: depth, metres.
-      after: likewise.
-      touched: where an action may have changed the bed; None is nowhere.
-    """
+    """Median |change| of depth (metres) where both have a reading and no action touched, mm."""
     beside = ~missing(before) & ~missing(after)
     if touched is not None:
         beside &= ~touched
@@ -65,11 +55,7 @@ def check_still(
     touched: Bool[np.ndarray, "H W"] | None = None,
     where: str = "look",
 ) -> None:
-    """Whether the bed is where it was, beside what an action touched.
-
-    Raises:
-      BedMoved: its median change is more than `MOVED_MM`.
-    """
+    """BedMoved where the bed changed by more than `MOVED_MM` beside what an action touched."""
     moved = moved_mm(before, after, touched)
     if moved > MOVED_MM:
         raise BedMoved(

@@ -35,16 +35,11 @@ class World(Protocol):
     def act(
         self, action: str, position: tuple[float, float], strength: float = 1.0, yaw: float = 0.0
     ) -> None:
-        """Apply an action at pixel (u, v) and leave the camera's view.
+        """Apply an action at pixel (u, v), whole or not, and leave the camera's view.
 
-        Args:
-          action: its name.
-          position: (u, v); whole pixels unless a plan was refined.
-          strength: how many times as deep as the trained action.
-          yaw: turn of the hand from u towards v, radians.
-
-        A hand of one strength and direction may leave the last two out: they are passed only where
-        they are not 1 and 0.
+        `strength` is how many times as deep as the trained action, `yaw` the turn of the hand from
+        u towards v in radians.  A hand of one strength and direction may leave the two out: they
+        are passed only where they are not 1 and 0.
         """
         ...
 
@@ -175,9 +170,8 @@ def mold(
             continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
             raise JShapeError(f"{name} is {quoted(value)}; it must be a whole number from 1")
-    search: dict[str, Any] = {
-        "bank": bank, "planner": planner, "space": space, "budget": budget, "execution": execution,
-    }  # fmt: skip
+    search: dict[str, Any] = {"bank": bank, "planner": planner, "space": space}
+    search |= {"budget": budget, "execution": execution}
     tolerance = float(stop.tolerance_mm) / float(metric.to_mm(1.0, bank.camera))
 
     def look() -> tuple[np.ndarray, np.ndarray]:
@@ -196,16 +190,16 @@ def mold(
         ahead = _seen_anew(ahead, image, goal, bank)
     run = Molding(goal, ahead, [image], [depth])
     obtained = float(metric.to_mm(metric.distance(image, goal), bank.camera))
-    next_ = failures = 0
+    failures = 0
     while True:
-        if next_ == len(ahead):
+        if len(ahead) == 0:
             run.stop = Stop[ahead.status.name] if replan or not run.steps else Stop.PLAN_ENDED
             return run
-        if confirm is not None and not confirm(ahead.rest(next_) if next_ else ahead):
+        if confirm is not None and not confirm(ahead):
             run.stop = Stop.DECLINED
             return run
-        action, (u, v) = ahead.actions[next_], ahead.exact_positions[next_].tolist()
-        strength, yaw = float(ahead.strengths[next_]), float(ahead.yaws[next_])
+        action, (u, v) = ahead.actions[0], ahead.exact_positions[0].tolist()
+        strength, yaw = float(ahead.strengths[0]), float(ahead.yaws[0])
         more = {} if (strength, yaw) == (1.0, 0.0) else {"strength": strength, "yaw": yaw}
         world.act(action, (u, v), **more)
         depth, image = look()
@@ -213,42 +207,38 @@ def mold(
         run.images.append(image)
         d = metric.distance(image, goal)
         before, obtained = obtained, float(metric.to_mm(d, bank.camera))
-        predicted = float(ahead.distances_mm[next_ + 1])
+        predicted = float(ahead.distances_mm[1])
         at = (round(u), round(v))
         step = Step(action, at, before, predicted, obtained, strength, yaw)
         run.steps.append(step)
         if on_step is not None:
             on_step(step, depth)
         if watch:
-            touched = touched_by(bank.camera, (u, v), tuple(ahead.rois[next_].tolist()))
+            touched = touched_by(bank.camera, (u, v), tuple(ahead.rois[0].tolist()))
             check_still(run.depths[-2], depth, touched)
         failures = 0 if obtained < before else failures + 1
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
+        ahead = ahead.rest(1)
         if afresh:
-            ahead = _seen_anew(ahead.rest(1), image, goal, bank)
-            continue
-        if not replan:
-            next_ += 1
-            continue
-        left = stop.max_steps - len(run.steps)
-        if left == 0:
-            run.stop = Stop.CONVERGED if d <= tolerance else Stop.MAX_STEPS
-            return run
-        steps = 1 if planner == "greedy" else min(left, horizon or left)
-        if action in uses:
-            uses[action] -= 1
-        ahead = plan(
-            image, goal, constraints=replace(constraints, max_uses=uses),
-            stop=replace(stop, max_steps=steps), start=ahead.rest(1), **search,
-        )  # fmt: skip
-        next_ = 0
+            ahead = _seen_anew(ahead, image, goal, bank)
+        elif replan:
+            left = stop.max_steps - len(run.steps)
+            if left == 0:
+                run.stop = Stop.CONVERGED if d <= tolerance else Stop.MAX_STEPS
+                return run
+            steps = 1 if planner == "greedy" else min(left, horizon or left)
+            if action in uses:
+                uses[action] -= 1
+            now = {
+                "constraints": replace(constraints, max_uses=uses),
+                "stop": replace(stop, max_steps=steps),
+            }
+            ahead = plan(image, goal, start=ahead, **now, **search)
 
 
 def _seen_anew(ahead: Plan, image: np.ndarray, goal: np.ndarray, bank: Bank) -> Plan:
     """The same actions, predicted from another image."""
-    return rollout(
-        image, goal, ahead.actions, ahead.exact_positions, strengths=ahead.strengths,
-        yaws=ahead.yaws, bank=bank,
-    )  # fmt: skip
+    how = {"strengths": ahead.strengths, "yaws": ahead.yaws, "bank": bank}
+    return rollout(image, goal, ahead.actions, ahead.exact_positions, **how)

@@ -99,23 +99,13 @@ class Robot(AbstractContextManager):
         strength: float = 1.0,
         yaw: float = 0.0,
     ) -> None:
-        """Carry an action out at pixel (u, v) of the bank's image.
-
-        Raises:
-          ArmError: it cannot, or did not.
-        """
+        """Carry an action out at pixel (u, v) of the bank's image; ArmError: it did not."""
         self.moved = True
-        perform(
-            self.guard, self._hand, action, self.point(position), self._base_camera,
-            strength=strength, yaw=yaw, told=self.told,
-        )  # fmt: skip
+        given = (self.guard, self._hand, action, self.point(position), self._base_camera)
+        perform(*given, strength=strength, yaw=yaw, told=self.told)
 
     def point(self, position: tuple[float | int, float | int]) -> Float[np.ndarray, "3"]:
-        """The point of the surface under a place, in the frame of the camera that looks, metres.
-
-        Raises:
-          JShapeError: nothing was looked at yet.
-        """
+        """The point of the surface under a place, in the frame of the camera that looks, metres."""
         if self._seen is None or self.view is None:
             raise JShapeError("look before you act")
         if self._whole is None:  # once a look: a plan's actions are all checked on the first
@@ -130,16 +120,11 @@ class Robot(AbstractContextManager):
         yaw: float = 0.0,
     ) -> None:
         """Whether it could carry an action out; nothing moves.  Raises as `act`."""
-        prepare(
-            self.guard, self._hand, action, self.point(position), self._base_camera, strength, yaw
-        )
+        given = (self.guard, self._hand, action, self.point(position), self._base_camera)
+        prepare(*given, strength, yaw)
 
     def home(self) -> None:
-        """Bring the arm out of the camera's view.
-
-        Raises:
-          ArmError: it did not.
-        """
+        """Bring the arm out of the camera's view; ArmError: it did not."""
         limits = self._hand.limits
         self.guard.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
         self.moved = True

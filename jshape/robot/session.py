@@ -54,6 +54,7 @@ class Session:
         """Called with each look (H, W), metres."""
         self._say = say
         self._resumed = resumed
+        self._operations: list[dict[str, Any]] = []  # of the action under way
 
     @classmethod
     def start(
@@ -78,11 +79,7 @@ class Session:
 
     @classmethod
     def resume(cls, folder: Path, *, say: Say = print) -> "Session":
-        """The run in a folder, to be gone on with from what the camera sees now.
-
-        Raises:
-          BadFile: no run of a robot, or a damaged one.
-        """
+        """The run in a folder, to be gone on with from what the camera sees now, or BadFile."""
         run = runs.Run.open(folder)
         if not (folder / GOAL).is_file() or not isinstance(run.meta.get("bank"), str):
             raise BadFile(f"{folder}: is not a run of `jshape mold` or `jshape execute`")
@@ -134,92 +131,80 @@ class Session:
           What is in `summary.json`: distances, steps, and why it stopped.
 
         Raises:
-          JShapeError: what ended the run; the arm is stopped, and `summary.json` says so too.
-            A note of the error says how the run goes on.
-          KeyboardInterrupt: likewise.
+          JShapeError, KeyboardInterrupt: what ended the run; the arm is stopped, `summary.json`
+            says so too, and a note of the error says how the run goes on.
         """
         with journal.alone(self.run.folder):
             self.run = runs.Run.open(self.run.folder)  # another program may have gone on with it
-            return self._mold(robot, bank, plan, stop, blind, confirm, draw, search)
+            done = self.done
+            if plan is not None:
+                self._same_plan(plan)
+                check_same_camera(bank.camera, plan.camera, "the plan's")
+                plan = plan.rest(min(done, len(plan)))
+            left = replace(stop, max_steps=stop.max_steps - done)
+            if left.max_steps <= 0:
+                return self._all_done(stop.max_steps)
+            if done > len(self.run):
+                self._say("the last action was begun and not looked at: it counts as done")
+            robot.told, robot.looked = self._operation, self._looked
+            search |= {"stop": left, "first": plan, "replan": plan is None and not blind}
+            try:
+                self._note("resumed" if self._resumed else "started", steps=done)
+                self._note("homing")
+                robot.home()
+                result = mold(
+                    *(robot, self.goal, bank),
+                    **search,
+                    patience=None if blind else PATIENCE,
+                    watch=True,
+                    confirm=self._asking(robot, plan is not None, confirm),
+                    on_step=self._stepped,
+                )
+                with uninterrupted():  # it is over: what came of it is written down
+                    summary = self._finish(result, stop_arm(robot.guard))
+            except BaseException as problem:
+                with uninterrupted():
+                    self._aborted(problem, stop_arm(robot.guard))
+                what, folder = self.run.meta.get("what", "mold"), self.run.folder
+                problem.add_note(f"jshape {what} --resume --out {folder} goes on")
+                raise
+            self._draw(result, draw)
+            return summary
 
-    def _mold(
-        self,
-        robot: Robot,
-        bank: Bank,
-        plan: Plan | None,
-        stop: StopCriteria,
-        blind: bool,
-        confirm: Callable[[Plan], bool] | None,
-        draw: Draw | None,
-        search: dict[str, Any],
-    ) -> dict[str, Any]:
-        done = self.done
-        if plan is not None:
-            self._same_plan(plan)
-            check_same_camera(bank.camera, plan.camera, "the plan's")
-            plan = plan.rest(min(done, len(plan)))
-        left = replace(stop, max_steps=stop.max_steps - done)
-        if left.max_steps <= 0:
-            return self._all_done(stop.max_steps)
-        robot.told, robot.looked = self._operation, self._looked
-        operations: list[dict[str, Any]] = []
-        self._operations = operations
-
-        if done > len(self.run):
-            self._say("the last action was begun and not looked at: it counts as done")
-        checked = plan is None
+    def _asking(
+        self, robot: Robot, check: bool, confirm: Callable[[Plan], bool] | None
+    ) -> Callable[[Plan], bool]:
+        """What is asked before each action; with `check`, all of the first plan is tried first."""
 
         def ask(ahead: Plan) -> bool:
-            nonlocal checked
-            if not checked:
-                for name, place, strength, yaw in zip(
-                    ahead.actions, ahead.exact_positions.tolist(), ahead.strengths.tolist(),
-                    ahead.yaws.tolist(), strict=True,
-                ):  # fmt: skip
-                    robot.check(name, (place[0], place[1]), strength, yaw)
-                checked = True
-            (u, v), d = ahead.exact_positions[0].tolist(), ahead.distances_mm
-            planned = {
-                "action": ahead.actions[0], "position": [u, v],
-                "strength": float(ahead.strengths[0]), "yaw": float(ahead.yaws[0]),
-                "before_mm": float(d[0]), "predicted_mm": float(d[1]), "actions": len(ahead),
-            }  # fmt: skip
-            self._note("planned", **planned)
+            nonlocal check
+            doing = [
+                (name, (u, v), float(strength), float(yaw))
+                for name, (u, v), strength, yaw in zip(
+                    *(ahead.actions, ahead.exact_positions.tolist(), ahead.strengths, ahead.yaws),
+                    strict=True,
+                )
+            ]
+            for one in doing if check else ():
+                robot.check(*one)
+            check = False
+            next_ = dict(zip(("action", "position", "strength", "yaw"), doing[0], strict=True))
+            before, predicted = ahead.distances_mm[:2].tolist()
+            distances = {"before_mm": before, "predicted_mm": predicted}
+            self._note("planned", **next_, **distances, actions=len(ahead))
             agreed = confirm is None or confirm(ahead)
             self._note("acting" if agreed else "declined")
-            operations.clear()
+            self._operations.clear()
             return agreed
 
-        def report(step: Step, depth: np.ndarray) -> None:
-            self.run.append(step._asdict() | {"operations": list(operations)}, depth)
-            self._say(step.line(len(self.run)))
+        return ask
 
-        try:
-            self._note("resumed" if self._resumed else "started", steps=done)
-            self._note("homing")
-            robot.home()
-            result = mold(
-                robot, self.goal, bank, stop=left, first=plan,
-                replan=plan is None and not blind, patience=None if blind else PATIENCE,
-                watch=True, confirm=ask, on_step=report, **search,
-            )  # fmt: skip
-            with uninterrupted():  # it is over: what came of it is written down
-                summary = self._finish(result, stop_arm(robot.guard))
-        except BaseException as problem:
-            with uninterrupted():
-                self._aborted(problem, stop_arm(robot.guard))
-            what, folder = self.run.meta.get("what", "mold"), self.run.folder
-            problem.add_note(f"jshape {what} --resume --out {folder} goes on")
-            raise
-        self._draw(result, draw)
-        return summary
+    def _stepped(self, step: Step, depth: np.ndarray) -> None:
+        self.run.append(step._asdict() | {"operations": list(self._operations)}, depth)
+        self._say(step.line(len(self.run)))
 
     def _same_plan(self, plan: Plan) -> None:
-        """Keep what a plan does, or compare it with what was kept.
-
-        Raises:
-          BadFile: the run was begun with another plan.
-        """
+        """Keep what a plan does; BadFile: the run was begun with another plan."""
         doing = [plan.actions, plan.exact_positions.tolist(), plan.strengths.tolist()]
         mark = hashlib.sha256(repr([*doing, plan.yaws.tolist()]).encode()).hexdigest()
         path = self.run.folder / MARK
@@ -286,21 +271,16 @@ class Session:
         return self._summed_up(Stop.MAX_STEPS, obtained, last["predicted_mm"], obtained, None)
 
     def _summed_up(
-        self,
-        stop: Stop,
-        before_mm: float,
-        predicted_mm: float,
-        obtained_mm: float,
-        broken: str | None,
+        self, stop: Stop, before: float, predicted: float, obtained: float, broken: str | None
     ) -> dict[str, Any]:
         steps = list(self.run.steps)
         summary = {
             "state": "finished",
             "stop": stop.name,
             "why": str(stop) if broken is None else f"{stop}; {broken}",
-            "before_mm": float(steps[0]["before_mm"]) if steps else before_mm,
-            "predicted_mm": predicted_mm,
-            "obtained_mm": obtained_mm,
+            "before_mm": float(steps[0]["before_mm"]) if steps else before,
+            "predicted_mm": predicted,
+            "obtained_mm": obtained,
             "steps": steps,
             "out": str(self.run.folder),
         }

@@ -70,13 +70,7 @@ class SimulatedWorld:
         strength: float | int = 1.0,
         yaw: float | int = 0.0,
     ) -> None:
-        """Apply an action at pixel (u, v), which need not be a whole one.
-
-        Args:
-          action: its name.
-          position: (u, v) pixels.
-          strength: how many times as deep as the agent's nominal action, above 0.
-          yaw: turn of the hand from u towards v, radians.
+        """Apply an action at pixel (u, v), whole or not; see `jshape.robot.loop.World`.
 
         Raises:
           UnknownName: no such action.
@@ -84,13 +78,5 @@ class SimulatedWorld:
           JShapeError: a strength or a yaw that makes no sense.
         """
         xy = sim.position_to_xy(self.camera, np.asarray(position))
-        self.bed = sim.apply_action(
-            self._next_key(),
-            self.bed,
-            self._material,
-            (action, self.agent),
-            xy,
-            strength=strength,
-            yaw=yaw,
-            spread=self._spread,
-        )
+        given = (self._next_key(), self.bed, self._material, (action, self.agent), xy)
+        self.bed = sim.apply_action(*given, strength=strength, yaw=yaw, spread=self._spread)

@@ -37,7 +37,7 @@ def asked(monkeypatch):
             seen.append(SimpleNamespace(**vars(asked.options), values=asked.values))
             return asked._replace(run=lambda *values, options: {})
 
-        monkeypatch.setattr("jshape.cli.main.parse", without_work)
+        monkeypatch.setattr("jshape.cli.parser.parse", without_work)
         assert main(list(words)) == 0
         return seen[-1]
 

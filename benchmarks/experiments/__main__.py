@@ -10,7 +10,7 @@ from typing import Any
 
 from benchmarks import console
 from benchmarks.experiments import EXPERIMENTS, pages, report
-from jshape.cli import tables
+from jshape.cli.tables import print_table, progress
 from jshape.errors import JShapeError
 from jshape.planning.devices import over_devices, remember_compiled
 
@@ -52,12 +52,12 @@ def planning(options: argparse.Namespace) -> dict[str, Any]:
         overwrite=options.overwrite,
         execution=execution,
         say=_say(options),
-        progress=tables.progress,
+        progress=progress,
     )
     if not options.json:
         for title, head, rows in tables(result["rows"]):
             print(f"\n{title}:")
-            tables.print_table(head, rows)
+            print_table(head, rows)
         for note in result["notes"]:
             print(f"\n{note}")
         print(f"\ntables, pictures and page: {options.out}")
@@ -110,7 +110,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         seed=options.seed,
         overwrite=options.overwrite,
         say=say,
-        progress=tables.progress,
+        progress=progress,
         **given,
     )
     for text in (*result["paragraphs"], *result["notes"]):
@@ -130,7 +130,7 @@ def every(options: argparse.Namespace) -> dict[str, Any]:
         seed=options.seed,
         overwrite=options.overwrite,
         say=say,
-        progress=tables.progress,
+        progress=progress,
     )
     say(f"report: {options.out / report.PAGE}")
     return result

@@ -38,7 +38,7 @@ FULL_IMAGE_PASSES = 10
 absolute values 2, millimetres 2, sum 1."""
 
 Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""ROI (h, w) of I and its first pixel (v, u) to the ROI after the action."""
+"""ROI (h, w) of I and its first pixel (u, v) to the ROI after the action."""
 
 
 @dataclass
@@ -100,7 +100,7 @@ def plan_as_authors(
                 left, top = first_pixels(spot, (w, h))
                 roi = image[top : top + h, left : left + w]
                 after = image.copy()
-                after[top : top + h, left : left + w] = predict(roi, np.array([top, left]))
+                after[top : top + h, left : left + w] = predict(roi, np.array([left, top]))
                 d = distance(after)
                 if folder is not None:
                     own = folder / f"{len(done.steps)}_{a}_{p}"
@@ -122,8 +122,8 @@ def plan_as_authors(
 
 
 @partial(jax.jit, static_argnames=["action"])
-def _predicted(bank: Bank, roi: jax.Array, first: jax.Array, action: int) -> jax.Array:
-    return jnp.clip(bank.predictors[action](roi, first), 0.0, 1.0)
+def _predicted(bank: Bank, roi: jax.Array, corner: jax.Array, action: int) -> jax.Array:
+    return jnp.clip(bank.predictors[action](roi, corner), 0.0, 1.0)
 
 
 def authors_way(
@@ -136,9 +136,9 @@ def authors_way(
     def of(action: int) -> Predict:
         if bank.kind == "D":
             delta = np.asarray(bank.predictors[action].delta, kind)
-            return lambda roi, first: np.clip(roi + delta, 0.0, 1.0)
-        return lambda roi, first: np.asarray(
-            _predicted(bank, np.float32(roi), np.int32(first), action)
+            return lambda roi, corner: np.clip(roi + delta, 0.0, 1.0)
+        return lambda roi, corner: np.asarray(
+            _predicted(bank, np.float32(roi), np.int32(corner), action)
         )
 
     arguments = (

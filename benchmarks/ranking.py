@@ -172,7 +172,7 @@ def after_each(
     for action, name in enumerate(bank.actions):
         w, h = bank.roi(name)
         for place, (left, top) in enumerate(first_pixels(places, (w, h))):
-            corner = np.array([top, left], np.int32)
+            corner = np.array([left, top], np.int32)
             patch, _ = after_action(bank, image, corner, action=action)
             after = image.copy()
             after[top : top + h, left : left + w] = patch

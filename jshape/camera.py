@@ -61,8 +61,8 @@ class Camera:
 
     def depth(self, luminance: ArrayLike) -> Float[Array, "..."]:
         """Depth in metres of a luminance.  Eq. depth."""
-        scale = (self.z_min - self.z_max) / self.top
-        return scale * jnp.asarray(unmasked(luminance), jnp.float32) + self.z_max
+        scale = single((self.z_min - self.z_max) / self.top)
+        return scale * single(unmasked(luminance)) + single(self.z_max)
 
     def luminance(self, depth: ArrayLike, *, quantize: bool = True) -> Float[Array, "..."]:
         """Luminance of a depth in metres, clipped to [0, 2^b - 1].  Inverse of Eq. depth.
@@ -74,8 +74,8 @@ class Camera:
         Returns:
           float32 of the same shape; NaN where there was no reading.
         """
-        depth = jnp.asarray(unmasked(depth), jnp.float32)
-        level = self.top * (self.z_max - depth) / (self.z_max - self.z_min)
+        depth = single(unmasked(depth))
+        level = self.top * (single(self.z_max) - depth) / single(self.z_max - self.z_min)
         level = jnp.clip(level, 0.0, float(self.top))
         if quantize:
             level = jnp.round(level)
@@ -83,8 +83,8 @@ class Camera:
 
     def rays(self) -> tuple[Float[Array, "1 W"], Float[Array, "H 1"]]:
         """Normalised pixel coordinates x (1, W) and y (H, 1).  Eq. camCoord."""
-        x = (jnp.arange(self.width, dtype=jnp.float32) - self.u0) / self.fx
-        y = (jnp.arange(self.height, dtype=jnp.float32) - self.v0) / self.fy
+        x = (jnp.arange(self.width, dtype=jnp.float32) - single(self.u0)) / single(self.fx)
+        y = (jnp.arange(self.height, dtype=jnp.float32) - single(self.v0)) / single(self.fy)
         return x[None, :], y[:, None]
 
     def points(self, luminance: ArrayLike) -> Float[Array, "H W 3"]:
@@ -132,6 +132,11 @@ class Camera:
         return replace(self, width=width, height=height, u0=self.u0 - left, v0=self.v0 - top)
 
 
+def single(value: ArrayLike) -> Array:
+    """As float32, whatever JAX's default is: NumPy's float64 would promote what it meets."""
+    return jnp.asarray(value, jnp.float32)
+
+
 def unmasked(values: ArrayLike) -> ArrayLike:
     """Values as they are, a NumPy masked array with NaN where it is masked.
 
@@ -163,18 +168,18 @@ def reproject(
       rise: metres to add to the depth: how much farther `target` stands from the bed.
 
     Returns:
-      (h, w) metres of target's size, NaN where `source` did not look; and the place (v, u) in
-      source's image that each pixel shows.
+      (h, w) metres of target's size, NaN where `source` did not look; and the pixel (u, v) of
+      source's image that each of them shows.
     """
     depth = jnp.asarray(unmasked(depth), jnp.float32)
     x, y = target.rays()
 
-    def place(z):
+    def pixel(z):
         far = jnp.where(jnp.isfinite(z), z - rise, 1.0)
-        return source.fy * y * z / far + source.v0, source.fx * x * z / far + source.u0
+        return source.fx * x * z / far + source.u0, source.fy * y * z / far + source.v0
 
     def step(_, z):
-        v, u = place(z)
+        u, v = pixel(z)
         inner_u, inner_v = jnp.clip(u, 0, source.width - 1), jnp.clip(v, 0, source.height - 1)
         seen = map_coordinates(depth, [inner_v, inner_u], order=1, mode="nearest")
         # A pixel reaches half a pixel around its centre.
@@ -183,7 +188,7 @@ def reproject(
 
     start = jnp.full(target.shape, jnp.nanmedian(depth) + rise, jnp.float32)
     z = jax.lax.fori_loop(0, 12, step, start)
-    return z, jnp.stack(place(z))
+    return z, jnp.stack(pixel(z))
 
 
 def check_camera(camera: Camera, where: str = "camera") -> Camera:

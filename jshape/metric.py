@@ -2,6 +2,7 @@
 
 Images are float32 in [0, 1], indexed `[v, u]`.  `weigh` turns a luminance image L into I = R∘L;
 every other function takes such I.  Distances are unitless in [0, 1] unless the name ends in `_mm`.
+Every function takes NumPy or JAX arrays, works under `jit` and returns JAX arrays of float32.
 """
 
 import jax
@@ -11,14 +12,12 @@ from jax.core import Tracer
 from scipy.linalg.blas import sasum  # pyright: ignore[reportAttributeAccessIssue]
 
 from jshape._typing import Array, ArrayLike, Float, Int
-from jshape.camera import Camera, unmasked
+from jshape.camera import Camera, single, unmasked
 from jshape.errors import BadImage
 
 # Pixels compared at once: two inputs and a buffer of 60k floats are 720 kB, which stay in a core's
 # second-level cache while each takes only a few of Python's steps.
 _HOST_BLOCK = 60_000
-# Images smaller than this are left to the compiled kernel when there are many of them.
-_HOST_LEAST = 16_384
 
 
 def ray_lengths(camera: Camera) -> Float[Array, "H W"]:
@@ -29,9 +28,9 @@ def ray_lengths(camera: Camera) -> Float[Array, "H W"]:
 
 def max_ray_length(camera: Camera) -> Float[Array, ""]:
     """R̄, the largest R_uv.  R is convex over the image, so a corner has it: 4 pixels, not H·W."""
-    x = jnp.array([0.0, camera.width - 1.0], jnp.float32) - camera.u0
-    y = jnp.array([0.0, camera.height - 1.0], jnp.float32) - camera.v0
-    return jnp.sqrt(1.0 + jnp.max((x / camera.fx) ** 2) + jnp.max((y / camera.fy) ** 2))
+    x = (jnp.array([0.0, camera.width - 1.0], jnp.float32) - single(camera.u0)) / single(camera.fx)
+    y = (jnp.array([0.0, camera.height - 1.0], jnp.float32) - single(camera.v0)) / single(camera.fy)
+    return jnp.sqrt(1.0 + jnp.max(x**2) + jnp.max(y**2))
 
 
 def r_matrix(camera: Camera) -> Float[Array, "H W"]:
@@ -40,16 +39,17 @@ def r_matrix(camera: Camera) -> Float[Array, "H W"]:
 
 
 def roi_weight(
-    camera: Camera, first: Int[Array, "2"], size: tuple[int, int]
+    camera: Camera, corner: Int[Array, "2"], size: tuple[int, int]
 ) -> Float[Array, "h w"]:
-    """R_uv / R̄ of the ROI of `size` (w, h) whose first pixel is `first` (v, u): R of L in [0, 1].
+    """R_uv / R̄ of the ROI of `size` (w, h) whose first pixel is `corner` (u, v): R of L in [0, 1].
 
     I of a ROI divided by it is the share of the depth range above Zmax.  From the ROI's own rays,
     so nothing of image size is made.
     """
-    first = jnp.asarray(first, jnp.float32)
-    x = (first[1] + jnp.arange(size[0], dtype=jnp.float32) - camera.u0) / camera.fx
-    y = (first[0] + jnp.arange(size[1], dtype=jnp.float32) - camera.v0) / camera.fy
+    corner = single(corner)
+    u, v = (first + jnp.arange(n, dtype=jnp.float32) for first, n in zip(corner, size, strict=True))
+    x = (u - single(camera.u0)) / single(camera.fx)
+    y = (v - single(camera.v0)) / single(camera.fy)
     return jnp.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2) / max_ray_length(camera)
 
 
@@ -66,7 +66,7 @@ def weigh(luminance: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
             f"luminance has shape {np.shape(luminance)}; this camera makes {camera.shape} "
             "(rows, columns)"
         )
-    return _weigh(jnp.asarray(unmasked(luminance), jnp.float32), camera)
+    return _weigh(single(unmasked(luminance)), camera)
 
 
 @jax.jit
@@ -84,16 +84,14 @@ def unweigh(image: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
         raise BadImage(
             f"image has shape {np.shape(image)}; this camera makes {camera.shape} (rows, columns)"
         )
-    return jnp.asarray(unmasked(image), jnp.float32) / r_matrix(camera)
+    return single(unmasked(image)) / r_matrix(camera)
 
 
-def distance(a: ArrayLike, b: ArrayLike) -> Array | np.ndarray | np.float32:
+def distance(a: ArrayLike, b: ArrayLike) -> Float[Array, "*B"]:
     """Mean |a - b| over the last two axes, batched over the leading ones: d.  Eq. distNewImg.
 
     A metric on weighed images, in [0, 1].  The leading axes broadcast, so that many images can be
-    compared with one goal.  Works under jit, vmap and grad.  Arrays in this computer's memory are
-    compared there and give NumPy's float32: a pair of 480x395 takes 50 µs, where waking a compiled
-    kernel's threads takes 110, and a batch is read at the speed of memory.
+    compared with one goal.  Works under jit, vmap and grad.
 
     Raises:
       BadImage: fewer than two axes, images of different size or of complex numbers, or leading
@@ -113,31 +111,34 @@ def distance(a: ArrayLike, b: ArrayLike) -> Array | np.ndarray | np.float32:
         )
     if np.iscomplexobj(a) or np.iscomplexobj(b):
         raise BadImage("distance of complex numbers: images are real")
-    single = len(shape_a) == len(shape_b) == 2
-    large = shape_a[-2] * shape_a[-1] >= _HOST_LEAST
-    if (single or large) and _in_memory(a) and _in_memory(b):
-        return _distance_in_memory(np.asarray(a), np.asarray(b))
-    return _distance(jnp.asarray(a, jnp.float32), jnp.asarray(b, jnp.float32))
+    if _in_memory(a) and _in_memory(b):
+        return jnp.asarray(_distance_in_memory(np.asarray(a), np.asarray(b)))
+    return jnp.abs(single(a) - single(b)).mean((-2, -1))
 
 
-def _in_memory(x) -> bool:
+def _in_memory(x: ArrayLike) -> bool:
     """Whether an array's numbers are known and in this computer's memory."""
     if isinstance(x, Tracer):
         return False
     return not isinstance(x, jax.Array) or all(d.platform == "cpu" for d in x.devices())
 
 
-def _distance_in_memory(a: np.ndarray, b: np.ndarray) -> np.ndarray | np.float32:
-    """Pair by pair.  Threads gain nothing: one core already reads as fast as memory gives."""
-    buffer = _aligned(min(_HOST_BLOCK, a.shape[-2] * a.shape[-1]))
-    if a.ndim == b.ndim == 2:
-        return np.float32(_pair_in_memory(a, b, buffer))
+def _distance_in_memory(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Block by block: half the time of a compiled kernel, which also copies NumPy arrays first."""
+    size = a.shape[-2] * a.shape[-1]
     lead = np.broadcast_shapes(a.shape[:-2], b.shape[:-2])
-    a = np.broadcast_to(a, lead + a.shape[-2:])
-    b = np.broadcast_to(b, lead + b.shape[-2:])
+    a, b = (np.broadcast_to(x, lead + x.shape[-2:]) for x in (a, b))
+    buffer = _aligned(min(_HOST_BLOCK, size))
     result = np.empty(lead, np.float32)
     for index in np.ndindex(lead):
-        result[index] = _pair_in_memory(a[index], b[index], buffer)
+        one, other = (np.ascontiguousarray(x[index], np.float32).reshape(-1) for x in (a, b))
+        total = 0.0
+        for start in range(0, size, _HOST_BLOCK):
+            block = one[start : start + _HOST_BLOCK]
+            change = buffer[: block.size]
+            np.subtract(block, other[start : start + _HOST_BLOCK], out=change)
+            total += float(sasum(change))
+        result[index] = total / size
     return result
 
 
@@ -152,35 +153,13 @@ def _aligned(count: int) -> np.ndarray:
     return raw[start : start + count]
 
 
-def _pair_in_memory(a: np.ndarray, b: np.ndarray, buffer: np.ndarray) -> float:
-    flat_a = np.ascontiguousarray(a, np.float32).reshape(-1)
-    flat_b = np.ascontiguousarray(b, np.float32).reshape(-1)
-    total = 0.0
-    for start in range(0, flat_a.size, _HOST_BLOCK):
-        block = flat_a[start : start + _HOST_BLOCK]
-        change = buffer[: block.size]
-        np.subtract(block, flat_b[start : start + _HOST_BLOCK], out=change)
-        total += float(sasum(change))
-    return total / flat_a.size
-
-
-@jax.jit
-def _distance(a, b):
-    # Columns first, then across: reducing both axes at once leaves the vector units idle on the
-    # CPU (8.9 against 16.4 GB/s on 256 pairs); the barrier keeps XLA from merging the two again.
-    height, width = a.shape[-2:]
-    a, b = jnp.broadcast_arrays(a, b)
-    columns = jnp.abs(a - b).sum(-2)
-    return jax.lax.optimization_barrier(columns).sum(-1) / (height * width)
-
-
 def to_mm(d: ArrayLike, camera: Camera) -> Float[Array, "..."]:
     """The mean 3-D distance of matched points, in mm, of a distance d.  Eq. meanDist, distPix.
 
     Exact where no pixel is clipped: d * R̄ * (Zmax - Zmin), in mm.
     """
-    span_mm = 1e3 * (camera.z_max - camera.z_min)
-    return jnp.asarray(d, jnp.float32) * max_ray_length(camera) * span_mm
+    span_mm = single(1e3 * (camera.z_max - camera.z_min))
+    return single(d) * max_ray_length(camera) * span_mm
 
 
 def roi_change(

@@ -469,8 +469,8 @@ def _put(bank, action, place, strength=1.0, turned=False):
         image = np.full(PAPER_BOX.shape, 0.5, np.float32)
         top, left = v - h // 2, u - w // 2
         if name == "goal":
-            window, first = np.s_[top : top + h, left : left + w], jnp.array([top, left])
-            image[window] = predictor(jnp.asarray(image[window]), first, strength)
+            window, corner = np.s_[top : top + h, left : left + w], jnp.array([left, top])
+            image[window] = predictor(jnp.asarray(image[window]), corner, strength)
         depth = np.asarray(PAPER_BOX.depth(metric.unweigh(image, PAPER_BOX)))
         _png(f"{name}.png", np.rint(depth / 1e-5).astype(np.uint16))
 

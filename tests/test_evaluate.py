@@ -209,9 +209,9 @@ def test_other_rois_are_measured_over_the_same_pixels(pairs):
 class Finite(Difference):
     """Refuses gaps, as predictors other than f_D may."""
 
-    def __call__(self, roi, place, strength=1.0):
+    def __call__(self, roi, corner, strength=1.0):
         return jnp.where(jnp.isfinite(roi).all(), 1.0, jnp.nan) * super().__call__(
-            roi, place, strength
+            roi, corner, strength
         )
 
 

@@ -26,7 +26,7 @@ from tests.reference import orthographic as twin
 CAMERA = PAPER_BOX
 ROI = (36, 30)
 GROUND = OrthographicGrid(CAMERA, jnp.float32(0.45), jnp.float32(0.0022), (14, 17), ROI)
-MIDDLE, CORNER = np.array([182, 222], np.int32), np.array([20, 420], np.int32)
+MIDDLE, CORNER = np.array([222, 182], np.int32), np.array([420, 20], np.int32)
 
 
 def hills(seed, shape=(30, 36), std=0.006, middle=0.447):
@@ -60,50 +60,58 @@ def centre(hole):
     return np.array([(low.sum(1 - k) * np.arange(low.shape[k])).sum() for k in (0, 1)]) / low.sum()
 
 
-def image_of(depth, place):
+def image_of(depth, corner):
     """I of a ROI's depths (h, w), metres."""
-    weight = roi_weight(CAMERA, jnp.asarray(place), ROI)
+    weight = roi_weight(CAMERA, jnp.asarray(corner), ROI)
     return (CAMERA.z_max - depth) / (CAMERA.z_max - CAMERA.z_min) * weight
 
 
 def examples_of(predictor, count, seed=0, noise=0.0, std=0.006, strengths=None):
     rng = np.random.default_rng(seed)
-    place = np.stack([rng.integers(0, 360, count), rng.integers(0, 440, count)], -1)
-    place = place.astype(np.int32)
+    v, u = rng.integers(0, 360, count), rng.integers(0, 440, count)
+    corner = np.stack([u, v], -1).astype(np.int32)
     prior = np.stack([
-        np.asarray(image_of(hills(seed + 100 + k, std=std), place[k])) for k in range(count)
+        np.asarray(image_of(hills(seed + 100 + k, std=std), corner[k])) for k in range(count)
     ])  # fmt: skip
     strength = np.ones(count, np.float32)
     if strengths is not None:
         strength = np.geomspace(*strengths, count).astype(np.float32)
-    after = predictor(jnp.asarray(prior), jnp.asarray(place), jnp.asarray(strength))
+    after = predictor(jnp.asarray(prior), jnp.asarray(corner), jnp.asarray(strength))
     posterior = np.clip(after, 0.0, 1.0)  # what lies beyond its range a camera does not see
     posterior = posterior + noise * rng.normal(size=posterior.shape).astype(np.float32)
-    return Examples(prior, posterior.astype(np.float32), place, strength)
+    return Examples(prior, posterior.astype(np.float32), corner, strength)
 
 
 def error(predictor, examples):
-    parts = (examples.prior, examples.place, examples.strengths)
+    parts = (examples.prior, examples.corner, examples.strengths)
     after = np.clip(predictor(*map(jnp.asarray, parts)), 0.0, 1.0)
     return float(np.abs(after - examples.posterior).mean())
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("place", [MIDDLE, CORNER], ids=["middle", "corner"])
-def test_the_ground_equals_its_slow_twin(place):
+@pytest.mark.parametrize("corner", [MIDDLE, CORNER], ids=["middle", "corner"])
+def test_the_ground_equals_its_slow_twin(corner):
     depth = hills(1)
-    above = GROUND.from_roi(jnp.asarray(depth), jnp.asarray(place))
-    np.testing.assert_allclose(above, twin.from_roi(GROUND, depth, place), atol=2e-6)
+    above = GROUND.from_roi(jnp.asarray(depth), jnp.asarray(corner))
+    np.testing.assert_allclose(above, twin.from_roi(GROUND, depth, corner), atol=2e-6)
     surface = hills(2, GROUND.shape)
-    seen = GROUND.to_roi(jnp.asarray(surface)[None], jnp.asarray(place))[0]
-    np.testing.assert_allclose(seen, twin.to_roi(GROUND, surface, place), atol=2e-6)
+    seen = GROUND.to_roi(jnp.asarray(surface)[None], jnp.asarray(corner))[0]
+    np.testing.assert_allclose(seen, twin.to_roi(GROUND, surface, corner), atol=2e-6)
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("place", [MIDDLE, CORNER], ids=["middle", "corner"])
-def test_a_level_plane_is_level_from_everywhere(place):
-    above = GROUND.from_roi(jnp.full((30, 36), 0.444), jnp.asarray(place))
+@pytest.mark.parametrize("corner", [MIDDLE, CORNER], ids=["middle", "corner"])
+def test_a_level_plane_is_level_from_everywhere(corner):
+    above = GROUND.from_roi(jnp.full((30, 36), 0.444), jnp.asarray(corner))
     np.testing.assert_allclose(above, 0.444, atol=1e-6)
+
+
+def test_the_middle_node_is_below_the_rois_middle_pixel():
+    x, y = GROUND.nodes(jnp.asarray(CORNER))
+    (w, h), (rows, columns) = ROI, GROUND.shape
+    node = jnp.array([[x[columns // 2], y[rows // 2], GROUND.depth]])
+    (v,), (u,) = np.nonzero(CAMERA.project(node))
+    assert (u, v) == (CORNER[0] + w // 2, CORNER[1] + h // 2)
 
 
 def test_there_and_back_is_where_it_was():
@@ -123,13 +131,13 @@ def test_the_same_hole_looks_different_elsewhere_and_is_the_same_on_the_ground()
     none = jnp.zeros_like(hollow)
     hollow = replace(tool(0.0), tool=none, swell=none, rest=hollow)
 
-    def of(place):
-        flat = jnp.asarray(image_of(jnp.full((30, 36), 0.45), place))
-        after = hollow(flat, jnp.asarray(place))
-        weight = roi_weight(CAMERA, jnp.asarray(place), ROI)
+    def of(corner):
+        flat = jnp.asarray(image_of(jnp.full((30, 36), 0.45), corner))
+        after = hollow(flat, jnp.asarray(corner))
+        weight = roi_weight(CAMERA, jnp.asarray(corner), ROI)
         span = CAMERA.z_max - CAMERA.z_min
         hole = (flat - after) / weight * span
-        return np.asarray(hole), np.asarray(GROUND.from_roi(0.45 + hole, jnp.asarray(place)))
+        return np.asarray(hole), np.asarray(GROUND.from_roi(0.45 + hole, jnp.asarray(corner)))
 
     (seen_a, ground_a), (seen_b, ground_b) = of(MIDDLE), of(CORNER)
     shift = np.abs(centre(seen_a) - centre(seen_b))  # pixels of 1 mm
@@ -192,9 +200,9 @@ def test_no_tool_changes_nothing():
 def test_a_batch_is_its_members():
     examples = examples_of(tool(), 3)
     strength = jnp.array([0.5, 1.0, 2.0])
-    together = tool()(jnp.asarray(examples.prior), jnp.asarray(examples.place), strength)
+    together = tool()(jnp.asarray(examples.prior), jnp.asarray(examples.corner), strength)
     for k in range(3):
-        alone = tool()(jnp.asarray(examples.prior[k]), jnp.asarray(examples.place[k]), strength[k])
+        alone = tool()(jnp.asarray(examples.prior[k]), jnp.asarray(examples.corner[k]), strength[k])
         # Where a ray grazes a wall, rounding moves the point that it meets.
         np.testing.assert_allclose(together[k], alone, atol=5e-5)
 
@@ -285,8 +293,8 @@ def test_pixels_without_a_reading_do_not_count():
     holed = posterior.copy()
     holed[0, :6, :6] = np.nan  # ... and the same corner without readings
     clean = fit_imprint(whole, CAMERA)
-    with_hole = fit_imprint(Examples(prior, holed, whole.place), CAMERA)
-    with_nonsense = fit_imprint(Examples(prior, posterior, whole.place), CAMERA)
+    with_hole = fit_imprint(Examples(prior, holed, whole.corner), CAMERA)
+    with_nonsense = fit_imprint(Examples(prior, posterior, whole.corner), CAMERA)
     gap = np.abs(np.asarray(with_hole.rest - clean.rest))[:3, :3].max()
     assert gap < 0.1 * np.abs(np.asarray(with_nonsense.rest - clean.rest))[:3, :3].max()
 
@@ -296,7 +304,7 @@ def test_what_cannot_be_fitted_is_refused():
     examples = examples_of(tool(), 2)
     with pytest.raises(BadDataset, match="no pairs"):
         fit_imprint(examples.select(np.arange(0)), CAMERA)
-    blind = Examples(examples.prior, np.full_like(examples.posterior, np.nan), examples.place)
+    blind = Examples(examples.prior, np.full_like(examples.posterior, np.nan), examples.corner)
     with pytest.raises(BadDataset, match="pair 1 of 2 has no pixel"):
         fit_imprint(blind, CAMERA)
 
@@ -347,14 +355,14 @@ def test_another_camera_uses_the_same_bank():
     other = bank.seen_by(farther, 0.55)
     assert other.roi("poke") == (round(36 * 2 * 0.45 / 0.55), round(30 * 2 * 0.45 / 0.55))
     w, h = other.roi("poke")
-    flat = jnp.full((h, w), 0.4) * roi_weight(farther, jnp.array([370, 450]), (w, h))
+    flat = jnp.full((h, w), 0.4) * roi_weight(farther, jnp.array([450, 370]), (w, h))
     after = other.predict("poke", flat, position=(450 + w // 2, 370 + h // 2))
     change = np.asarray(flat - after) / np.asarray(flat) * 0.4 * 0.05
     assert change.max() == pytest.approx(0.012, abs=2e-4)
     # As wide on the ground as it is below the bank's own camera.
     area = (change > 0.006).sum() * (0.55 / 866) ** 2
     own = jnp.full(ROI[::-1], 0.4) * roi_weight(CAMERA, jnp.asarray(MIDDLE), ROI)
-    hole = own - bank.predict("poke", own, position=(MIDDLE[1] + 18, MIDDLE[0] + 15))
+    hole = own - bank.predict("poke", own, position=MIDDLE + (18, 15))
     share = np.asarray(hole / own) * 0.4 * 0.05
     assert area == pytest.approx((share > 0.006).sum() * (0.45 / 433) ** 2, rel=0.1)
     with pytest.raises(BadCamera, match="depth 0.6"):
@@ -404,7 +412,7 @@ def test_pixels_that_no_pair_has_seen_are_refused():
     prior = examples.prior.copy()
     prior[:, :, :5] = np.nan
     with pytest.raises(BadDataset, match="150 of 1080 ROI pixels have no depth reading"):
-        fit_imprint(Examples(prior, examples.posterior, examples.place), CAMERA)
+        fit_imprint(Examples(prior, examples.posterior, examples.corner), CAMERA)
 
 
 @pytest.mark.full

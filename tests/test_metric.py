@@ -1,5 +1,7 @@
 """Laws of the paper's distance, and its value computed another way."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,6 +31,13 @@ def test_the_longest_ray_is_at_a_corner_of_any_window(window):
     )
 
 
+def test_the_weight_of_a_roi_is_a_window_of_the_whole():
+    (u, v), (w, h) = (371, 22), (48, 31)
+    whole = np.asarray(ray_lengths(PAPER_BOX) / metric.max_ray_length(PAPER_BOX))
+    found = metric.roi_weight(PAPER_BOX, jnp.array([u, v]), (w, h))
+    np.testing.assert_allclose(found, whole[v : v + h, u : u + w], rtol=1e-6)
+
+
 @pytest.mark.parametrize("batch", [(), (1,), (3, 2)])
 def test_distance_is_a_metric(batch, rng):
     a, b, c = rng.random((3, *batch, 9, 12), np.float32)
@@ -56,9 +65,29 @@ def test_all_routes_of_distance_equal_the_loop(seed, h, w):
 def test_the_compiled_distance_equals_the_one_in_memory(rng):
     a, b = rng.random((3, 1, 395, 480), np.float32), rng.random((1, 2, 395, 480), np.float32)
     in_memory = distance(a, b)
-    assert isinstance(in_memory, np.ndarray) and in_memory.shape == (3, 2)
+    assert in_memory.shape == (3, 2)
     np.testing.assert_allclose(jax.jit(distance)(a, b), in_memory, rtol=2e-6)
-    assert isinstance(distance(a[0, 0], b[0, 0]), np.float32)
+
+
+@pytest.mark.parametrize("x64", [False, True])
+def test_whatever_comes_in_jax_arrays_of_float32_come_out(x64, rng):
+    def all_of_them(a, b, camera):
+        images = [f(x, camera) for f in (weigh, metric.unweigh) for x in (a, b)]
+        d = distance(a, b)
+        rays = [ray_lengths(camera), metric.max_ray_length(camera), r_matrix(camera)]
+        corner = metric.roi_weight(camera, jnp.array([2, 3]), (4, 5))
+        return [*images, d, to_mm(d, camera), to_mm(0.5, camera), *rays, corner]
+
+    a, b = rng.random((2, *SMALL.shape))
+    camera = replace(SMALL, fx=np.float64(SMALL.fx), z_min=np.float64(SMALL.z_min))
+    with jax.enable_x64(x64):
+        ways = [(a, b), (a.astype("f4"), b), (jnp.asarray(a), jnp.asarray(b))]
+        expected = all_of_them(a.tolist(), b.tolist(), camera)
+        for way in ways:
+            for function in (all_of_them, jax.jit(all_of_them)):
+                for one, other in zip(function(*way, camera), expected, strict=True):
+                    assert isinstance(one, jax.Array) and one.dtype == np.float32
+                    np.testing.assert_allclose(one, other, rtol=2e-6)
 
 
 def test_the_same_images_are_equally_far_wherever_storage_lies(rng, monkeypatch):
@@ -92,8 +121,6 @@ def test_nan_is_never_averaged_in(rng):
 
 @pytest.mark.parametrize("bits", [8, 16])
 def test_mm_is_the_mean_distance_of_matched_points(bits, rng):
-    from dataclasses import replace
-
     camera = replace(SMALL, bits=bits)
     la, lb = rng.integers(0, 2**bits, (2, *camera.shape))
     apart = np.linalg.norm(points_by_hand(camera, la) - points_by_hand(camera, lb), axis=-1)
@@ -116,8 +143,6 @@ def test_the_weighted_distance_does_not_depend_on_the_viewpoint():
     Each pair of matched points lies on one ray through the camera, so a turn about the camera's
     centre keeps the rays: the weighted d stays, the mean depth difference does not.
     """
-    from dataclasses import replace
-
     camera = replace(D435_NOMINAL, bits=24)
     turn = np.deg2rad(20)
     turned = np.array(

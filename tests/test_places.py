@@ -314,7 +314,7 @@ def test_a_bank_that_cannot_turn_says_so(bank, images):
 
         roi = (7, 7)
 
-        def __call__(self, roi, place, strength=1.0):
+        def __call__(self, roi, corner, strength=1.0):
             return roi
 
     fixed = Bank(CAMERA, (Fixed(),), ("poke",), "X")

@@ -21,7 +21,7 @@ class Still(Predictor):
 
     roi = (20, 30)
 
-    def __call__(self, roi, place, strength=1.0):
+    def __call__(self, roi, corner, strength=1.0):
         return roi
 
 

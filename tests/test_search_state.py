@@ -151,8 +151,8 @@ def test_changes_on_the_ground_are_those_of_the_images(pressed, beds):
                 np.stack([np.asarray(image)[window][:h, :w] for window in windows])
                 for image in (now, goal)
             )
-            place = jnp.asarray(centres[:, ::-1] - np.array([h // 2, w // 2]), jnp.int32)
-            after = np.clip(predict(jnp.asarray(before), place), 0, 1)
+            corner = jnp.asarray(centres - np.array([w // 2, h // 2]), jnp.int32)
+            after = np.clip(predict(jnp.asarray(before), corner), 0, 1)
             change = np.abs(after - wanted) - np.abs(before - wanted)
             image_space = change.sum((1, 2)) / now.size
             assert np.corrcoef(found[:, 0], image_space)[0, 1] > 0.98
@@ -305,7 +305,7 @@ def test_shift_reads_further(by):
     v, u = np.mgrid[:6, :8].astype(np.float32)
     plane = 0.3 + 0.5 * u - 0.2 * v
     moved = np.asarray(shift(jnp.asarray(plane), jnp.asarray(by)))
-    expected = 0.3 + 0.5 * np.clip(u + by[1], 0, 7) - 0.2 * np.clip(v + by[0], 0, 5)
+    expected = 0.3 + 0.5 * np.clip(u + by[0], 0, 7) - 0.2 * np.clip(v + by[1], 0, 5)
     np.testing.assert_allclose(moved, expected, atol=1e-5)
     if by == (0.0, 0.0):
         np.testing.assert_array_equal(moved, plane)
@@ -317,9 +317,9 @@ def test_an_exact_place_moves_the_change_and_not_the_bed():
     bump = np.zeros((6, 7), np.float32)
     bump[3, 3] = 0.1
     bank = replace(bank, predictors=(Difference(jnp.asarray(bump)),))
-    image, first = image_of(9), jnp.array([5, 6], jnp.int32)
-    offset = jnp.array([0.25, -0.5])
-    patch, clipped = after_action(bank, image, first, 1.0, 0.0, offset, action=0, moved=True)
+    image, corner = image_of(9), jnp.array([6, 5], jnp.int32)
+    offset = jnp.array([-0.5, 0.25])
+    patch, clipped = after_action(bank, image, corner, 1.0, 0.0, offset, action=0, moved=True)
     change = np.asarray(patch - image[5:11, 6:13])
     assert float(clipped) == 0 and change.sum() == pytest.approx(0.1, rel=1e-4)
     v, u = np.mgrid[:6, :7]
@@ -327,6 +327,6 @@ def test_an_exact_place_moves_the_change_and_not_the_bed():
     np.testing.assert_allclose(middle, [3.25, 2.5], atol=1e-4)
     # The same as on the state, between its nodes.
     state = search_state(bank, image, image)
-    node = jnp.array([5.0, 6.0]) + jnp.asarray(state.moves[0].middle) + offset
+    node = jnp.array([5.0, 6.0]) + jnp.asarray(state.moves[0].middle) + offset[::-1]
     there = between(state, image, node, jnp.float32(1.0))
     np.testing.assert_allclose(there[5:11, 6:13], patch, atol=1e-6)

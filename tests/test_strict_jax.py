@@ -126,7 +126,7 @@ class Sinking(Predictor):
     def roi(self):
         return 9, 7
 
-    def __call__(self, roi, place, strength=1.0):
+    def __call__(self, roi, corner, strength=1.0):
         return roi - jnp.asarray(strength)[..., None, None] * self.amount
 
 

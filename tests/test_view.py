@@ -21,25 +21,25 @@ def bed():
 @pytest.mark.parametrize("rise", [0.0, -0.05, 0.03])
 def test_reprojection_equals_rendering_with_the_other_camera(bed, rise):
     seen = sim.render(bed, OTHER, sim.Z_FLOOR - rise)
-    again, place = (np.asarray(x) for x in reproject(seen, OTHER, PAPER_BOX, rise))
+    again, pixel = (np.asarray(x) for x in reproject(seen, OTHER, PAPER_BOX, rise))
     truth = np.asarray(sim.render(bed, PAPER_BOX))
     both = np.isfinite(again)
     assert both.mean() > 0.85  # from nearer, the other camera does not see the box's corners
     assert np.abs(again - truth)[both].max() < 2e-4 and np.abs(again - truth)[both].mean() < 1e-5
-    # The place says where each pixel was looked up: by the pinhole model of both cameras.
+    # The pixel says where each was looked up: by the pinhole model of both cameras.
     v, u = 100, 60
     x, y = (u - 240) / 433 * again[v, u], (v - 197) / 433 * again[v, u]
     far = again[v, u] - rise
     np.testing.assert_allclose(
-        place[:, v, u], [505 * y / far + 238, 500 * x / far + 325], atol=0.01
+        pixel[:, v, u], [500 * x / far + 325, 505 * y / far + 238], atol=0.01
     )
 
 
 def test_a_camera_reprojects_onto_itself(bed):
     seen = sim.render(bed, PAPER_BOX)
-    again, place = reproject(seen, PAPER_BOX, PAPER_BOX)
+    again, pixel = reproject(seen, PAPER_BOX, PAPER_BOX)
     np.testing.assert_allclose(again, seen, atol=1e-6)
-    np.testing.assert_allclose(place, np.indices(PAPER_BOX.shape), atol=1e-3)
+    np.testing.assert_allclose(pixel, np.indices(PAPER_BOX.shape)[::-1], atol=1e-3)
 
 
 def depths_of(molded):

@@ -27,20 +27,20 @@ class AsSeen(OrthographicGrid):
     """The image I itself in place of the ground: no view from above, and R stays in it."""
 
     def from_roi(
-        self, depth: Float[Array, "h w"], place: Int[Array, "2"]
+        self, depth: Float[Array, "h w"], corner: Int[Array, "2"]
     ) -> Float[Array, "rows columns"]:
         """Each node is a place of the ROI, wherever the ROI is in the image."""
         at = ((jnp.arange(n) - n // 2) * step + m // 2 for n, m, step in self._sides())
         return _sampled(depth, *at)
 
     def to_roi(
-        self, surface: Float[Array, "B rows columns"], place: Int[Array, "2"]
+        self, surface: Float[Array, "B rows columns"], corner: Int[Array, "2"]
     ) -> Float[Array, "B h w"]:
         """And back."""
         at = [(jnp.arange(m) - m // 2) / step + n // 2 for n, m, step in self._sides()]
         return jax.vmap(lambda one: _sampled(one, *at))(surface)
 
-    def per_metre(self, place: Int[Array, "2"]) -> Float[Array, "h w"]:
+    def per_metre(self, corner: Int[Array, "2"]) -> Float[Array, "h w"]:
         """The same for every pixel."""
         w, h = self.roi
         return jnp.full((h, w), 1.0 / (self.camera.z_max - self.camera.z_min), jnp.float32)

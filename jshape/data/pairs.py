@@ -20,8 +20,8 @@ class Examples(NamedTuple):
     """(n, h, w) float32 of I before."""
     posterior: np.ndarray
     """(n, h, w) float32 of I after."""
-    place: np.ndarray
-    """(n, 2) int32, first pixel (v, u) of each ROI in the image."""
+    corner: np.ndarray
+    """(n, 2) int32, first pixel (u, v) of each ROI in the image."""
     strength: np.ndarray | float = 1.0
     """(n,) float32, how many times as deep as the trained action; one number is that of all."""
 
@@ -198,5 +198,5 @@ class Pairs:
                 f"{float(self.camera.z_min):g} to {float(self.camera.z_max):g} m, where no action "
                 "shows: camera.json must say the range that the bed lies in"
             )
-        place = first[:, ::-1].astype(np.int32)
-        return Examples(np.stack(found[0]), np.stack(found[1]), place, mine.strength)
+        corner = first.astype(np.int32)
+        return Examples(np.stack(found[0]), np.stack(found[1]), corner, mine.strength)

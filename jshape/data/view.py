@@ -45,11 +45,11 @@ class View:
         # Gaps are bridged before looking again, since a NaN would spread, and cut out again after.
         gaps = missing(depth)
         whole, _ = fill_missing(depth, limit=1.0, where=where)
-        seen, place = (
+        seen, pixel = (
             np.array(x) for x in cameras.reproject(whole, self.source, self.target, self.rise)
         )
         inside = np.isfinite(seen)
-        v, u = np.rint(place[:, inside]).astype(int)
+        u, v = np.rint(pixel[:, inside]).astype(int)
         height, width = depth.shape
         seen[inside] = np.where(
             gaps[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)], np.nan, seen[inside]

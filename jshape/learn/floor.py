@@ -70,9 +70,9 @@ def _repetitions(pairs: Pairs, rois: Examples) -> list[float]:
     (h, w), (rows, columns) = rois.prior.shape[1:], pairs.prior.shape[1:]
     gaps = []
     for one, other in _couples(pairs):
-        if (rois.place[one] != rois.place[other]).any():
+        if (rois.corner[one] != rois.corner[other]).any():
             continue
-        v, u = rois.place[one] + np.array([h, w]) // 2  # what is near decides too
+        u, v = rois.corner[one] + np.array([w, h]) // 2  # what is near decides too
         near = np.s_[
             max(0, v - AROUND * h // 2) : min(rows, v + AROUND * h // 2),
             max(0, u - AROUND * w // 2) : min(columns, u + AROUND * w // 2),
@@ -91,8 +91,8 @@ def _flat_beds(pairs: Pairs, rois: Examples) -> list[float]:
     camera = pairs.camera
     blank = OrthographicGrid(camera, 1.0, 1.0, (1, 1), rois.prior.shape[:0:-1])
     depths, levels, flat = [], [], []
-    for before, after, place in zip(*rois[:3], strict=True):
-        per_metre = np.asarray(blank.per_metre(jnp.asarray(place)))
+    for before, after, corner in zip(*rois[:3], strict=True):
+        per_metre = np.asarray(blank.per_metre(jnp.asarray(corner)))
         height = before / per_metre
         seen = np.isfinite(before).any() and np.isfinite(after).any()
         flat.append(bool(seen and np.nanstd(height) * 1e3 <= FLAT_MM))
@@ -106,20 +106,20 @@ def _flat_beds(pairs: Pairs, rois: Examples) -> list[float]:
     reliefs, gaps = {}, []
     for k in np.flatnonzero(flat).tolist():
         grid = OrthographicGrid(camera, levels[k], pitch, (rows, int(w / PITCH_PX)), (w, h))
-        surface = _from_above(grid, jnp.asarray(fill_nan(depths[k])), jnp.asarray(rois.place[k]))
+        surface = _from_above(grid, jnp.asarray(fill_nan(depths[k])), jnp.asarray(rois.corner[k]))
         reliefs[k] = np.asarray(surface) - levels[k]
     along_ray = metric.ray_lengths(camera)
     for one, other in _couples(pairs):
         if one in reliefs and other in reliefs:
-            at = [rois.place[k] + np.array([h, w]) // 2 for k in (one, other)]
-            ray = float(np.mean([along_ray[v, u] for v, u in at]))
+            at = [rois.corner[k] + np.array([w, h]) // 2 for k in (one, other)]
+            ray = float(np.mean([along_ray[v, u] for u, v in at]))
             gaps.append(1e3 * ray * _mean(np.abs(reliefs[one] - reliefs[other])))
     return [gap for gap in gaps if np.isfinite(gap)]  # two may have no pixel in common
 
 
 @jax.jit
-def _from_above(grid: OrthographicGrid, depth: Array, place: Array) -> Array:
-    return grid.from_roi(depth, place)
+def _from_above(grid: OrthographicGrid, depth: Array, corner: Array) -> Array:
+    return grid.from_roi(depth, corner)
 
 
 def _couples(pairs: Pairs) -> list[tuple[int, int]]:

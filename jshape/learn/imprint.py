@@ -121,7 +121,7 @@ def fit_imprint(
         np.stack([fill_nan(roi) for roi in rois]).astype(np.float32) for rois in examples[:2]
     )
     strengths = np.asarray(examples.strengths, np.float32)
-    filled = Examples(prior, posterior, examples.place, strengths)
+    filled = Examples(prior, posterior, examples.corner, strengths)
     if start is not None:
         grid = start.grid
     else:
@@ -161,7 +161,7 @@ def _grid_of(
     """
     h, w = examples.prior.shape[1:]
     blank = view(camera, 1.0, 1.0, (1, 1), (w, h))
-    per_metre = np.stack([blank.per_metre(place) for place in jnp.asarray(examples.place)])
+    per_metre = np.stack([blank.per_metre(corner) for corner in jnp.asarray(examples.corner)])
     middle = float(camera.z_max) - float(np.median(examples.prior / per_metre))
     rows = h * float(camera.fx) / float(camera.fy) / PIXELS
     shape = (int(np.ceil(rows)), int(np.ceil(w / PIXELS)))
@@ -189,10 +189,10 @@ def _surfaces(
     """The ground below ROIs of I before and after; one pair after the other, to spare memory."""
 
     def one(pair):
-        prior, posterior, place = pair
-        per_metre = grid.per_metre(place)
+        prior, posterior, corner = pair
+        per_metre = grid.per_metre(corner)
         before, after = (grid.camera.z_max - roi / per_metre for roi in (prior, posterior))
-        return grid.from_roi(before, place), grid.from_roi(after, place)
+        return grid.from_roi(before, corner), grid.from_roi(after, corner)
 
     return jax.lax.map(one, tuple(map(jnp.asarray, examples[:3])))
 

@@ -205,8 +205,8 @@ def compare(trials: Iterable[Trial], against: str) -> list[Comparison]:
 
 
 @jax.jit
-def _compiled(predictor: Predictor, roi: Array, place: Array, strength: Array) -> Array:
-    return jnp.clip(predictor(roi, place, strength), 0.0, 1.0)
+def _compiled(predictor: Predictor, roi: Array, corner: Array, strength: Array) -> Array:
+    return jnp.clip(predictor(roi, corner, strength), 0.0, 1.0)
 
 
 def _predict(predictor: Predictor, examples: Examples, factor: float) -> np.ndarray:
@@ -216,14 +216,14 @@ def _predict(predictor: Predictor, examples: Examples, factor: float) -> np.ndar
     found = []
     for start in range(0, len(prior), BATCH):
         rows = np.minimum(np.arange(start, start + BATCH), len(prior) - 1)
-        found.append(_compiled(predictor, prior[rows], examples.place[rows], strength[rows]))
+        found.append(_compiled(predictor, prior[rows], examples.corner[rows], strength[rows]))
     return np.concatenate([np.asarray(part) for part in found])[: len(prior)]
 
 
 def _pasted(predicted: np.ndarray, inside: Examples, measured: Examples) -> np.ndarray:
     """Predictions in the windows that are measured: cut to them, and no change around them."""
     whole = measured.prior.copy()
-    shift = (inside.place - measured.place)[0]  # all ROIs have one size, so one shift
+    shift = (inside.corner - measured.corner)[0, ::-1]  # all ROIs have one size, so one shift
     ours, theirs = [], []
     for first, size, limit in zip(shift, predicted.shape[1:], whole.shape[1:], strict=True):
         low, high = max(0, int(first)), min(limit, int(first) + size)

@@ -117,4 +117,4 @@ def _in_batches(examples: Examples, most: int) -> Iterator[Examples]:
 @jax.jit
 def _gap(inside: Predictor, outside: Predictor, batch: Any) -> Array:
     """I + ΔI - f(I), (B, h, w)."""
-    return outside(batch.prior, batch.place) - inside(batch.prior, batch.place)
+    return outside(batch.prior, batch.corner) - inside(batch.prior, batch.corner)

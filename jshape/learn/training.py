@@ -122,7 +122,7 @@ def roi_loss(predictor: Any, batch: Examples) -> Float[Array, "B"]:
 
     The prediction is not clipped, as a clipped pixel would learn nothing.
     """
-    after = predictor(batch.prior, batch.place)
+    after = predictor(batch.prior, batch.corner)
     seen = jnp.isfinite(batch.prior) & jnp.isfinite(batch.posterior)
     # Chosen before the difference: NaN would come back through the gradient of |.|.
     gap = jnp.abs(jnp.where(seen, after, 0.0) - jnp.where(seen, batch.posterior, 0.0))

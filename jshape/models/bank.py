@@ -172,10 +172,10 @@ class Bank:
                 f"{name}: {np.shape(roi)[:-2]} ROIs, {np.shape(position)[:-1]} positions and "
                 f"{np.shape(strength)} strengths do not fit together"
             ) from None
-        place = jnp.asarray(first_pixels(np.asarray(position), (w, h))[..., ::-1], jnp.int32)
+        corner = jnp.asarray(first_pixels(np.asarray(position), (w, h)), jnp.int32)
         roi = jnp.broadcast_to(jnp.asarray(roi, jnp.float32), (*batch, h, w))
         strength = jnp.asarray(strength, jnp.float32)
-        return jnp.clip(self.predictor(name)(roi, place, strength), 0.0, 1.0)
+        return jnp.clip(self.predictor(name)(roi, corner, strength), 0.0, 1.0)
 
 
 def _known(values: ArrayLike) -> np.ndarray | None:

@@ -35,13 +35,13 @@ class Predictor(ABC):
 
     @abstractmethod
     def __call__(
-        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
+        self, roi: Float[Array, "*B h w"], corner: Array, strength: float | Array = 1.0
     ) -> Float[Array, "*B h w"]:
         """ROIs of I after the action, not yet clipped.
 
         Args:
           roi: of I before the action.
-          place: first pixels [v, u] of the ROIs in the image, (*B, 2) or (2,): a bed seen from the
+          corner: first pixels (u, v) of the ROIs in the image, (*B, 2) or (2,): a bed seen from the
             side looks different.
           strength: how many times as deep as the trained action, (*B) or one number.
         """
@@ -69,5 +69,5 @@ class Predictor(ABC):
         return None
 
     def on_grid(self) -> Any:
-        """The action on the grid: a pytree, (surface, first node, strength) -> surface after."""
+        """The action on the grid: a pytree, (surface, first node (u, v), strength) -> surface after."""
         raise NotImplementedError

@@ -28,7 +28,7 @@ class Difference(Predictor):
         return self.delta.shape[1], self.delta.shape[0]
 
     def __call__(
-        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
+        self, roi: Float[Array, "*B h w"], corner: Array, strength: float | Array = 1.0
     ) -> Float[Array, "*B h w"]:
         """ROIs after the action, not yet clipped to [0, 1].  Eq. Doutput.
 

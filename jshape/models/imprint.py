@@ -68,7 +68,7 @@ class Imprint(Predictor):
         return replace(self, grid=self.grid.seen_by(camera, depth))
 
     def __call__(
-        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
+        self, roi: Float[Array, "*B h w"], corner: Array, strength: float | Array = 1.0
     ) -> Float[Array, "*B h w"]:
         """ROIs after the action, not yet clipped to [0, 1].  Replaces Eq. Doutput.
 
@@ -76,16 +76,16 @@ class Imprint(Predictor):
         several.  Below a strength of 0.2 all of it fades to nothing.
         """
         one = jnp.vectorize(self._of_one, signature="(h,w),(n),()->(h,w)")
-        return one(roi, jnp.asarray(place), jnp.asarray(strength, jnp.float32))
+        return one(roi, jnp.asarray(corner), jnp.asarray(strength, jnp.float32))
 
     def _of_one(
-        self, roi: Float[Array, "h w"], place: Int[Array, "2"], strength: Float[Array, ""]
+        self, roi: Float[Array, "h w"], corner: Int[Array, "2"], strength: Float[Array, ""]
     ) -> Float[Array, "h w"]:
-        per_metre = self.grid.per_metre(place)
-        before = self.grid.from_roi(self.grid.camera.z_max - roi / per_metre, place)
+        per_metre = self.grid.per_metre(corner)
+        before = self.grid.from_roi(self.grid.camera.z_max - roi / per_metre, corner)
         after = before + self.change(before, strength)
         # The change as the camera sees it: what both looks blur alike drops out.
-        seen_before, seen_after = self.grid.to_roi(jnp.stack([before, after]), place)
+        seen_before, seen_after = self.grid.to_roi(jnp.stack([before, after]), corner)
         return roi - (seen_after - seen_before) * per_metre
 
     def turned(self, yaw: float | Array | np.floating) -> "Imprint":

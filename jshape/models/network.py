@@ -27,12 +27,12 @@ class Network(Predictor):
         return self.size
 
     def __call__(
-        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
+        self, roi: Float[Array, "*B h w"], corner: Array, strength: float | Array = 1.0
     ) -> Float[Array, "*B h w"]:
         """ROIs after the action, not yet clipped to [0, 1].  Eq. Coutput.
 
         A network knows one depth only, so an action of another strength changes that many times as
-        much as it says.  `place` is ignored.  The network sees the ROI's mean where there is no
+        much as it says.  `corner` is ignored.  The network sees the ROI's mean where there is no
         reading (NaN): level with its surroundings, in training as in use; the result stays NaN.
         """
         from jshape.models import unet

@@ -47,36 +47,36 @@ class OrthographicGrid:
     """ROI size (w, h), pixels."""
 
     def from_roi(
-        self, depth: Float[Array, "h w"], place: Int[Array, "2"]
+        self, depth: Float[Array, "h w"], corner: Int[Array, "2"]
     ) -> Float[Array, "rows columns"]:
         """The surface below the grid's nodes, metres from the camera along its axis.
 
         Args:
           depth: of the ROI's pixels, metres, without gaps.
-          place: first pixel (v, u) of the ROI in the image.
+          corner: first pixel (u, v) of the ROI in the image.
         """
-        camera, (x, y) = self.camera, self.nodes(place)
-        place = jnp.asarray(place, jnp.float32)
+        camera, (x, y) = self.camera, self.nodes(corner)
+        corner = jnp.asarray(corner, jnp.float32)
 
         def look(z):
-            u = camera.fx * x / z + camera.u0 - place[1]
-            v = camera.fy * y / z + camera.v0 - place[0]
+            u = camera.fx * x / z + camera.u0 - corner[0]
+            v = camera.fy * y / z + camera.v0 - corner[1]
             return _sample(depth, v, u)
 
         return _first_below(look, depth.min(), depth.max())
 
     def to_roi(
-        self, surface: Float[Array, "B rows columns"], place: Int[Array, "2"]
+        self, surface: Float[Array, "B rows columns"], corner: Int[Array, "2"]
     ) -> Float[Array, "B h w"]:
         """Depth of the ROI's pixels, metres, if the ground has these surfaces.
 
         All are looked at with the same planes, so that what is equal in them is seen equal.
         """
-        camera, (x, y) = self.camera, self.nodes(place)
+        camera, (x, y) = self.camera, self.nodes(corner)
         w, h = self.roi
-        place = jnp.asarray(place, jnp.float32)
-        across = (place[1] + jnp.arange(w, dtype=jnp.float32) - camera.u0) / camera.fx
-        along = (place[0] + jnp.arange(h, dtype=jnp.float32) - camera.v0) / camera.fy
+        corner = jnp.asarray(corner, jnp.float32)
+        across = (corner[0] + jnp.arange(w, dtype=jnp.float32) - camera.u0) / camera.fx
+        along = (corner[1] + jnp.arange(h, dtype=jnp.float32) - camera.v0) / camera.fy
 
         def look(z):
             columns, rows = (across * z - x[0]) / self.pitch, (along * z - y[0]) / self.pitch
@@ -94,17 +94,19 @@ class OrthographicGrid:
         )
         return replace(self, camera=camera, depth=jnp.float32(depth), roi=(max(w, 1), max(h, 1)))
 
-    def per_metre(self, place: Int[Array, "2"]) -> Float[Array, "h w"]:
+    def per_metre(self, corner: Int[Array, "2"]) -> Float[Array, "h w"]:
         """How much I of a ROI's pixels falls per metre that the ground is lower.  Eq. newMat."""
         camera = self.camera
-        return metric.roi_weight(camera, place, self.roi) / (camera.z_max - camera.z_min)
+        return metric.roi_weight(camera, corner, self.roi) / (camera.z_max - camera.z_min)
 
-    def nodes(self, place: Int[Array, "2"]) -> tuple[Float[Array, "columns"], Float[Array, "rows"]]:
+    def nodes(
+        self, corner: Int[Array, "2"]
+    ) -> tuple[Float[Array, "columns"], Float[Array, "rows"]]:
         """X of the columns and y of the rows in the camera's frame, metres."""
         camera, (w, h), (rows, columns) = self.camera, self.roi, self.shape
-        place = jnp.asarray(place, jnp.float32)
-        x = (place[1] + w // 2 - camera.u0) / camera.fx * self.depth
-        y = (place[0] + h // 2 - camera.v0) / camera.fy * self.depth
+        corner = jnp.asarray(corner, jnp.float32)
+        x = (corner[0] + w // 2 - camera.u0) / camera.fx * self.depth
+        y = (corner[1] + h // 2 - camera.v0) / camera.fy * self.depth
         return (
             x + (jnp.arange(columns, dtype=jnp.float32) - columns // 2) * self.pitch,
             y + (jnp.arange(rows, dtype=jnp.float32) - rows // 2) * self.pitch,

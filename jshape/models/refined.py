@@ -29,12 +29,12 @@ class Refined(Predictor):
         return self.mask.shape[1], self.mask.shape[0]
 
     def __call__(
-        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
+        self, roi: Float[Array, "*B h w"], corner: Array, strength: float | Array = 1.0
     ) -> Float[Array, "*B h w"]:
         """ROIs after the action, not yet clipped to [0, 1].  Eq. RCoutput.
 
         μ is a part of the change, so the strength scales it like the rest.
         """
-        inside = self.inside(roi, place, strength) + per_roi(strength, roi) * self.offset
+        inside = self.inside(roi, corner, strength) + per_roi(strength, roi) * self.offset
         within = jnp.broadcast_to(self.mask > 0, roi.shape)
-        return jnp.where(within, inside, self.outside(roi, place, strength))
+        return jnp.where(within, inside, self.outside(roi, corner, strength))

@@ -25,11 +25,11 @@ class Sequential(Predictor):
         return self.first.roi
 
     def __call__(
-        self, roi: Float[Array, "*B h w"], place: Array, strength: float | Array = 1.0
+        self, roi: Float[Array, "*B h w"], corner: Array, strength: float | Array = 1.0
     ) -> Float[Array, "*B h w"]:
         """ROIs after the action, not yet clipped to [0, 1].
 
         The paper's Eq. lossD prints the input as Ia + ΔI, a slip for I + ΔI.  `second` was trained
         on one depth, so the strength scales the whole change and neither part.
         """
-        return scaled(roi, self.second(self.first(roi, place), place), strength)
+        return scaled(roi, self.second(self.first(roi, corner), corner), strength)

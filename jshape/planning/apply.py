@@ -14,7 +14,7 @@ from jshape.models.bank import Bank
 def after_action(
     bank: Bank,
     image: Float[Any, "H W"],
-    first: Int[Any, "2"],
+    corner: Int[Any, "2"],
     strength: float | Array | np.floating = 1.0,
     yaw: float | Array | np.floating = 0.0,
     offset: Float[Any, "2"] | tuple[float, float] = (0.0, 0.0),
@@ -28,10 +28,10 @@ def after_action(
     Args:
       bank: predicts.
       image: I before.
-      first: first pixel (v, u) of the ROI.
+      corner: first pixel (u, v) of the ROI.
       strength: how many times as deep as the trained action.
       yaw: turn of the hand, radians, if `turned`.
-      offset: how far the exact place is from the ROI's, pixels (v, u), if `moved`.
+      offset: how far the exact place is from the ROI's, pixels (u, v), if `moved`.
       action: its number in the bank.
       turned: the hand is turned; the ROI is a square.
       moved: the place is between pixels.
@@ -40,7 +40,7 @@ def after_action(
     if turned:
         predictor = predictor.turned(yaw)
     return _after(
-        predictor, jnp.asarray(image), jnp.asarray(first), jnp.asarray(strength, jnp.float32),
+        predictor, jnp.asarray(image), jnp.asarray(corner), jnp.asarray(strength, jnp.float32),
         jnp.asarray(offset, jnp.float32) if moved else None,
     )  # fmt: skip
 
@@ -49,29 +49,29 @@ def after_action(
 def _after(
     predictor: Any,
     image: Float[Array, "H W"],
-    first: Int[Array, "2"],
+    corner: Int[Array, "2"],
     strength: Float[Array, ""],
     offset: Float[Array, "2"] | None,
 ) -> tuple[Float[Array, "h w"], Float[Array, ""]]:
     w, h = predictor.roi
-    roi = lax.dynamic_slice(image, first, (h, w))
+    roi = lax.dynamic_slice(image, corner[::-1], (h, w))
     if offset is None:
-        raw = predictor(roi, first, strength)
+        raw = predictor(roi, corner, strength)
     else:
         # The bed as seen from the exact place, and what changes there put back.
         seen = shift(roi, offset)
-        raw = roi + shift(predictor(seen, first, strength) - seen, -offset)
+        raw = roi + shift(predictor(seen, corner, strength) - seen, -offset)
     after = jnp.clip(raw, 0.0, 1.0)
     return after, (raw != after).mean(dtype=jnp.float32)
 
 
 def shift(window: Float[Array, "n m"], by: Array) -> Float[Array, "n m"]:
-    """`window` read `by` (v, u) nodes further, linearly interpolated; beyond the edge, the edge.
+    """`window` read `by` (u, v) nodes further, linearly interpolated; beyond the edge, the edge.
 
     By less than one node either way.
     """
     for axis in (0, 1):
-        share = by[axis]
+        share = by[1 - axis]
         size = window.shape[axis]
         line = jnp.arange(size, dtype=jnp.int32)
         ahead = jnp.take(window, jnp.minimum(line + 1, size - 1), axis=axis)

@@ -62,9 +62,9 @@ def predict_sequence(
         centre = np.clip(np.rint(act.exact).astype(np.int32), low, low + room)
         offset = (act.exact - centre).astype(np.float32)
         offset[np.abs(offset) < 1e-3] = 0
-        top, left = corner = (centre - low)[::-1].astype(np.int32)
+        left, top = corner = (centre - low).astype(np.int32)
         after = after_action(
-            bank, image, corner, act.strength, act.yaw, offset[::-1].copy(),
+            bank, image, corner, act.strength, act.yaw, offset,
             action=act.action, turned=turned, moved=bool(offset.any()),
         )  # fmt: skip
         patch, share = jax.device_get(after)

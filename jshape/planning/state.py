@@ -70,7 +70,7 @@ class Kernel:
     """Rows and columns of the window."""
 
     def member(self, number: int | Int[Array, ""]) -> Any:
-        """The effect of one move: (window, first node, strength) -> window after."""
+        """The effect of one move: (window, first node (u, v), strength) -> window after."""
         row = lax.dynamic_index_in_dim(self.numbers, number, 0, False)
         structure, _, shapes = self.form
         ends = np.cumsum([math.prod(shape) for shape in shapes])
@@ -146,7 +146,7 @@ class SearchState:
 
         def one(kernel, effect, now, first, strength):
             window = lax.dynamic_slice(now, first, kernel.shape)
-            after = self.seen(effect(window, first, strength))
+            after = self.seen(effect(window, first[::-1], strength))
             return lax.dynamic_update_slice(now, after, first)
 
         strength = jnp.asarray(strength, jnp.float32)
@@ -173,7 +173,7 @@ class SearchState:
         goal = lax.dynamic_slice(self.goal, first, kernel.shape)
 
         def one(s, changes):
-            after = self.seen(effect(before, first, strengths[s]))
+            after = self.seen(effect(before, first[::-1], strengths[s]))
             if self.weight is None:
                 return changes.at[s].set(metric.roi_change(before, after, goal))
             closer = jnp.abs(after - goal) - jnp.abs(before - goal)

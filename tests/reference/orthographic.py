@@ -27,44 +27,44 @@ def _meet(surface_at, nearest, farthest):
     return farthest
 
 
-def nodes(ground, place):
+def nodes(ground, corner):
     """x of the columns and y of the rows, metres."""
     camera, (w, h), (rows, columns) = ground.camera, ground.roi, ground.shape
-    x0 = (place[1] + w // 2 - camera.u0) / camera.fx * float(ground.depth)
-    y0 = (place[0] + h // 2 - camera.v0) / camera.fy * float(ground.depth)
+    x0 = (corner[0] + w // 2 - camera.u0) / camera.fx * float(ground.depth)
+    y0 = (corner[1] + h // 2 - camera.v0) / camera.fy * float(ground.depth)
     pitch = float(ground.pitch)
     x = [x0 + (j - columns // 2) * pitch for j in range(columns)]
     y = [y0 + (i - rows // 2) * pitch for i in range(rows)]
     return x, y
 
 
-def from_roi(ground, depth, place):
+def from_roi(ground, depth, corner):
     """Surface below each node."""
-    camera, (x, y) = ground.camera, nodes(ground, place)
+    camera, (x, y) = ground.camera, nodes(ground, corner)
     found = np.zeros(ground.shape)
     for i in range(ground.shape[0]):
         for j in range(ground.shape[1]):
 
             def at(z, i=i, j=j):
-                v = camera.fy * y[i] / z + camera.v0 - place[0]
-                u = camera.fx * x[j] / z + camera.u0 - place[1]
+                v = camera.fy * y[i] / z + camera.v0 - corner[1]
+                u = camera.fx * x[j] / z + camera.u0 - corner[0]
                 return _bilinear(depth, v, u)
 
             found[i, j] = _meet(at, depth.min(), depth.max())
     return found
 
 
-def to_roi(ground, surface, place):
+def to_roi(ground, surface, corner):
     """Depth of each pixel."""
-    camera, (x, y), (w, h) = ground.camera, nodes(ground, place), ground.roi
+    camera, (x, y), (w, h) = ground.camera, nodes(ground, corner), ground.roi
     pitch = float(ground.pitch)
     found = np.zeros((h, w))
     for v in range(h):
         for u in range(w):
 
             def at(z, v=v, u=u):
-                row = ((place[0] + v - camera.v0) / camera.fy * z - y[0]) / pitch
-                column = ((place[1] + u - camera.u0) / camera.fx * z - x[0]) / pitch
+                row = ((corner[1] + v - camera.v0) / camera.fy * z - y[0]) / pitch
+                column = ((corner[0] + u - camera.u0) / camera.fx * z - x[0]) / pitch
                 return _bilinear(surface, row, column)
 
             found[v, u] = _meet(at, surface.min(), surface.max())

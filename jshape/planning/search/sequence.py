@@ -43,7 +43,7 @@ def act_between(
         whole = jnp.pad(now, ((0, 1), (0, 1)), mode="edge")
     larger = lax.dynamic_slice(whole, base, (rows + 1, columns + 1))
     seen = _between(_between(larger, down, 0), right, 1)
-    change = state.seen(effect(seen, base, strength)) - seen
+    change = state.seen(effect(seen, base[::-1], strength)) - seen
     for share, axis in ((down, 0), (right, 1)):
         before, behind = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
         before[axis], behind[axis] = (0, 1), (1, 0)

@@ -7,14 +7,20 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments import ablation
-from benchmarks.experiments import components as components
+from benchmarks.experiments import components
 from benchmarks.experiments.__main__ import main
-from benchmarks.experiments.components import AsSeen, Trials, Variant, added, left_out
+from benchmarks.experiments.components import (
+    AsSeen,
+    Trials,
+    Variant,
+    added,
+    fit_variant,
+    left_out,
+)
 from jshape.data.pairs import Pairs
-from jshape.errors import UnknownName
 from jshape.io import datasets
 from jshape.learn import imprint as learning
-from jshape.learn.imprint import INGREDIENTS, fit_imprint
+from jshape.learn.imprint import SCALES, fit_imprint
 from jshape.learn.measure import Trial
 from jshape.models.difference import fit_difference
 from tests.test_imprint import CAMERA, examples_of, tool
@@ -57,12 +63,29 @@ def pairs():
     return pairs_of(examples_of(tool(), 8))
 
 
+def without(examples, *left, **view):
+    return fit_variant(Variant("", "", left, **view), examples, CAMERA)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("strengths", [None, (0.3, 2.0)])
+def test_with_all_components_it_is_f_p(short, strengths):
+    for turned in (False, True):  # an action that raises the ground has no tool
+        examples = examples_of(tool(), 4, strengths=strengths)
+        if turned:
+            examples = examples._replace(prior=examples.posterior, posterior=examples.prior)
+        expected = fit_imprint(examples, CAMERA)
+        for name in SCALES:
+            found = getattr(without(examples), name)
+            np.testing.assert_array_equal(found, getattr(expected, name))
+
+
 @pytest.mark.full
 def test_what_is_left_out_stays_as_it_was_and_the_rest_is_fitted(examples, short):
-    guess = fit_imprint(examples, CAMERA, without=("descent",))
+    guess = without(examples, "descent")
     maps = ("reference", "tool", "give", "rest", "swell", "follow")
     for left in ((), ("swell",), ("rest",), ("follow",), ("reference",), ("tool",)):
-        found = fit_imprint(examples, CAMERA, without=left)
+        found = without(examples, *left)
         still = set(left) | ({"tool", "give", "swell"} if "tool" in left else set())
         for name in maps:
             same = np.array_equal(getattr(found, name), getattr(guess, name))
@@ -77,16 +100,10 @@ def test_what_is_left_out_stays_as_it_was_and_the_rest_is_fitted(examples, short
 
 @pytest.mark.full
 def test_without_a_tool_the_first_guess_is_the_mean_change(examples):
-    off = fit_imprint(examples, CAMERA, without=("tool", "descent", "absolute"))
+    off = without(examples, "tool", "descent", "absolute")
     flat = jnp.full(off.tool.shape, off.grid.depth)
     assert float(off.deepest) == pytest.approx(float(off.rest.max()))
     np.testing.assert_allclose(off.change(flat), off.rest, atol=1e-7)
-
-
-@pytest.mark.full
-def test_an_component_that_is_none_is_refused(examples):
-    with pytest.raises(UnknownName, match="swell"):
-        fit_imprint(examples, CAMERA, without=("salt",))
 
 
 @pytest.mark.full
@@ -96,7 +113,7 @@ def test_squares_are_lowered_if_absolute_errors_are_not(examples, monkeypatch):
     true = np.asarray(examples.posterior)
     errors = {}
     for left in ((), ("absolute",)):
-        found = fit_imprint(examples, CAMERA, without=left)
+        found = without(examples, *left)
         after = found(jnp.asarray(examples.prior), jnp.asarray(examples.corner))
         errors[left] = np.asarray(after) - true
     mean = {left: float(np.abs(gap).mean()) for left, gap in errors.items()}
@@ -108,8 +125,8 @@ def test_squares_are_lowered_if_absolute_errors_are_not(examples, monkeypatch):
 def test_the_image_itself_knows_no_place(examples):
     roi = jnp.asarray(examples.prior[0])
 
-    def changes(**options):
-        found = fit_imprint(examples, CAMERA, without=("tool", "descent"), **options)
+    def changes(**view):
+        found = without(examples, "tool", "descent", **view)
         places = jnp.array([[0, 0], [400, 300]], jnp.int32)
         return [np.asarray(found(roi, place) - roi) for place in places]
 
@@ -122,6 +139,9 @@ def test_the_image_itself_knows_no_place(examples):
     assert np.abs(here - there).mean() > 0.1 * np.abs(here).mean()
 
 
+KNOWN = {"depth", "descent", "absolute", *SCALES} - {"give"}
+
+
 @pytest.mark.parametrize("varied", [False, True])
 def test_each_step_has_one_component_more_and_the_last_is_all_of_f_p(varied):
     chain, without = added(varied), left_out(varied)
@@ -129,10 +149,10 @@ def test_each_step_has_one_component_more_and_the_last_is_all_of_f_p(varied):
     assert chain[-1].without == without[0].without == ()
     for before, after in zip(chain[1:], chain[2:], strict=False):
         assert len(set(before.without) - set(after.without) - {"descent"}) == 1
-        assert set(after.without) < set(before.without) <= set(INGREDIENTS)
-    assert [set(v.without) for v in without[2:]] == [
-        {n} for n in components.SAID if n in INGREDIENTS
-    ][: len(without) - 2]
+        assert set(after.without) < set(before.without) <= KNOWN
+    assert [set(v.without) for v in without[2:]] == [{n} for n in components.SAID if n in KNOWN][
+        : len(without) - 2
+    ]
     assert any("stroke" in v.without for v in without) == varied
     said = {v.name: v.said for v in (*chain, *without)}
     assert "descent" in said["f_D with view, absolute"]

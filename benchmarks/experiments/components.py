@@ -1,7 +1,7 @@
 """What f_P is made of, switched off one at a time and added one at a time from f_D upwards."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
@@ -9,12 +9,15 @@ import jax.numpy as jnp
 from jax.scipy.ndimage import map_coordinates
 
 from jshape._typing import Array, Float, Int
-from jshape.data.pairs import Pairs
+from jshape.camera import Camera
+from jshape.data.pairs import Examples, Pairs
+from jshape.learn import imprint
 from jshape.learn.fit import fit
-from jshape.learn.imprint import fit_imprint
+from jshape.learn.imprint import Shown
 from jshape.learn.measure import Trial, roi_errors_mm
 from jshape.learn.partitions import split_pairs
 from jshape.models.bank import Bank
+from jshape.models.imprint import Imprint
 from jshape.models.orthographic import OrthographicGrid
 
 MEAN, WHOLE = "f_D", "f_P"
@@ -60,6 +63,13 @@ def _sampled(
     return map_coordinates(surface, jnp.meshgrid(rows, columns, indexing="ij"), 1, mode="nearest")
 
 
+def squared_error(predictor: Imprint, shown: Shown) -> Float[Array, ""]:
+    """As `learn.imprint.absolute_error`, of squares."""
+    weight = shown.counted / jnp.sqrt(shown.strength)[:, None, None]
+    gap = 1e4 * imprint.surface_error(predictor, shown) ** 2 * weight
+    return gap.sum() / jnp.maximum(shown.counted.sum(), 1.0)
+
+
 class Variant(NamedTuple):
     """f_P without some of its components; or f_D."""
 
@@ -68,7 +78,7 @@ class Variant(NamedTuple):
     said: str
     """The step in words: "+ learned reference", "without rims"; what it is for f_D and f_P."""
     without: tuple[str, ...] = ()
-    """For `fit_imprint`."""
+    """The components left out, see `fit_variant`."""
     view: type[OrthographicGrid] = OrthographicGrid
 
 
@@ -84,7 +94,7 @@ SAID = {
     "stroke": "own stroke",
     "deep": "rims of deep strokes",
 }
-"""The components in words: the view, and those that `fit_imprint` can do without."""
+"""The components in words."""
 STEPS_UP = {
     "view": "+ view from above, depth of the places, rims on nodes",
     "absolute": "+ fit by descent, absolute error",
@@ -128,15 +138,41 @@ def left_out(varied: bool) -> list[Variant]:
     return found
 
 
+def fit_variant(variant: Variant, examples: Examples, camera: Camera, seed: int = 0) -> Imprint:
+    """As `fit_imprint` from nothing, without some components.
+
+    "depth": looking for the depth of the places, else it is the median; "descent": fitting, else it
+    is the first guess; "absolute": the absolute error, else its square; "tool": what levels, `tool`
+    and `give`, else all is `rest`, and there is no `swell` either, which goes with what the tool
+    displaces; and each of the other maps, which then stays 0, or for "reference" and "stroke" as
+    first guessed.
+    """
+    out = {*variant.without, *(imprint.OF_TOOL if "tool" in variant.without else ())}
+    filled, seen = imprint.complete(examples)
+    depths = (0,) if "depth" in out else imprint.DEPTHS
+    h, w = filled.prior.shape[1:]
+    grid = imprint.grid_below(variant.view(camera, 1.0, 1.0, (1, 1), (w, h)), filled, depths)
+    shown = imprint.shown_on(grid, filled, seen)
+    if not imprint.has_tool(shown):
+        out |= set(imprint.OF_TOOL)
+    first = imprint.first_guess(grid, shown, tool="tool" not in out)
+    blank = {name: jnp.zeros_like(first.rest) for name in ("rest", "swell") if name in out}
+    first = replace(first, **blank)
+    if "descent" in out:
+        return first
+    loss = squared_error if "absolute" in out else imprint.absolute_error
+    key, steps = jax.random.key(seed), imprint.steps_for(len(seen))
+    fixed = out & set(imprint.SCALES)
+    found = imprint.descend(loss, first, shown, key, steps, imprint.STEP, fixed)
+    return replace(found, stroke=found.deepest) if (shown.strength == 1.0).all() else found
+
+
 def bank_of(variant: Variant, pairs: Pairs, seed: int) -> Bank:
     """A variant fitted to the pairs of one agent."""
     if variant.name == MEAN:
         return fit(pairs, "D")
     predictors = tuple(
-        fit_imprint(
-            pairs.rois(name), pairs.camera, seed=seed, without=variant.without, view=variant.view
-        )
-        for name in pairs.actions
+        fit_variant(variant, pairs.rois(name), pairs.camera, seed) for name in pairs.actions
     )
     return Bank(pairs.camera, predictors, pairs.actions, "P")
 

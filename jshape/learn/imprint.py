@@ -1,6 +1,6 @@
 """Fitting f_P: the maps of a pressed tool from the ground before and after."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from jshape._typing import Array, Float, Key
 from jshape.camera import Camera
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import Examples
-from jshape.errors import BadDataset, UnknownName
+from jshape.errors import BadDataset
 from jshape.models.imprint import Imprint
 from jshape.models.orthographic import OrthographicGrid
 
@@ -40,22 +40,18 @@ DEPTHS = range(-10, 11, 2)
 DOUBT = 4.0
 """How much more alike they must look per metre off the median: 0.4 % per millimetre."""
 SCALES = {
-    "reference": 10.0, "tool": 1e-2, "give": 1.0, "rest": 1e-2, "swell": 1e-2, "follow": 1.0,
-    "deep": 1e-2, "stroke": 1e-2,
-}  # fmt: skip
+    "reference": 10.0,
+    "tool": 1e-2,
+    "give": 1.0,
+    "rest": 1e-2,
+    "swell": 1e-2,
+    "follow": 1.0,
+    "deep": 1e-2,
+    "stroke": 1e-2,
+}
 """What is fitted, and what 1 is to the optimiser."""
-INGREDIENTS = (
-    "depth",
-    "descent",
-    "absolute",
-    "tool",
-    *(n for n in SCALES if n not in ("tool", "give")),
-)
-"""What a fit can do without, to see what it brings.  "depth": looking for the depth of the places,
-else it is the median; "descent": fitting, else it is the first guess; "absolute": the absolute
-error, else its square; "tool": what levels, `tool` and `give`, else all is `rest`, and there is no
-`swell` either, which goes with what the tool displaces; and each of the other maps, which then
-stays 0, or for "reference" and "stroke" as first guessed."""
+OF_TOOL = ("tool", "give", "swell")
+"""What stays as it is for an action without a tool; `swell` goes with what a tool displaces."""
 EDGE = 2e-4
 """A surface this near to the end of the camera's range may lie beyond it, metres."""
 
@@ -71,40 +67,58 @@ class Shown(NamedTuple):
     strength: Float[Array, "n"]
 
 
+Loss = Callable[[Imprint, Shown], Array]
+"""What `descend` lowers.  A function of a module: what was compiled for it is found by identity."""
+
+
 def fit_imprint(
-    examples: Examples,
-    camera: Camera,
-    start: Imprint | None = None,
-    *,
-    seed: int = 0,
-    without: Collection[str] = (),
-    view: type[OrthographicGrid] = OrthographicGrid,
+    examples: Examples, camera: Camera, start: Imprint | None = None, *, seed: int = 0
 ) -> Imprint:
     """f_P of one action from its pairs, or from another bank's f_P and few pairs.
 
-    Lowers the mean |predicted - true| / √strength over the grid's nodes that were seen before and
-    after: plans mostly use shallow strokes, and deep ones would outweigh them.  From nothing and
-    with pairs of strength 1 only, other strengths are a guess: the tool goes as much deeper as its
-    greatest lowering, and all beside it grows in proportion.
+    From nothing and with pairs of strength 1 only, other strengths are a guess: the tool goes as
+    much deeper as its greatest lowering, and all beside it grows in proportion.
 
     Args:
       examples: ROIs of the pairs, of one strength or several.
       camera: theirs.
       start: what to adapt; None fits from nothing.
       seed: of the order of the pairs.
-      without: those of `INGREDIENTS` that are to be left out of a fit from nothing.
-      view: how a fit from nothing brings ROIs onto its grid and back.
 
     Raises:
-      UnknownName: `without` has what is none of them.
       BadDataset: no pairs, one without any pixel seen before and after, or pixels that no pair has
         seen.
     """
-    for name in without:
-        if name not in INGREDIENTS:
-            raise UnknownName("ingredient", name, INGREDIENTS)
-    if "tool" in without:
-        without = {*without, "swell"}
+    filled, seen = complete(examples)
+    key, count = jax.random.key(seed), len(seen)
+    if start is not None:
+        shown = shown_on(start.grid, filled, seen)
+        first = _corrected(start, shown)
+        return descend(absolute_error, first, shown, key, ADAPT_STEPS, ADAPT_STEP)
+    grid = grid_below(_blank(camera, filled), filled)
+    shown = shown_on(grid, filled, seen)
+    lowers = has_tool(shown)
+    first = first_guess(grid, shown, tool=lowers)
+    fixed = () if lowers else OF_TOOL
+    found = descend(absolute_error, first, shown, key, steps_for(count), STEP, fixed)
+    if (shown.strength == 1.0).all():
+        found = replace(found, stroke=found.deepest)  # pairs of one strength say nothing about it
+    return found
+
+
+def mean_imprint(examples: Examples, camera: Camera) -> Imprint:
+    """The mean change of the ground as an f_P without a tool: what f_D is, seen from above."""
+    filled, seen = complete(examples)
+    grid = grid_below(_blank(camera, filled), filled)
+    return first_guess(grid, shown_on(grid, filled, seen), tool=False)
+
+
+def complete(examples: Examples) -> tuple[Examples, np.ndarray]:
+    """Examples with their gaps filled, and which pixels (n, h, w) were seen before and after.
+
+    Raises:
+      BadDataset: as for `fit_imprint`.
+    """
     if len(examples.prior) == 0:
         raise BadDataset("no pairs to fit to")
     seen = np.isfinite(examples.prior) & np.isfinite(examples.posterior)
@@ -121,46 +135,37 @@ def fit_imprint(
         np.stack([fill_nan(roi) for roi in rois]).astype(np.float32) for rois in examples[:2]
     )
     strengths = np.asarray(examples.strengths, np.float32)
-    filled = Examples(prior, posterior, examples.corner, strengths)
-    if start is not None:
-        grid = start.grid
-    else:
-        grid = _grid_of(filled, camera, view, DEPTHS if "depth" not in without else (0,))
+    return Examples(prior, posterior, examples.corner, strengths), seen
+
+
+def steps_for(count: int) -> int:
+    """Steps of a fit from nothing to so many pairs."""
+    return max(int(np.clip(PER_PAIR * count, *STEPS)), PER_MANY * count)
+
+
+def shown_on(grid: OrthographicGrid, examples: Examples, seen: np.ndarray) -> Shown:
+    """What complete examples show on a grid."""
+    before, after = _surfaces(grid, examples)
     counted = jnp.asarray(_at_nodes(seen, grid), jnp.float32)
-    before, after = _surfaces(grid, filled)
-    shown = Shown(before, after, counted, jnp.asarray(filled.strengths))
-    if start is None and "tool" not in without:
-        mean = _mean_change(shown)
-        if float(mean.max()) < LOWERS * float(-mean.min()):
-            without = {*without, "tool", "swell"}
-    first = _first_guess(grid, shown, without) if start is None else _corrected(start, shown)
-    steps, step = max(int(np.clip(PER_PAIR * len(seen), *STEPS)), PER_MANY * len(seen)), STEP
-    if start is not None:
-        steps, step = ADAPT_STEPS, ADAPT_STEP
-    if "descent" in without:
-        return first
-    free = None
-    if without:  # as numbers, so that each thing that is left out does not compile anew
-        free = {name: float(name not in without) for name in SCALES}
-        free["give"] = free["tool"]
-    key = jax.random.key(seed)
-    found = _descend(first, shown, key, steps, step, free, "absolute" in without)
-    if start is None and (filled.strengths == 1.0).all():
-        found = replace(found, stroke=found.deepest)  # pairs of one strength say nothing about it
-    return found
+    return Shown(before, after, counted, jnp.asarray(examples.strengths))
 
 
-def _grid_of(
-    examples: Examples, camera: Camera, view: type[OrthographicGrid], depths: Collection[int]
-) -> OrthographicGrid:
-    """A grid over the ROI, at the depth where places are meant.
-
-    That is not known: of depths around the median of what was seen, it is the one from which the
-    changes of all pairs look most alike, per strength.  On flat ground all do, and the median is
-    right.
-    """
+def _blank(camera: Camera, examples: Examples) -> OrthographicGrid:
+    """A grid over the examples' ROI without nodes."""
     h, w = examples.prior.shape[1:]
-    blank = view(camera, 1.0, 1.0, (1, 1), (w, h))
+    return OrthographicGrid(camera, 1.0, 1.0, (1, 1), (w, h))
+
+
+def grid_below(
+    blank: OrthographicGrid, examples: Examples, depths: Collection[int] = DEPTHS
+) -> OrthographicGrid:
+    """The grid over the ROI of `blank`, at the depth where places are meant.
+
+    That is not known: of `depths` around the median of what was seen (mm), it is the one from which
+    the changes of all pairs look most alike, per strength.  On flat ground all do, and the median
+    is right.
+    """
+    camera, (w, h) = blank.camera, blank.roi
     per_metre = np.stack([blank.per_metre(corner) for corner in jnp.asarray(examples.corner)])
     middle = float(camera.z_max) - float(np.median(examples.prior / per_metre))
     rows = h * float(camera.fx) / float(camera.fy) / PIXELS
@@ -208,15 +213,20 @@ def _at_nodes(seen: np.ndarray, grid: OrthographicGrid) -> np.ndarray:
     return seen[:, picked[0]][:, :, picked[1]]
 
 
-def _first_guess(grid: OrthographicGrid, shown: Shown, without: Collection[str] = ()) -> Imprint:
+def has_tool(shown: Shown) -> bool:
+    """Whether the action lowers the ground: else there is nothing for a tool to level."""
+    mean = _mean_change(shown)
+    return float(mean.max()) >= LOWERS * float(-mean.min())
+
+
+def first_guess(grid: OrthographicGrid, shown: Shown, *, tool: bool = True) -> Imprint:
     """A tool as deep as the mean change, which is the prediction on flat ground.
 
     Without a tool all of the mean change is `rest`.
     """
     mean = _mean_change(shown)
     touched = mean > CONTACT * jnp.maximum(mean.max(), 1e-9)
-    if "tool" in without:
-        touched = jnp.zeros_like(touched)
+    touched = touched if tool else jnp.zeros_like(touched)
     rest = jnp.where(touched, 0.0, mean)
     none = jnp.zeros_like(mean)
     return Imprint(
@@ -225,8 +235,8 @@ def _first_guess(grid: OrthographicGrid, shown: Shown, without: Collection[str] 
         # Below the ground beside the tool by 3 mm: it is felt by hills, not by the flat.
         tool=mean - 3e-3,
         give=touched.astype(jnp.float32),
-        rest=none if "rest" in without else rest,
-        swell=none if "swell" in without else rest,
+        rest=rest,
+        swell=rest if tool else none,
         follow=none,
         deep=none,
         stroke=mean.max(),
@@ -240,20 +250,15 @@ def _mean_change(shown: Shown) -> Float[Array, "rows columns"]:
     return ((shown.after - shown.before) * weight).sum(0) / jnp.where(whole > 0, whole, 1.0)
 
 
-def mean_imprint(examples: Examples, camera: Camera) -> Imprint:
-    """The mean change of the ground as an f_P without a tool: what f_D is, seen from above."""
-    return fit_imprint(examples, camera, without=("tool", "descent"))
-
-
 def _corrected(start: Imprint, shown: Shown) -> Imprint:
     """`start` with what it is wrong by on all pairs alike, as far as they are many."""
-    left = -_gap(start, shown) / shown.strength[:, None, None]
+    left = -surface_error(start, shown) / shown.strength[:, None, None]
     left = jnp.where(shown.counted > 0, left, jnp.nan)
     share = len(left) / (len(left) + TRUST)
     return replace(start, rest=start.rest + share * jnp.nan_to_num(jnp.nanmedian(left, 0)))
 
 
-def _gap(predictor: Imprint, shown: Shown) -> Float[Array, "n rows columns"]:
+def surface_error(predictor: Imprint, shown: Shown) -> Float[Array, "n rows columns"]:
     """Predicted minus true surfaces, metres.
 
     Where the true one is at the end of the camera's range, all that lies beyond is right: a knock
@@ -265,21 +270,44 @@ def _gap(predictor: Imprint, shown: Shown) -> Float[Array, "n rows columns"]:
     return jnp.where(shown.after < camera.z_min + EDGE, jnp.maximum(gap, 0.0), gap)
 
 
-@jax.jit(static_argnames=["squared"])
+def absolute_error(predictor: Imprint, shown: Shown) -> Float[Array, ""]:
+    """The mean |predicted - true| / √strength over nodes that were seen before and after.
+
+    Plans mostly use shallow strokes, and deep ones would outweigh them.  In units of 10 mm, that of
+    the maps: Adam's epsilon is then far below the gradients.
+    """
+    weight = shown.counted / jnp.sqrt(shown.strength)[:, None, None]
+    gap = jnp.abs(surface_error(predictor, shown)) * weight
+    return 100.0 * gap.sum() / jnp.maximum(shown.counted.sum(), 1.0)
+
+
+def descend(
+    loss: Loss,
+    start: Imprint,
+    shown: Shown,
+    key: Key[Array, ""],
+    steps: int,
+    step: float,
+    fixed: Collection[str] = (),
+) -> Imprint:
+    """`start` after `steps` steps of Adam, the first of length `step`, falling by half a cosine.
+
+    Those of `SCALES` that are `fixed` stay as they are.
+    """
+    free = {name: float(name not in fixed) for name in SCALES}  # numbers: they compile nothing anew
+    return _descend(loss, start, shown, key, steps, step, free)
+
+
+@jax.jit(static_argnames=["loss"])
 def _descend(
+    loss: Loss,
     start: Imprint,
     shown: Shown,
     key: Key[Array, ""],
     steps: int | Array,
     step: float | Array,
-    free: dict[str, float | Array] | None,
-    squared: bool,
+    free: dict[str, float | Array],
 ) -> Imprint:
-    """`start` after `steps` steps of Adam, the first of length `step`, falling by half a cosine.
-
-    `free` is 1 for what is fitted and 0 for what stays, None for all; `squared` lowers the squares
-    of the errors.
-    """
     import optax
 
     count = shown.before.shape[0]
@@ -290,22 +318,12 @@ def _descend(
         maps = {name: getattr(start, name) + SCALES[name] * shift[name] for name in SCALES}
         return replace(start, **maps)
 
-    def loss(shift, chosen):
-        some = Shown(*(part[chosen] for part in shown))
-        weight = some.counted / jnp.sqrt(some.strength)[:, None, None]
-        # In units of 10 mm, that of the maps: Adam's epsilon is then far below the gradients.
-        if squared:
-            gap = 1e4 * _gap(moved(shift), some) ** 2 * weight
-            return gap.sum() / jnp.maximum(some.counted.sum(), 1.0)
-        gap = jnp.abs(_gap(moved(shift), some)) * weight
-        return 100.0 * gap.sum() / jnp.maximum(some.counted.sum(), 1.0)
-
     def one(number, state):
         shift, memory = state
         order = jax.random.permutation(jax.random.fold_in(key, number), count)
-        slope = jax.grad(loss)(shift, order[: min(BATCH, count)])
-        if free is not None:
-            slope = {name: free[name] * part for name, part in slope.items()}
+        some = Shown(*(part[order[: min(BATCH, count)]] for part in shown))
+        slope = jax.grad(lambda shift: loss(moved(shift), some))(shift)
+        slope = {name: free[name] * part for name, part in slope.items()}
         updates, memory = adam.update(slope, memory)
         length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * jnp.float32(number) / steps))
         return jax.tree.map(lambda x, dx: x - length * dx, shift, updates), memory

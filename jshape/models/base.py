@@ -69,5 +69,5 @@ class Predictor(ABC):
         return None
 
     def on_grid(self) -> Any:
-        """The action on the grid: a pytree, (surface, first node (u, v), strength) -> surface after."""
+        """The action there, a pytree: (surface, first node (u, v), strength) -> surface after."""
         raise NotImplementedError

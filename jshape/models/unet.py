@@ -9,40 +9,23 @@ import numpy as np
 from flax import nnx
 
 from jshape._typing import Array, Float
-from jshape.models.convolution import conv3x3, conv3x3_upsampled, max_pool
+from jshape.models.convolution import Conv3x3, UpConv3x3, max_pool
 
 LEVELS = 4
 """Poolings, so that the sides must be multiples of 16 inside."""
 
 
-def _bias(layer: nnx.Conv) -> Array:
-    assert layer.bias is not None  # every layer here has one
-    return layer.bias[...]
-
-
 class Block(nnx.Module):
     """Two 3x3 convolutions, each followed by ReLU."""
 
-    def __init__(self, features_in: int, features: int, *, rngs: nnx.Rngs):
-        self.first = nnx.Conv(features_in, features, (3, 3), rngs=rngs)
-        self.second = nnx.Conv(features, features, (3, 3), rngs=rngs)
+    def __init__(self, first: Conv3x3, *, rngs: nnx.Rngs):
+        features = first.out_features
+        self.first = first
+        self.second = Conv3x3(features, features, rngs=rngs)
 
-    def __call__(
-        self, x: Float[Array, "B h w i"], below: Float[Array, "B h//2 w//2 j"] | None = None
-    ) -> Float[Array, "B h w o"]:
-        """Features, ReLU applied.
-
-        Args:
-          x: features of this level.
-          below: of the level below, to be upsampled and stacked after `x`.  Their part of the
-            kernel is applied to them before they are upsampled, so the stack is never made.
-        """
-        kernel = self.first.kernel[...]
-        mixed = conv3x3(x, kernel[:, :, : x.shape[-1]])
-        if below is not None:
-            mixed += conv3x3_upsampled(below, kernel[:, :, x.shape[-1] :])
-        x = nnx.relu(mixed + _bias(self.first))
-        return nnx.relu(conv3x3(x, self.second.kernel[...]) + _bias(self.second))
+    def __call__(self, *inputs: Float[Array, "B _ _ _"]) -> Float[Array, "B h w o"]:
+        """Features of what the first layer takes, ReLU applied."""
+        return nnx.relu(self.second(nnx.relu(self.first(*inputs))))
 
 
 class UNet(nnx.Module):
@@ -51,10 +34,13 @@ class UNet(nnx.Module):
     def __init__(self, width: int, *, rngs: nnx.Rngs):
         sizes = [width * 2**level for level in range(LEVELS + 1)]
         self.down = nnx.List(
-            Block(i, o, rngs=rngs) for i, o in zip([1, *sizes], sizes[:-1], strict=False)
+            Block(Conv3x3(i, o, rngs=rngs), rngs=rngs)
+            for i, o in zip([1, *sizes[:-2]], sizes[:-1], strict=True)
         )
-        self.bottom = Block(sizes[-2], sizes[-1], rngs=rngs)
-        self.up = nnx.List(Block(3 * o, o, rngs=rngs) for o in reversed(sizes[:-1]))
+        self.bottom = Block(Conv3x3(*sizes[-2:], rngs=rngs), rngs=rngs)
+        self.up = nnx.List(
+            Block(UpConv3x3(o, 2 * o, o, rngs=rngs), rngs=rngs) for o in reversed(sizes[:-1])
+        )
         self.output = nnx.Conv(width, 1, (1, 1), rngs=rngs)
 
     def __call__(self, image: Float[Array, "*B h w"]) -> Float[Array, "*B h w"]:
@@ -71,8 +57,7 @@ class UNet(nnx.Module):
         x = self.bottom(x)
         for block, skip in zip(self.up, reversed(skips), strict=True):
             x = block(skip, x)
-        x = jnp.tanh(x @ self.output.kernel[0, 0, :, 0] + _bias(self.output)[0])
-        return x[:, :h, :w].reshape(image.shape)
+        return jnp.tanh(self.output(x))[:, :h, :w, 0].reshape(image.shape)
 
 
 def init(key: Array, width: int) -> dict[str, Any]:

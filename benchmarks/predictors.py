@@ -27,10 +27,10 @@ from benchmarks.sim_against_mpm import default_data
 from jshape import PAPER_BOX, Pairs, load_bank, load_pairs, sim
 from jshape.cli.tables import print_table, progress
 from jshape.data.simulate import DEPTH_UNIT, ROIS, look, random_bed
-from jshape.learn.evaluate import Score, candidates_of, compare, roi_errors_mm
+from jshape.learn.evaluate import candidates_of
 from jshape.learn.fit import fit
 from jshape.learn.floor import Floor, noise_floor
-from jshape.learn.measure import summarise, with_floor
+from jshape.learn.measure import Score, compare, roi_errors_mm, summarise, with_floor
 from jshape.learn.partitions import Candidate, Study
 from jshape.learn.scores import comparison_table, markdown, scores_table
 

@@ -16,12 +16,11 @@ from jshape.cli.evaluate import _explained
 from jshape.cli.main import main
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError, UnknownName
 from jshape.io.kinds import KINDS
-from jshape.learn import evaluate as evaluation
 from jshape.learn import partitions
-from jshape.learn.evaluate import by_size, cross_validate, evaluate, few_shot, roi_errors_mm
+from jshape.learn.evaluate import cross_validate, evaluate, few_shot, scores_of
 from jshape.learn.fit import FITTERS, fit
 from jshape.learn.floor import noise_floor
-from jshape.learn.measure import Comparison, Score, Trial, compare, summarise
+from jshape.learn.measure import Comparison, Score, Trial, compare, roi_errors_mm, summarise
 from jshape.learn.partitions import Candidate, Study, split_pairs
 from jshape.learn.scores import markdown, scores_csv, scores_figure, scores_table, sizes_table
 from jshape.models.difference import Difference, fit_difference
@@ -125,20 +124,20 @@ def test_smaller_training_sets_are_nested_and_the_test_stays(pairs, monkeypatch)
         assert [int((small.action == a).sum()) for a in small.actions] == [2, 2]
     for small, large in zip(steps[::2], steps[1::2], strict=True):
         assert [(t.pairs, t.id.tolist()) for t in small] == [(2, t.id.tolist()) for t in large]
-    scores = by_size(pairs, sizes=(2, 4), partitions=2)
+    scores = cross_validate(pairs, sizes=(2, 4), partitions=2)
     assert sorted({s.pairs for s in scores}) == [2, 4] and len(scores) == 2 * 2 * 2
 
 
 @pytest.mark.full
 def test_across_agents_names_both(pairs):
-    scores = evaluation.across_agents(pairs, partitions=2)
+    scores = cross_validate(pairs, across=True, partitions=2)
     assert {(s.trained_on, s.agent) for s in scores} == {
         (a, b) for a in ("robot", "human") for b in ("robot", "human")
     }
     own = [s for s in scores if s.trained_on == s.agent]
     assert own == cross_validate(pairs, partitions=2)
     with pytest.raises(BadDataset, match="two; all pairs are of robot"):
-        evaluation.across_agents(pairs.of(agent="robot"))
+        cross_validate(pairs.of(agent="robot"), across=True)
 
 
 def test_refined_and_unrefined_share_one_training(pairs, monkeypatch):
@@ -171,7 +170,7 @@ def test_refined_and_unrefined_share_one_training(pairs, monkeypatch):
 @pytest.mark.full
 def test_few_shot_compares_start_adapted_and_scratch(pairs, kind_h):
     start = fit(pairs.of(agent="human"), "H")
-    scores = few_shot(pairs.of(agent="robot"), start, (2, 4), partitions=2)
+    scores = scores_of(few_shot(pairs.of(agent="robot"), start, (2, 4), partitions=2))
     found = {(s.predictor, s.pairs) for s in scores}
     assert found == {("start as it is", 0)} | {
         (name, n) for name in ("H from start", "H from scratch", "D from scratch") for n in (2, 4)
@@ -356,7 +355,7 @@ def test_what_cannot_be_compared_is_refused(pairs, kind_h):
     with pytest.raises(UnknownName, match="'Q'; allowed: D"):
         cross_validate(pairs, ["D", "Q"])
     with pytest.raises(BadDataset, match="12 pairs per action: knock of robot has 6"):
-        by_size(pairs, sizes=(5, 12))
+        cross_validate(pairs, sizes=(5, 12))
     with pytest.raises(JShapeError, match="different ones"):
         list(Study(pairs, [Candidate("D"), Candidate("D")]))
     with pytest.raises(BadBank, match="has no bank"):

@@ -7,8 +7,9 @@ import pytest
 
 from jshape import PAPER_BOX, Bank, Pairs, fit, load_bank, metric, save_bank
 from jshape.errors import BadDataset, JShapeError, UnknownName
-from jshape.learn.evaluate import cross_validate, evaluate, roi_errors_mm
+from jshape.learn.evaluate import cross_validate, evaluate
 from jshape.learn.held_out import held_out
+from jshape.learn.measure import roi_errors_mm
 from jshape.models.difference import Difference, fit_difference
 from jshape.models.imprint import Imprint
 

@@ -8,11 +8,13 @@ from typing import Any
 from benchmarks.experiments import pages, studies
 from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
 from jshape.learn import scores as drawn
-from jshape.learn.evaluate import SIZES, candidates_of
+from jshape.learn.evaluate import candidates_of
 from jshape.learn.measure import Score
 from jshape.learn.partitions import Study
 
 FIGURES = ("sizes.png",)
+SIZES = (5, 10, 25, 50, 75)
+"""The paper's training-set sizes (Fig. dataSize)."""
 PAIRS = {True: 14, False: 100}
 """Simulated pairs per action and agent: three quarters are the largest training set."""
 

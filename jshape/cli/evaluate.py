@@ -53,6 +53,7 @@ class EvaluateOptions(Trains, Writes):
 def evaluate(dataset: Path, /, options: EvaluateOptions = EvaluateOptions()) -> dict[str, Any]:
     """`jshape evaluate DATASET`."""
     from jshape.learn import evaluate as evaluation
+    from jshape.learn import measure
     from jshape.learn.floor import noise_floor
 
     _check(options)
@@ -71,11 +72,11 @@ def evaluate(dataset: Path, /, options: EvaluateOptions = EvaluateOptions()) -> 
         main, others = _studies(options, pairs, watch, notes)
         floors = noise_floor(pairs)
         trials = watch.trials("partitions", main)
-        scores = evaluation.summarise(trials, floors)
-        comparisons = evaluation.compare(trials, main.candidates[0].label)
+        scores = measure.summarise(trials, floors)
+        comparisons = measure.compare(trials, main.candidates[0].label)
         notes += _explained(scores, comparisons)
         for name, study in others.items():
-            studies[name] = evaluation.summarise(watch.trials(name, study), floors)
+            studies[name] = measure.summarise(watch.trials(name, study), floors)
         named = ", ".join(f"f_{candidate.label}" for candidate in main.candidates)
         many = f"{main.partitions} random 75/25 partition" + "s" * (main.partitions > 1)
         over = "the pairs" if main.partitions == 1 else "their means"
@@ -134,7 +135,7 @@ def _studies(
             if options.few
             else _sizes_that_fit(pairs, evaluation.FEW)
         )
-        others["transfer"] = evaluation.few_shot_study(pairs, start, few, name, **more)
+        others["transfer"] = evaluation.few_shot(pairs, start, few, name, **more)
     return main, others
 
 

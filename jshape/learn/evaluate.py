@@ -12,30 +12,10 @@ import numpy as np
 from jshape.data.pairs import Pairs
 from jshape.errors import BadBank
 from jshape.learn.floor import noise_floor
-from jshape.learn.measure import Score, Trial, compare, roi_errors_mm, score, summarise, with_floor
+from jshape.learn.measure import Score, roi_errors_mm, score, summarise, with_floor
 from jshape.learn.partitions import Candidate, Study, check_start
 from jshape.models.bank import Bank
 
-__all__ = [
-    "FEW",
-    "SIZES",
-    "Score",
-    "Trial",
-    "across_agents",
-    "by_size",
-    "candidates_of",
-    "compare",
-    "cross_validate",
-    "evaluate",
-    "few_shot",
-    "few_shot_candidates",
-    "few_shot_study",
-    "roi_errors_mm",
-    "summarise",
-]
-
-SIZES = (5, 10, 25, 50, 75)
-"""The paper's training-set sizes (Fig. dataSize)."""
 FEW = (5, 10, 25)
 """Pairs of another agent or material that a bank is adapted with."""
 
@@ -63,6 +43,25 @@ def candidates_of(kinds: str | Sequence[str | Candidate]) -> list[Candidate]:
     return [Candidate(name) if isinstance(name, str) else name for name in names]
 
 
+def cross_validate(
+    pairs: Pairs, kinds: str | Sequence[str | Candidate] = "D", **more: Any
+) -> list[Score]:
+    """Errors over random partitions: fit on the larger part, test on the other, as the paper does.
+
+    Agents are fitted apart: each is predicted by a bank of its own pairs; with `across`, what was
+    fitted to one agent's pairs is tested on every agent's.
+
+    Args:
+      pairs: of any actions, agents and materials.
+      kinds: of banks; all are fitted to and tested on the same pairs.
+      more: fields of `Study`: partitions, test_share, seed, sizes, across, options of training.
+
+    Raises:
+      UnknownName, BadDataset, JShapeError: as for `Study`.
+    """
+    return scores_of(Study(pairs, candidates_of(kinds), **more))
+
+
 def few_shot_candidates(start: Bank, name: str = "start") -> list[Candidate]:
     """A bank as it is, adapted, and its kind fitted from nothing; and f_D, the simplest of all.
 
@@ -83,118 +82,28 @@ def few_shot_candidates(start: Bank, name: str = "start") -> list[Candidate]:
     return [*found, Candidate("D", name="D from scratch")]
 
 
-def cross_validate(
-    pairs: Pairs,
-    kinds: str | Sequence[str | Candidate] = "D",
-    *,
-    partitions: int = 4,
-    test_share: float = 0.25,
-    seed: int = 0,
-    **options: Any,
-) -> list[Score]:
-    """Errors over random partitions: fit on the larger part, test on the other, as the paper does.
-
-    Agents are fitted apart: each is predicted by a bank of its own pairs.
-
-    Args:
-      pairs: of any actions, agents and materials.
-      kinds: of banks; all are fitted to and tested on the same pairs.
-      partitions: how many.
-      test_share: kept out of each action's pairs for testing, at least one.
-      seed: of the partitions.
-      options: of training.
-
-    Raises:
-      UnknownName: no such kind.
-      BadDataset: an action of an agent with too few pairs to split.
-    """
-    study = Study(pairs, candidates_of(kinds), partitions, test_share, seed, options=options)
-    return _run(study)
-
-
-def across_agents(
-    pairs: Pairs,
-    kinds: str | Sequence[str | Candidate] = "D",
-    *,
-    partitions: int = 4,
-    test_share: float = 0.25,
-    seed: int = 0,
-    **options: Any,
-) -> list[Score]:
-    """The same, but what was fitted to one agent's pairs is tested on every agent's.
-
-    Raises:
-      BadDataset: the pairs are of one agent only; and as for `cross_validate`.
-    """
-    candidates = candidates_of(kinds)
-    return _run(
-        Study(pairs, candidates, partitions, test_share, seed, across=True, options=options)
-    )
-
-
-def by_size(
-    pairs: Pairs,
-    kinds: str | Sequence[str | Candidate] = "D",
-    sizes: Sequence[int] = SIZES,
-    *,
-    partitions: int = 4,
-    test_share: float = 0.25,
-    seed: int = 0,
-    **options: Any,
-) -> list[Score]:
-    """The same against the number of pairs per action; each partition's test pairs stay the same.
-
-    Raises:
-      BadDataset: a size that some action of some agent does not have; and as above.
-    """
-    candidates = candidates_of(kinds)
-    return _run(
-        Study(pairs, candidates, partitions, test_share, seed, sizes=sizes, options=options)
-    )
-
-
 def few_shot(
-    pairs: Pairs,
-    start: Bank,
-    sizes: Sequence[int] = FEW,
-    *,
-    partitions: int = 4,
-    test_share: float = 0.25,
-    seed: int = 0,
-    **options: Any,
-) -> list[Score]:
+    pairs: Pairs, start: Bank, sizes: Sequence[int] = FEW, name: str = "start", **more: Any
+) -> Study:
     """A bank of another agent or material, adapted with few pairs, beside training from scratch.
 
     Args:
-      pairs: of the new agent or material.
+      pairs: of the new agent or material; those of actions that the bank knows are used.
       start: the bank to start from.
       sizes: pairs per action to adapt with.
-      partitions: how many.
-      test_share: kept out for testing.
-      seed: of the partitions.
-      options: of training.
+      name: what to call the bank in tables.
+      more: other fields of `Study`.
 
     Raises:
       BadBank: `start` cannot be adapted, or knows none of the actions.
       BadCamera: it is for another camera.
-      BadDataset: as for `by_size`.
-    """
-    more: dict[str, Any] = {"partitions": partitions, "test_share": test_share, "seed": seed}
-    return _run(few_shot_study(pairs, start, sizes, **more, options=options))
-
-
-def few_shot_study(
-    pairs: Pairs, start: Bank, sizes: Sequence[int] = FEW, name: str = "start", **more: Any
-) -> Study:
-    """The study behind `few_shot`, on the actions that the bank knows; `more` is for `Study`.
-
-    Raises:
-      BadBank, BadCamera, BadDataset: as for `few_shot`.
+      BadDataset: as for `Study`.
     """
     check_start(start, pairs)
     known = pairs.select(np.isin(pairs.action, start.actions))
     return Study(known, few_shot_candidates(start, name), sizes=sizes, **more)
 
 
-def _run(study: Study) -> list[Score]:
+def scores_of(study: Study) -> list[Score]:
+    """The scores of a whole study, each beside its noise floor."""
     return summarise(chain.from_iterable(study), noise_floor(study.pairs))

@@ -29,11 +29,11 @@ from jshape.data.simulate import DEPTH_UNIT, ROIS, keys_along, simulate_pairs, t
 from jshape.errors import BadFile, JShapeError
 from jshape.io import banks, datasets, files, folders
 from jshape.learn.fit import FITTERS, fit
-from jshape.learn.floor import noise_floor
-from jshape.learn.measure import Trial, roi_errors_mm, summarise
-from jshape.learn.partitions import split_pairs, unrefined
-from jshape.learn.scores import scores_csv, scores_table
+from jshape.learn.noise_floor import noise_floor
+from jshape.learn.report import scores_csv, scores_table
+from jshape.learn.scores import Trial, roi_errors_mm, summarise
 from jshape.learn.settings import settings_from
+from jshape.learn.study import split_pairs, unrefined
 from jshape.planning.devices import cores, remember_compiled
 
 TRAINING = {

@@ -29,10 +29,10 @@ from jshape.cli.tables import print_table, progress
 from jshape.data.simulate import DEPTH_UNIT, ROIS, look, random_bed
 from jshape.learn.evaluate import candidates_of
 from jshape.learn.fit import fit
-from jshape.learn.floor import Floor, noise_floor
-from jshape.learn.measure import Score, compare, roi_errors_mm, summarise, with_floor
-from jshape.learn.partitions import Candidate, Study
-from jshape.learn.scores import comparison_table, markdown, scores_table
+from jshape.learn.noise_floor import Floor, noise_floor
+from jshape.learn.report import comparison_table, markdown, scores_table
+from jshape.learn.scores import Score, compare, roi_errors_mm, summarise, with_floor
+from jshape.learn.study import Candidate, Study
 
 SIMULATED = tuple(
     f"{bed}_{material}_{agent}"

@@ -18,7 +18,7 @@ from jshape import PAPER_BOX, load_bank, metric, plan, sim
 from jshape.data.simulate import random_bed, simulate_pairs, together
 from jshape.demo import run_demo
 from jshape.goals import bed_map
-from jshape.learn import scores
+from jshape.learn import report as scores
 from jshape.learn.evaluate import cross_validate
 from jshape.planning.options import options
 from jshape.viz import pictures, sheets

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from jshape.errors import JShapeError
     from jshape.io.banks import list_banks, load_bank, save_bank
     from jshape.io.datasets import load_pairs, save_pairs
-    from jshape.learn.held_out import fit
+    from jshape.learn.validation import fit
     from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
     from jshape.models.bank import Bank
     from jshape.planning.api import plan, plan_depth, rollout
@@ -70,7 +70,7 @@ _HOMES = {
     "jshape.camera": ("D435_BAZAR", "D435_NOMINAL", "PAPER_BOX", "Camera"),
     "jshape.data.pairs": ("Pairs",),
     "jshape.errors": ("JShapeError",),
-    "jshape.learn.held_out": ("fit",),
+    "jshape.learn.validation": ("fit",),
     "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
     "jshape.planning.search.base": ("Status",),
     "jshape.planning.api": ("plan", "plan_depth", "rollout"),

@@ -16,13 +16,13 @@ from jshape.cli.evaluate import _explained
 from jshape.cli.main import main
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError, UnknownName
 from jshape.io.kinds import KINDS
-from jshape.learn import partitions
+from jshape.learn import study as studies
 from jshape.learn.evaluate import cross_validate, evaluate, few_shot, scores_of
 from jshape.learn.fit import FITTERS, fit
-from jshape.learn.floor import noise_floor
-from jshape.learn.measure import Comparison, Score, Trial, compare, roi_errors_mm, summarise
-from jshape.learn.partitions import Candidate, Study, split_pairs
-from jshape.learn.scores import markdown, scores_csv, scores_figure, scores_table, sizes_table
+from jshape.learn.noise_floor import noise_floor
+from jshape.learn.report import markdown, scores_csv, scores_figure, scores_table, sizes_table
+from jshape.learn.scores import Comparison, Score, Trial, compare, roi_errors_mm, summarise
+from jshape.learn.study import Candidate, Study, split_pairs
 from jshape.models.difference import Difference, fit_difference
 from jshape.models.refined import Refined
 from jshape.viz.style import png
@@ -103,7 +103,7 @@ def test_training_pairs_are_never_tested(pairs, monkeypatch):
         fitted.append(set(training.id.tolist()))
         return fit(training, *args, **more)
 
-    monkeypatch.setattr(partitions, "fit", spy)
+    monkeypatch.setattr(studies, "fit", spy)
     for trials in Study(pairs, [Candidate("D")], across=True):
         for trial in trials:
             assert not fitted[-1] & set(trial.id.tolist())
@@ -117,7 +117,7 @@ def test_smaller_training_sets_are_nested_and_the_test_stays(pairs, monkeypatch)
         fitted.append(training)
         return fit(training, *args, **more)
 
-    monkeypatch.setattr(partitions, "fit", spy)
+    monkeypatch.setattr(studies, "fit", spy)
     steps = list(Study(pairs, [Candidate("D")], partitions=1, sizes=(2, 4)))
     for small, large in (fitted[:2], fitted[2:]):
         assert set(small.id) < set(large.id)
@@ -286,7 +286,9 @@ def test_the_floor_of_flat_beds_at_other_places(rng):
 
 def test_surfaces_without_a_common_pixel_give_no_floor(rng, monkeypatch):
     pairs = pits(rng, ["robot"], 4, deepest=401, rough=100)
-    monkeypatch.setattr("jshape.learn.floor._from_above", lambda *_: jnp.full((4, 4), jnp.nan))
+    monkeypatch.setattr(
+        "jshape.learn.noise_floor._from_above", lambda *_: jnp.full((4, 4), jnp.nan)
+    )
     assert noise_floor(pairs) == {}
 
 

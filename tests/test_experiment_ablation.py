@@ -21,7 +21,7 @@ from jshape.data.pairs import Pairs
 from jshape.io import datasets
 from jshape.learn import imprint as learning
 from jshape.learn.imprint import SCALES, fit_imprint
-from jshape.learn.measure import Trial
+from jshape.learn.scores import Trial
 from jshape.models.difference import fit_difference
 from tests.test_imprint import CAMERA, examples_of, tool
 

@@ -8,8 +8,8 @@ import pytest
 from jshape import PAPER_BOX, Bank, Pairs, fit, load_bank, metric, save_bank
 from jshape.errors import BadDataset, JShapeError, UnknownName
 from jshape.learn.evaluate import cross_validate, evaluate
-from jshape.learn.held_out import held_out
-from jshape.learn.measure import roi_errors_mm
+from jshape.learn.scores import roi_errors_mm
+from jshape.learn.validation import validate
 from jshape.models.difference import Difference, fit_difference
 from jshape.models.imprint import Imprint
 
@@ -164,7 +164,7 @@ def test_a_fit_that_went_wrong_is_not_kept(pairs, monkeypatch, tmp_path, kind):
     monkeypatch.setitem(fitting.FITTERS, kind, wrong_for_pokes)
     with pytest.warns(UserWarning) as told:
         bank = fit(pairs, kind, validation=0.4)
-    rows = held_out(fitting.fit(pairs, kind), pairs, validation=0.4)
+    rows = validate(fitting.fit(pairs, kind), pairs, validation=0.4)
     (row,) = [r for r in rows if r.action == "poke"]
     assert row.worse and not row.useless and row.mm > 3 * row.nothing_mm > 3 * row.difference_mm
     assert [str(one.message) for one in told] == [
@@ -178,7 +178,7 @@ def test_a_fit_that_went_wrong_is_not_kept(pairs, monkeypatch, tmp_path, kind):
         error, change = roi_errors_mm(bank, pairs, "poke")
         assert error.mean() < 0.5 * change.mean()
         return
-    one = held_out(fitting.fit(pairs, kind), pairs, validation=0.2)  # a single pair says nothing
+    one = validate(fitting.fit(pairs, kind), pairs, validation=0.2)  # a single pair says nothing
     assert [(r.tested, r.worse, r.useless) for r in one] == [(1, False, False)] * 2
     delta = fit(pairs, "D").predictor("poke").delta
     np.testing.assert_array_equal(bank.predictor("poke").delta, delta)
@@ -201,4 +201,4 @@ def test_pairs_that_show_no_action_are_said(pairs):
 def test_few_pairs_are_compared_and_their_error_is_not_claimed(pairs, count, rows):
     few = pairs.of(action="poke").select(np.arange(count))
     bank = fit(few)
-    assert bank.errors_mm is None and len(held_out(bank, few)) == rows
+    assert bank.errors_mm is None and len(validate(bank, few)) == rows

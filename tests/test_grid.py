@@ -13,7 +13,7 @@ from jshape import Bank, Camera, Pairs, load_bank, save_pairs
 from jshape.cli.main import main as jshape
 from jshape.errors import JShapeError
 from jshape.learn.evaluate import cross_validate
-from jshape.learn.scores import scores_csv
+from jshape.learn.report import scores_csv
 from jshape.models.difference import Difference
 from jshape.models.refined import Refined
 from jshape.planning.devices import cores

@@ -14,7 +14,7 @@ from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError
 from jshape.io.kinds import KINDS
 from jshape.learn import imprint as learning
 from jshape.learn.imprint import fit_imprint
-from jshape.learn.measure import roi_errors_mm
+from jshape.learn.scores import roi_errors_mm
 from jshape.metric import roi_weight
 from jshape.models.difference import fit_difference
 from jshape.models.imprint import Imprint

@@ -13,8 +13,8 @@ from jshape import PAPER_BOX, Bank, Pairs, load_bank, save_bank
 from jshape.data.pairs import Examples
 from jshape.errors import BadBank, BadDataset, JShapeError
 from jshape.learn.fit import fit
-from jshape.learn.measure import roi_errors_mm
 from jshape.learn.networks import changed_most, refine
+from jshape.learn.scores import roi_errors_mm
 from jshape.learn.settings import Training
 from jshape.models import unet
 from jshape.models.difference import Difference

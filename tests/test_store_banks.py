@@ -18,7 +18,7 @@ from jshape import Bank, Camera, list_banks, load_bank, save_bank
 from jshape.errors import BadBank, BadFile, UnknownName
 from jshape.io import banks
 from jshape.io.banks import bank_manifest
-from jshape.learn.measure import Score
+from jshape.learn.scores import Score
 from jshape.models import unet
 from jshape.models.difference import Difference
 from jshape.models.network import Network

@@ -19,9 +19,9 @@ from jshape.io.banks import bank_manifest
 from jshape.learn import fit as fitting
 from jshape.learn import training
 from jshape.learn.evaluate import cross_validate
-from jshape.learn.held_out import held_out
 from jshape.learn.settings import Training, settings_from
 from jshape.learn.training import Hooks, roi_loss, split, train
+from jshape.learn.validation import validate
 from jshape.models.difference import Difference
 
 QUICK = Training(epochs=12, batch=4, learning_rate=0.01, patience=0, save_every=3)
@@ -343,27 +343,27 @@ def test_errors_are_of_the_bank_that_was_trained(tmp_path):
     pairs = load_pairs(_small_dataset(tmp_path))
     bank, told = fit(pairs), []
 
-    def held_out_errors(*arguments, **more):
-        return [row.mm for row in held_out(*arguments, **more)]
+    def validation_errors(*arguments, **more):
+        return [row.mm for row in validate(*arguments, **more)]
 
-    errors = held_out_errors(bank, pairs, report=lambda *what: told.append(what))
+    errors = validation_errors(bank, pairs, report=lambda *what: told.append(what))
     assert told == [("poke", k, 4) for k in range(1, 5)]
     two = replace(pairs, agent=np.array(["robot", "human"] * 3))
-    np.testing.assert_array_equal(held_out_errors(bank, two), errors)
+    np.testing.assert_array_equal(validation_errors(bank, two), errors)
     # Around the pits nothing is wrong: over twice the pixels it is half as much.
     wide = fit(replace(pairs, size=np.array([[32, 16]] * 6)))
-    np.testing.assert_allclose(held_out_errors(wide, pairs), errors[0] / 2, rtol=1e-3)
+    np.testing.assert_allclose(validation_errors(wide, pairs), errors[0] / 2, rtol=1e-3)
 
     tool = fitting.fit(pairs, "P")  # however good: f_D is better at pits with steep walls
-    apart = held_out_errors(tool, pairs)
+    apart = validation_errors(tool, pairs)
     assert 0 < apart[0] < 2.0  # of a change of 4 mm
-    assert held_out_errors(tool, pairs, start=tool)[0] < apart[0]  # which knows these pairs
+    assert validation_errors(tool, pairs, start=tool)[0] < apart[0]  # which knows these pairs
 
     holed = pairs.posterior.copy()
     for k, (u, v) in enumerate(pairs.centre):
         holed[k, v, u : u + 6] *= np.arange(6) == k  # each has seen what no other has
     alone = replace(pairs, posterior=holed)
-    assert held_out(fit(alone), alone) == []
+    assert validate(fit(alone), alone) == []
 
 
 def _small_dataset(folder):

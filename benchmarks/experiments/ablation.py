@@ -12,7 +12,7 @@ from benchmarks.experiments.ablation_figures import bars_figure
 from benchmarks.experiments.components import MEAN, WHOLE, Trials, Variant, added, left_out
 from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
 from jshape.data.pairs import Pairs
-from jshape.learn.measure import Comparison, Trial, compare
+from jshape.learn.scores import Comparison, Trial, compare
 
 FIGURES = ("components.png",)
 PAIRS = {True: 8, False: 40}

@@ -17,7 +17,7 @@ from jshape.data.simulate import simulate_pairs, together
 from jshape.io import banks
 from jshape.learn.evaluate import evaluate
 from jshape.learn.fit import fit
-from jshape.learn.measure import Score
+from jshape.learn.scores import Score
 from jshape.models.bank import Bank
 
 BEDS = ("irregular", "irregular", "flat", "irregular", "curved")

@@ -14,8 +14,8 @@ from jshape.data.pairs import Examples, Pairs
 from jshape.learn import imprint
 from jshape.learn.fit import fit
 from jshape.learn.imprint import Shown
-from jshape.learn.measure import Trial, roi_errors_mm
-from jshape.learn.partitions import split_pairs
+from jshape.learn.scores import Trial, roi_errors_mm
+from jshape.learn.study import split_pairs
 from jshape.models.bank import Bank
 from jshape.models.imprint import Imprint
 from jshape.models.orthographic import OrthographicGrid
@@ -181,7 +181,7 @@ class Trials:
     """Variants over partitions; each step of the iteration is one variant fitted to one agent."""
 
     def __init__(self, pairs: Pairs, variants: Sequence[Variant], partitions: int, seed: int):
-        """As `learn.partitions.Study`; a variant that does what another does is fitted once."""
+        """As `learn.study.Study`; a variant that does what another does is fitted once."""
         self.pairs, self.partitions, self.seed = pairs, partitions, seed
         self.alike: dict[tuple, list[Variant]] = {}
         for one in dict.fromkeys(variants):

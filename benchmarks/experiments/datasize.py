@@ -7,10 +7,10 @@ from typing import Any
 
 from benchmarks.experiments import pages, studies
 from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
-from jshape.learn import scores as drawn
+from jshape.learn import report as drawn
 from jshape.learn.evaluate import candidates_of
-from jshape.learn.measure import Score
-from jshape.learn.partitions import Study
+from jshape.learn.scores import Score
+from jshape.learn.study import Study
 
 FIGURES = ("sizes.png",)
 SIZES = (5, 10, 25, 50, 75)

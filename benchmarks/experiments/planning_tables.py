@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from jshape.learn.scores import Rows
+from jshape.learn.report import Rows
 from jshape.viz.pictures import COLOURS
 from jshape.viz.style import own_style
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from benchmarks.experiments import pages, studies
 from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
-from jshape.learn import scores as drawn
+from jshape.learn import report as drawn
 from jshape.learn.evaluate import candidates_of
-from jshape.learn.measure import Score
-from jshape.learn.partitions import Study
+from jshape.learn.scores import Score
+from jshape.learn.study import Study
 
 FIGURES = ("errors.png",)
 KINDS = {True: ("D", "P"), False: ("D", "CR", "DCR", "P")}

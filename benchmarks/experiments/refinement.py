@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from benchmarks.experiments import pages, studies
 from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
 from jshape.learn.evaluate import candidates_of
-from jshape.learn.measure import Score, compare
-from jshape.learn.partitions import Study
+from jshape.learn.scores import Score, compare
+from jshape.learn.study import Study
 
 FIGURES = ("refinement.png",)
 COUPLES = (("C", "CR"), ("DC", "DCR"))

@@ -14,7 +14,7 @@ from benchmarks.experiments.problems import Problem
 from jshape import metric, sim
 from jshape.errors import BadFile, one_line
 from jshape.io import files, folders, runs
-from jshape.learn.scores import markdown
+from jshape.learn.report import markdown
 from jshape.models.bank import Bank
 
 FIGURES = ("left.png", "curves.png", "gains.png", "sheet.png")

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.experiments import pages
-from jshape.learn.scores import markdown
+from jshape.learn.report import markdown
 from jshape.robot.loop import Molding
 from jshape.viz import pictures
 from jshape.viz.style import Drawing

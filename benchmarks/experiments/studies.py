@@ -9,9 +9,9 @@ from benchmarks.experiments.components import Trials
 from benchmarks.experiments.samples import Progress
 from jshape.data.pairs import Pairs
 from jshape.errors import BadDataset
-from jshape.learn.floor import noise_floor
-from jshape.learn.measure import Score, Trial, summarise
-from jshape.learn.partitions import Study, fewest
+from jshape.learn.noise_floor import noise_floor
+from jshape.learn.scores import Score, Trial, summarise
+from jshape.learn.study import Study, fewest
 
 PARTITIONS = 4
 """The paper's, of 75 % to fit to and 25 % to test on."""

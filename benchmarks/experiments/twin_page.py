@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.experiments import pages
-from jshape.learn.scores import markdown
+from jshape.learn.report import markdown
 from jshape.viz.pictures import COLOURS
 
 FIGURES = ("twin.png",)

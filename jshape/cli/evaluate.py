@@ -53,8 +53,8 @@ class EvaluateOptions(Trains, Writes):
 def evaluate(dataset: Path, /, options: EvaluateOptions = EvaluateOptions()) -> dict[str, Any]:
     """`jshape evaluate DATASET`."""
     from jshape.learn import evaluate as evaluation
-    from jshape.learn import measure
-    from jshape.learn.floor import noise_floor
+    from jshape.learn import scores as measure
+    from jshape.learn.noise_floor import noise_floor
 
     _check(options)
     if options.out is not None:
@@ -118,7 +118,7 @@ def _studies(
 ) -> tuple[Any, dict[str, Any]]:
     """The comparison of kinds, and the other studies that were asked for, by name."""
     from jshape.learn import evaluate as evaluation
-    from jshape.learn.partitions import Study
+    from jshape.learn.study import Study
 
     candidates = evaluation.candidates_of(options.kinds or options.kind or "D")
     more: dict[str, Any] = {"partitions": options.partitions, "seed": options.seed}
@@ -158,7 +158,7 @@ def _learning(options: EvaluateOptions) -> dict[str, Any]:
 
 def _sizes(pairs: Any, wanted: Sequence[int], notes: list[str]) -> list[int]:
     """Those that every action has; the others are noted.  None of them is an error."""
-    from jshape.learn.partitions import fewest
+    from jshape.learn.study import fewest
 
     least, action, agent = fewest(pairs)
     left_out = sorted(size for size in set(wanted) if size > least)
@@ -174,7 +174,7 @@ def _sizes(pairs: Any, wanted: Sequence[int], notes: list[str]) -> list[int]:
 
 def _sizes_that_fit(pairs: Any, usual: Sequence[int]) -> list[int]:
     """The usual ones that every action has; if there is none, the largest that it has."""
-    from jshape.learn.partitions import fewest
+    from jshape.learn.study import fewest
 
     least = fewest(pairs)[0]
     return [size for size in usual if size <= least] or [max(1, least)]
@@ -201,7 +201,7 @@ class _Watch:
 
 
 def _write(out: Path, overwrite: bool, how: str, scores: Any, studies: Any, pairs: Any) -> None:
-    from jshape.learn import scores as drawn
+    from jshape.learn import report as drawn
     from jshape.viz import style
 
     pictures = {"scores.png": partial(drawn.scores_figure, scores)}
@@ -226,7 +226,7 @@ TITLES = {
 
 
 def _print(how: str, scores: Any, studies: Any, comparisons: Any, notes: list[str]) -> None:
-    from jshape.learn import scores as drawn
+    from jshape.learn import report as drawn
 
     print(how)
     print_table(*drawn.scores_table(scores))

@@ -51,7 +51,7 @@ def train(dataset: Path, /, options: TrainOptions) -> dict[str, Any]:
     from jshape import metric
     from jshape.learn import curves as drawings
     from jshape.learn.fit import fit
-    from jshape.learn.held_out import LEAST_PAIRS, without_worse
+    from jshape.learn.validation import LEAST_PAIRS, without_worse
 
     keeps = options.kind not in WITHOUT_CHECKPOINTS
     if not keeps:
@@ -83,7 +83,7 @@ def train(dataset: Path, /, options: TrainOptions) -> dict[str, Any]:
             **settings,
         )
         watch.close()
-        rows = _held_out(bank, pairs, start, settings)
+        rows = _validated(bank, pairs, start, settings)
         bank = without_worse(bank, pairs, rows)
     except KeyboardInterrupt:
         watch.close()
@@ -152,16 +152,16 @@ def _mesh(options: TrainOptions) -> Any:
     return devices.mesh_of(options.devices, "batch")
 
 
-def _held_out(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> list[Any]:
+def _validated(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> list[Any]:
     """How the bank does on pairs that were held out, beside f_D and doing nothing."""
-    from jshape.learn.held_out import held_out
+    from jshape.learn.validation import validate
 
     with bar("errors on held-out pairs") as tell:
 
         def report(action: str, made: int, total: int) -> None:
             tell(completed=made, total=total, said=action)
 
-        return held_out(bank, pairs, start=start, report=report, **settings)
+        return validate(bank, pairs, start=start, report=report, **settings)
 
 
 def _refuse_unused(options: TrainOptions) -> None:

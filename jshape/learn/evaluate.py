@@ -11,9 +11,9 @@ import numpy as np
 
 from jshape.data.pairs import Pairs
 from jshape.errors import BadBank
-from jshape.learn.floor import noise_floor
-from jshape.learn.measure import Score, roi_errors_mm, score, summarise, with_floor
-from jshape.learn.partitions import Candidate, Study, check_start
+from jshape.learn.noise_floor import noise_floor
+from jshape.learn.scores import Score, roi_errors_mm, score, summarise, with_floor
+from jshape.learn.study import Candidate, Study, check_start
 from jshape.models.bank import Bank
 
 FEW = (5, 10, 25)

@@ -57,7 +57,7 @@ def _of_one_strength(fitter: Fitter) -> Fitter:
                 f"pairs of strengths from {least:g} to {most:g}; networks are trained at a "
                 "strength of 1 only, banks of kind P and D at any"
             )
-        if isinstance(start, Difference):  # that bank had nothing better, see `held_out`
+        if isinstance(start, Difference):  # that bank had nothing better, see `validation`
             start = None
         return fitter(examples, camera, settings, start, hooks)
 
@@ -86,9 +86,9 @@ def fit(
     mesh: Mesh | None = None,
     **options: Any,
 ) -> Bank:
-    """A bank of one kind, fitted to pairs, however good it is: `held_out.fit` asks that.
+    """A bank of one kind, fitted to pairs, however good it is: `validation.fit` asks that.
 
-    Arguments and errors are those of `held_out.fit`.
+    Arguments and errors are those of `validation.fit`.
     """
     if kind not in FITTERS:
         raise UnknownName("kind of bank", kind, FITTERS)

@@ -10,7 +10,7 @@ from jshape.camera import check_same_camera
 from jshape.data.pairs import Pairs
 from jshape.errors import BadBank, BadDataset, JShapeError, UnknownName
 from jshape.learn.fit import FITTERS, fit
-from jshape.learn.measure import Trial, roi_errors_mm
+from jshape.learn.scores import Trial, roi_errors_mm
 from jshape.learn.training import Progress
 from jshape.models.bank import Bank
 from jshape.models.refined import Refined

@@ -18,9 +18,9 @@ from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadDataset
 from jshape.learn import fit as fitting
 from jshape.learn.imprint import mean_imprint
-from jshape.learn.measure import errors_of
-from jshape.learn.partitions import Candidate, Study
+from jshape.learn.scores import errors_of
 from jshape.learn.settings import settings_from
+from jshape.learn.study import Candidate, Study
 from jshape.learn.training import split
 from jshape.models.bank import Bank
 from jshape.models.base import Predictor
@@ -43,7 +43,7 @@ WORSE = 0.1
 difference: f_P and f_D differ by less on a level bed, where nothing is to be won."""
 
 
-class HeldOut(NamedTuple):
+class Validation(NamedTuple):
     """What pairs that were held out say of one action's predictor; mean errors in mm."""
 
     action: str
@@ -122,7 +122,7 @@ def fit(
       JShapeError: an unknown option, or one out of its range.
     """
     bank = fitting.fit(pairs, kind, start=start, report=report, keep=keep, mesh=mesh, **options)
-    rows = held_out(bank, pairs, start=start, **options)
+    rows = validate(bank, pairs, start=start, **options)
     for row in rows:
         if warning := row.warning(kind):
             warnings.warn(warning, stacklevel=2)
@@ -140,14 +140,14 @@ def fit(
     )
 
 
-def held_out(
+def validate(
     bank: Bank,
     pairs: Pairs,
     *,
     start: Bank | None = None,
     report: Callable[[str, int, int], None] | None = None,
     **options: Any,
-) -> list[HeldOut]:
+) -> list[Validation]:
     """Mean errors of a bank's kind on pairs of each action that it was not fitted to.
 
     Kinds that are fitted in seconds are fitted again, to random partitions of 75/25 as
@@ -203,7 +203,7 @@ def held_out(
     return found
 
 
-def _on_validation(bank: Bank, pairs: Pairs, options: Mapping[str, Any]) -> list[HeldOut]:
+def _on_validation(bank: Bank, pairs: Pairs, options: Mapping[str, Any]) -> list[Validation]:
     """The rows of networks: what they cost is one prediction of each pair."""
     settings, found = settings_from(dict(options)), []
     to_mm = float(metric.to_mm(1.0, bank.camera))
@@ -221,11 +221,11 @@ def _on_validation(bank: Bank, pairs: Pairs, options: Mapping[str, Any]) -> list
     return found
 
 
-def _row(name: str, own: np.ndarray, difference: np.ndarray, nothing: np.ndarray) -> HeldOut:
+def _row(name: str, own: np.ndarray, difference: np.ndarray, nothing: np.ndarray) -> Validation:
     worse = _worse(own, difference)
     useless = len(own) > 1 and not _worse(nothing, difference if worse else own)
     means = float(own.mean()), float(difference.mean()), float(nothing.mean())
-    return HeldOut(name, len(own), *means, worse, useless)
+    return Validation(name, len(own), *means, worse, useless)
 
 
 def _worse(errors: np.ndarray, others: np.ndarray) -> bool:
@@ -237,7 +237,7 @@ def _worse(errors: np.ndarray, others: np.ndarray) -> bool:
     return bool(gap.mean() > max(WORSE * float(others.mean()), 2.0 * spread))
 
 
-def without_worse(bank: Bank, pairs: Pairs, rows: list[HeldOut]) -> Bank:
+def without_worse(bank: Bank, pairs: Pairs, rows: list[Validation]) -> Bank:
     """The bank with the mean difference of all pairs for the actions it is better for.
 
     In a bank of f_P it is the mean change of the ground, so that the hand can still be turned and

@@ -150,8 +150,7 @@ def fit_variant(variant: Variant, examples: Examples, camera: Camera, seed: int 
     out = {*variant.without, *(imprint.OF_TOOL if "tool" in variant.without else ())}
     filled, seen = imprint.complete(examples)
     depths = (0,) if "depth" in out else imprint.DEPTHS
-    h, w = filled.prior.shape[1:]
-    grid = imprint.grid_below(variant.view(camera, 1.0, 1.0, (1, 1), (w, h)), filled, depths)
+    grid = imprint.grid_below(variant.view.over(camera, filled.roi), filled, depths)
     shown = imprint.shown_on(grid, filled, seen)
     if not imprint.has_tool(shown):
         out |= set(imprint.OF_TOOL)

@@ -30,6 +30,16 @@ class Examples(NamedTuple):
         """(n,) float32 strengths, also if one number stands for all."""
         return np.broadcast_to(np.float32(self.strength), (len(self.prior),))
 
+    @property
+    def roi(self) -> tuple[int, int]:
+        """ROI size (w, h), pixels."""
+        return self.prior.shape[2], self.prior.shape[1]
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(n, h, w) bool: pixels with a reading before and after."""
+        return np.isfinite(self.prior) & np.isfinite(self.posterior)
+
     def select(self, keep: np.ndarray) -> "Examples":
         """The examples where `keep` (a mask or indices) says so."""
         kept = (part[keep] for part in self[:3])
@@ -39,9 +49,7 @@ class Examples(NamedTuple):
 MOST_BEYOND = 0.5
 """Largest share of readings beyond the camera's range: they are clipped, so that an action that
 nobody sees would be predicted without an error."""
-PER_PAIR = (
-    "prior", "posterior", "action", "agent", "material", "centre", "size", "id", "strength"
-)  # fmt: skip
+PER_PAIR = tuple("prior posterior action agent material centre size id strength".split())
 """The arrays of `Pairs` with one entry for each pair."""
 
 

@@ -47,10 +47,8 @@ def _pressed(
 def _of_one_strength(fitter: Fitter) -> Fitter:
     """A fitter of networks, which know one depth only and would average over several."""
 
-    def checked(
-        examples: Examples, camera: Camera, settings: Training, start: Predictor | None,
-        hooks: Hooks,
-    ) -> Predictor:  # fmt: skip
+    def checked(examples: Examples, *others: Any) -> Predictor:
+        camera, settings, start, hooks = others
         if (examples.strengths != 1.0).any():
             least, most = examples.strengths.min(), examples.strengths.max()
             raise BadDataset(

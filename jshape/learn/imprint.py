@@ -95,7 +95,7 @@ def fit_imprint(
         shown = shown_on(start.grid, filled, seen)
         first = _corrected(start, shown)
         return descend(absolute_error, first, shown, key, ADAPT_STEPS, ADAPT_STEP)
-    grid = grid_below(_blank(camera, filled), filled)
+    grid = grid_below(OrthographicGrid.over(camera, filled.roi), filled)
     shown = shown_on(grid, filled, seen)
     lowers = has_tool(shown)
     first = first_guess(grid, shown, tool=lowers)
@@ -109,7 +109,7 @@ def fit_imprint(
 def mean_imprint(examples: Examples, camera: Camera) -> Imprint:
     """The mean change of the ground as an f_P without a tool: what f_D is, seen from above."""
     filled, seen = complete(examples)
-    grid = grid_below(_blank(camera, filled), filled)
+    grid = grid_below(OrthographicGrid.over(camera, filled.roi), filled)
     return first_guess(grid, shown_on(grid, filled, seen), tool=False)
 
 
@@ -121,7 +121,7 @@ def complete(examples: Examples) -> tuple[Examples, np.ndarray]:
     """
     if len(examples.prior) == 0:
         raise BadDataset("no pairs to fit to")
-    seen = np.isfinite(examples.prior) & np.isfinite(examples.posterior)
+    seen = examples.seen
     if not seen.any((1, 2)).all():
         blind = int(np.argmin(seen.any((1, 2)))) + 1
         raise BadDataset(f"pair {blind} of {len(seen)} has no pixel seen before and after")
@@ -148,12 +148,6 @@ def shown_on(grid: OrthographicGrid, examples: Examples, seen: np.ndarray) -> Sh
     before, after = _surfaces(grid, examples)
     counted = jnp.asarray(_at_nodes(seen, grid), jnp.float32)
     return Shown(before, after, counted, jnp.asarray(examples.strengths))
-
-
-def _blank(camera: Camera, examples: Examples) -> OrthographicGrid:
-    """A grid over the examples' ROI without nodes."""
-    h, w = examples.prior.shape[1:]
-    return OrthographicGrid(camera, 1.0, 1.0, (1, 1), (w, h))
 
 
 def grid_below(

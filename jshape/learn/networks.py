@@ -62,8 +62,8 @@ def _trained(
     if start is None:
         from jshape.models import unet
 
-        h, w = examples.prior.shape[1:]
-        start = Network(unet.init(jax.random.key(settings.seed), settings.width), (w, h))
+        params = unet.init(jax.random.key(settings.seed), settings.width)
+        start = Network(params, examples.roi)
     return train(roi_loss, start, examples, settings, hooks).params
 
 

@@ -77,8 +77,8 @@ def _repetitions(pairs: Pairs, rois: Examples) -> list[float]:
             max(0, v - AROUND * h // 2) : min(rows, v + AROUND * h // 2),
             max(0, u - AROUND * w // 2) : min(columns, u + AROUND * w // 2),
         ]
-        beds = [np.where(x > 0, x.astype(float), np.nan)
-                for x in (pairs.prior[k][near] for k in (one, other))]  # fmt: skip
+        looks = (pairs.prior[k][near] for k in (one, other))
+        beds = [np.where(x > 0, x.astype(float), np.nan) for x in looks]
         after = np.abs(rois.posterior[one] - rois.posterior[other])
         before_mm = 1e3 * pairs.depth_unit * _mean(np.abs(beds[0] - beds[1]))
         if before_mm <= SAME_BED_MM and np.isfinite(after).any():
@@ -89,7 +89,7 @@ def _repetitions(pairs: Pairs, rois: Examples) -> list[float]:
 def _flat_beds(pairs: Pairs, rois: Examples) -> list[float]:
     """The same between flat beds at any place, on a grid seen from straight above."""
     camera = pairs.camera
-    blank = OrthographicGrid(camera, 1.0, 1.0, (1, 1), rois.prior.shape[:0:-1])
+    blank = OrthographicGrid.over(camera, rois.prior.shape[:0:-1])
     depths, levels, flat = [], [], []
     for before, after, corner in zip(*rois[:3], strict=True):
         per_metre = np.asarray(blank.per_metre(jnp.asarray(corner)))

@@ -116,10 +116,8 @@ def sizes_table(scores: Sequence[Score]) -> tuple[tuple[str, ...], Rows]:
             row = [agent, str(size) if size else "none", _floor_text(mine)]
             for name in names:
                 found = [s for s in mine if (s.predictor, s.pairs) == (name, size)]
-                row.append(
-                    f"{np.mean([s.mean_mm for s in found]):.2f} ± "
-                    f"{np.mean([s.std_mm for s in found]):.2f}" if found else ""
-                )  # fmt: skip
+                means = (np.mean([getattr(s, of) for s in found]) for of in ("mean_mm", "std_mm"))
+                row.append("{:.2f} ± {:.2f}".format(*means) if found else "")
             rows.append(tuple(row))
     return ("agent", "pairs", "floor (mm)", *(f"{name} (mm)" for name in names)), rows
 
@@ -127,11 +125,10 @@ def sizes_table(scores: Sequence[Score]) -> tuple[tuple[str, ...], Rows]:
 def comparison_table(comparisons: Sequence[Comparison]) -> tuple[tuple[str, ...], Rows]:
     """Head and rows of paired comparisons."""
     head = ("action", "agent", "predictor", "against", "pairs", "difference (mm)", "better")
-    rows = [
-        (c.action, _who(c), c.predictor, c.against, str(c.count),
-         f"{c.difference_mm:+.3f} ± {c.error_mm:.3f}", f"{100 * c.better:.0f} %")
-        for c in comparisons
-    ]  # fmt: skip
+    rows = []
+    for c in comparisons:
+        gap, better = f"{c.difference_mm:+.3f} ± {c.error_mm:.3f}", f"{100 * c.better:.0f} %"
+        rows.append((c.action, _who(c), c.predictor, c.against, str(c.count), gap, better))
     return head, rows
 
 
@@ -173,10 +170,9 @@ def scores_figure(scores: Sequence[Score]) -> Figure:
             if k == 0:
                 ax.bar(at, [s.change_mm for s in found], bar, color="0.85", label=name)
                 continue
-            ax.bar(
-                at, [s.mean_mm for s in found], bar, yerr=[s.std_mm for s in found], capsize=2,
-                color=COLOURS[(k - 1) % len(COLOURS)], label=f"error of {name or 'the bank'}",
-            )  # fmt: skip
+            mean, std = [s.mean_mm for s in found], [s.std_mm for s in found]
+            style = {"color": COLOURS[(k - 1) % len(COLOURS)], "capsize": 2}
+            ax.bar(at, mean, bar, yerr=std, label=f"error of {name or 'the bank'}", **style)
         for action, s in {s.action: s for s in mine if s.floor_mm is not None}.items():
             x, style = actions.index(action), FLOORS[s.floor_from == "flat"]
             ax.plot([x - 0.45, x + 0.45], [s.floor_mm] * 2, color="k", linewidth=1.2, **style)
@@ -193,10 +189,9 @@ def scores_figure(scores: Sequence[Score]) -> Figure:
     entry = 0.7 + 0.08 * max(map(len, known))  # inches that the longest takes at this size
     across = max(columns * wide, entry + 0.3)
     figure.set_size_inches(across, figure.get_figheight())
-    figure.legend(
-        known.values(), known.keys(), loc="outside lower center", fontsize=9,
-        ncols=min(3, max(1, int((across - 0.2) / entry))),
-    )  # fmt: skip
+    ncols = min(3, max(1, int((across - 0.2) / entry)))
+    style = {"loc": "outside lower center", "fontsize": 9, "ncols": ncols}
+    figure.legend(known.values(), known.keys(), **style)
     return figure
 
 

@@ -112,7 +112,7 @@ def roi_errors_mm(
     own = bank.roi(action)
     inside = pairs.rois(action, own, padded=True)
     measured = inside if size in (None, own) else pairs.rois(action, size, padded=True)
-    seen = np.isfinite(measured.prior) & np.isfinite(measured.posterior)
+    seen = measured.seen
     if not seen.any((1, 2)).all():
         name = pairs.of(action=action).id[~seen.any((1, 2))][0]
         raise BadDataset(f"pair {name}: no pixel of its ROI has a reading before and after")
@@ -132,7 +132,7 @@ def errors_of(
 def _mean_gaps(
     predicted: np.ndarray, measured: Examples, to_mm: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    seen = np.isfinite(measured.prior) & np.isfinite(measured.posterior)
+    seen = measured.seen
     count = seen.sum((1, 2))
     error = np.where(seen, np.abs(predicted - measured.posterior), 0.0)
     change = np.where(seen, np.abs(measured.posterior - measured.prior), 0.0)

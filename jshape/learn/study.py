@@ -175,8 +175,8 @@ class Study:
             if at != (partition, agent, size):
                 at, banks = (partition, agent, size), {}
                 training = self.pairs.select(self._first(splits[partition][agent].train, size))
-            yield self._test(self._bank(candidate, training, banks), candidate, training,
-                             splits[partition])  # fmt: skip
+            bank = self._bank(candidate, training, banks)
+            yield self._test(bank, candidate, training, splits[partition])
 
     def _first(self, train: np.ndarray, size: int | None) -> np.ndarray:
         """The first `size` of every action, in the data set's order; None is all."""

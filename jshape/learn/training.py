@@ -204,8 +204,7 @@ def split(examples: Examples, settings: Training) -> tuple[Examples, Examples]:
     count = len(examples.prior)
     if count == 0:
         raise BadDataset("no pairs to train with")
-    seen = np.isfinite(examples.prior) & np.isfinite(examples.posterior)
-    blind = ~seen.any((1, 2))
+    blind = ~examples.seen.any((1, 2))
     if blind.any():
         raise BadDataset(
             f"{int(blind.sum())} of {count} pairs have no pixel with a reading before and after, "

@@ -133,10 +133,8 @@ class Imprint(Predictor):
         )
 
 
-_OUTSIDE = {
-    "reference": -50.0, "tool": -0.1, "give": 0.0, "rest": 0.0, "swell": 0.0, "follow": 0.0,
-    "deep": 0.0,
-}  # fmt: skip
+_OUTSIDE = {"reference": -50.0, "tool": -0.1}
+_OUTSIDE |= dict.fromkeys(("give", "rest", "swell", "follow", "deep"), 0.0)
 """Beyond a turned map: not below the tool, 100 mm above all ground, no change."""
 
 

@@ -46,6 +46,11 @@ class OrthographicGrid:
     roi: tuple[int, int] = field(metadata=STATIC)
     """ROI size (w, h), pixels."""
 
+    @classmethod
+    def over(cls, camera: Camera, roi: tuple[int, int]) -> "OrthographicGrid":
+        """Of one node: a ROI of which neither depth nor pitch are known yet."""
+        return cls(camera, 1.0, 1.0, (1, 1), roi)
+
     def from_roi(
         self, depth: Float[Array, "h w"], corner: Int[Array, "2"]
     ) -> Float[Array, "rows columns"]:

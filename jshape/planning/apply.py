@@ -39,10 +39,9 @@ def after_action(
     predictor = bank.predictors[action]
     if turned:
         predictor = predictor.turned(yaw)
-    return _after(
-        predictor, jnp.asarray(image), jnp.asarray(corner), jnp.asarray(strength, jnp.float32),
-        jnp.asarray(offset, jnp.float32) if moved else None,
-    )  # fmt: skip
+    by = jnp.asarray(offset, jnp.float32) if moved else None
+    strength = jnp.asarray(strength, jnp.float32)
+    return _after(predictor, jnp.asarray(image), jnp.asarray(corner), strength, by)
 
 
 @jax.jit

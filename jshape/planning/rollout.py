@@ -63,10 +63,18 @@ def predict_sequence(
         offset = (act.exact - centre).astype(np.float32)
         offset[np.abs(offset) < 1e-3] = 0
         left, top = corner = (centre - low).astype(np.int32)
+        moved, action = bool(offset.any()), act.action
         after = after_action(
-            bank, image, corner, act.strength, act.yaw, offset,
-            action=act.action, turned=turned, moved=bool(offset.any()),
-        )  # fmt: skip
+            bank,
+            image,
+            corner,
+            act.strength,
+            act.yaw,
+            offset,
+            action=action,
+            turned=turned,
+            moved=moved,
+        )
         patch, share = jax.device_get(after)
         image[top : top + h, left : left + w] = patch
         centres.append(centre)

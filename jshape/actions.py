@@ -5,9 +5,8 @@ A ROI is `(w, h)` pixels; centred at `(u, v)` its first pixel is `(u - w // 2, v
 Host code: NumPy, small, and it raises.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -64,57 +63,6 @@ PAPER_Z = 0.45
 """Depth of all action positions in the paper, metres (Hypothesis 3)."""
 
 
-class Cuboid(NamedTuple):
-    """An axis-aligned box in the camera frame, metres.  Eq. bbox."""
-
-    x_min: float
-    x_max: float
-    y_min: float
-    y_max: float
-    z_min: float
-    z_max: float
-
-
-class Roi(NamedTuple):
-    """First and last pixel of a rectangle in the image (both inside it)."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-
-def box_of(action: Action, position: Sequence[float]) -> Cuboid:
-    """The box an action can change at a position (X, Y, Z) in metres.  Below Eq. bbox."""
-    (x, y, z), (dx, dy, dz) = position, action.half_size
-    return Cuboid(x - dx, x + dx, y - dy, y + dy, z - dz, z + dz)
-
-
-def roi_from_box(camera: Camera, box: Cuboid) -> Roi:
-    """The pixels that hold the image of a box, clamped to the image.  Table RoiCorners.
-
-    A box seen off-centre shows its near face on the side away from the optical axis and its far
-    face on the other: hence the choice of depth by sign.
-
-    Raises:
-      BadPosition: the box reaches behind the camera.
-    """
-    if box.z_min <= 0:
-        raise BadPosition(f"box reaches depth {box.z_min} m; all of it must be before the camera")
-
-    def pixel(lateral: float, focal: float, centre: float, near: bool, count: int) -> int:
-        depth = box.z_min if near else box.z_max
-        return int(np.clip(np.rint(focal * lateral / depth + centre), 0, count - 1))
-
-    fx, fy, u0, v0 = (float(x) for x in (camera.fx, camera.fy, camera.u0, camera.v0))
-    return Roi(
-        pixel(box.x_min, fx, u0, box.x_min < 0, camera.width),
-        pixel(box.y_min, fy, v0, box.y_min < 0, camera.height),
-        pixel(box.x_max, fx, u0, box.x_max >= 0, camera.width),
-        pixel(box.y_max, fy, v0, box.y_max >= 0, camera.height),
-    )
-
-
 def roi_size(camera: Camera, action: Action, z: float = PAPER_Z) -> tuple[int, int]:
     """ROI (w, h) in pixels of an action at depth z: 2 f Δ / z, the same at every place.
 
@@ -125,34 +73,6 @@ def roi_size(camera: Camera, action: Action, z: float = PAPER_Z) -> tuple[int, i
         int(np.rint(2 * float(camera.fx) * dx / z)),
         int(np.rint(2 * float(camera.fy) * dy / z)),
     )
-
-
-def visible_range(
-    camera: Camera, action: Action, z: float = PAPER_Z
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """((X min, X max), (Y min, Y max)) in metres where the whole box of an action is visible.
-
-    The unnumbered condition below Table RoiCorners, as the paper prints it: it takes the far face
-    on one side and the near face on the other.  A range is empty where its minimum exceeds its
-    maximum.
-    """
-    dx, dy, dz = action.half_size
-    near, far = z - dz, z + dz
-
-    def span(count: int, centre: float, focal: float, half: float) -> tuple[float, float]:
-        return (0 - centre) * far / focal + half, (count - 1 - centre) * near / focal - half
-
-    fx, fy, u0, v0 = (float(x) for x in (camera.fx, camera.fy, camera.u0, camera.v0))
-    return span(camera.width, u0, fx, dx), span(camera.height, v0, fy, dy)
-
-
-def is_visible(camera: Camera, action: Action, position: Sequence[float]) -> bool:
-    """True if all of the action's box at position (X, Y, Z) is inside the image."""
-    box = box_of(action, position)
-    u = [float(camera.fx) * x / z + float(camera.u0) for x in box[:2] for z in box[4:]]
-    v = [float(camera.fy) * y / z + float(camera.v0) for y in box[2:4] for z in box[4:]]
-    inside = min(u) >= 0 and max(u) <= camera.width - 1
-    return bool(box.z_min > 0 and inside and min(v) >= 0 and max(v) <= camera.height - 1)
 
 
 def grid(

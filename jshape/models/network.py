@@ -14,7 +14,7 @@ from jshape.models.base import Predictor, per_roi
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class Network(Predictor):
-    """f_C of one action: the parameters of a U-Net from ROI to ROI (see `nn.unet`)."""
+    """f_C of one action: the parameters of a U-Net from ROI to ROI (see `models.unet`)."""
 
     params: dict[str, Any]
     """Nested dicts of float32 arrays; the width is in their shapes."""

@@ -1,6 +1,6 @@
 """Actions, the image region each can change, and the places where they can be applied.
 
-Pixels are 0-based `(u, v)`; the paper counts from 1, so its clamp to [1, w] is [0, w - 1] here.
+Pixels are 0-based `(u, v)`; the paper counts from 1.
 A ROI is `(w, h)` pixels; centred at `(u, v)` its first pixel is `(u - w // 2, v - h // 2)`.
 Host code: NumPy, small, and it raises.
 """

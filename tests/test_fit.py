@@ -69,6 +69,7 @@ def test_pairs_of_several_strengths(pairs):
     mine = several.of(action="poke")
     examples = mine.rois("poke")
     np.testing.assert_array_equal(examples.strength, strength[1::2])
+    np.testing.assert_array_equal(examples.corner, mine.centre - np.array(examples.roi) // 2)
     np.testing.assert_array_equal(examples.select(np.array([2])).strength, strength[[5]])
     change = (examples.posterior - examples.prior).astype(np.float64)
     best = np.tensordot(mine.strength, change, 1) / (mine.strength.astype(float) ** 2).sum()

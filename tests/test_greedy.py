@@ -261,7 +261,7 @@ class Spy(Difference):
 
     def __call__(self, roi, corner, strength=1.0):
         TRACED.append(roi.shape)
-        return super().__call__(roi, place, strength)
+        return super().__call__(roi, corner, strength)
 
 
 @pytest.mark.full

@@ -1,6 +1,7 @@
 """Where a search works: distances and places of images and of the ground, turned hands."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from jshape import PAPER_BOX, Camera, distance, load_bank, metric, sim
 from jshape.models.bank import Bank
+from jshape.models.base import Predictor
 from jshape.models.difference import Difference
 from jshape.models.turn import turn
 from jshape.planning.apply import after_action, shift
@@ -216,6 +218,36 @@ def between(state, now, node, strength):
     """The map after the first move at a place between nodes."""
     kernel = state.kernels[0]
     return act_between(state, kernel, kernel.member(0), now, node, strength)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Pointing(Predictor):
+    """Writes down where it is told that its ROI is."""
+
+    roi: ClassVar[tuple[int, int]] = (7, 6)
+
+    def __call__(self, roi, corner, strength=1.0):
+        corner = jnp.asarray(corner, jnp.float32)
+        return jnp.full_like(roi, 0.02 * corner[..., 0] + 0.0001 * corner[..., 1])
+
+
+def test_a_predictor_is_told_the_corner_as_u_and_v():
+    u, v, expected = 12, 2, 0.02 * 12 + 0.0001 * 2
+    bank, image = Bank(CAMERA, (Pointing(),), ("point",)), jnp.full((18, 24), 0.5)
+    window = np.s_[v : v + 6, u : u + 7]
+    state = search_state(bank, image, image)
+    candidates = candidates_at(state, bank, {"point": np.array([[u + 3, v + 3]])})
+    found = [
+        bank.predict("point", image[window], position=(u + 3, v + 3)),
+        after_action(bank, image, jnp.array([u, v]), action=0)[0],
+        state.act(0, image, jnp.array([v, u]), 1.0)[window],
+        between(state, image, jnp.array([v + 3.0, u + 3.0]), jnp.float32(1.0))[window],
+    ]
+    for one in found:
+        np.testing.assert_allclose(one, expected, atol=1e-6)
+    (changes,) = sweep(state, candidates)
+    np.testing.assert_allclose(changes[:, 0], (0.5 - expected) * 42 / (18 * 24), rtol=1e-4)
 
 
 SIZES = ((7, 6), (4, 8), (24, 5), (24, 18))  # (w, h); the last ones are as large as the image

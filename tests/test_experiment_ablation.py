@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.experiments import ablation
-from benchmarks.experiments import components
+from benchmarks.experiments import ablation, components
 from benchmarks.experiments.__main__ import main
 from benchmarks.experiments.components import (
     AsSeen,

@@ -226,15 +226,16 @@ class Pointing(Predictor):
     """Writes down where it is told that its ROI is."""
 
     roi: ClassVar[tuple[int, int]] = (7, 6)
+    step: jax.Array
 
     def __call__(self, roi, corner, strength=1.0):
         corner = jnp.asarray(corner, jnp.float32)
-        return jnp.full_like(roi, 0.02 * corner[..., 0] + 0.0001 * corner[..., 1])
+        return jnp.full_like(roi, self.step * corner[..., 0] + 0.0001 * corner[..., 1])
 
 
 def test_a_predictor_is_told_the_corner_as_u_and_v():
     u, v, expected = 12, 2, 0.02 * 12 + 0.0001 * 2
-    bank, image = Bank(CAMERA, (Pointing(),), ("point",)), jnp.full((18, 24), 0.5)
+    bank, image = Bank(CAMERA, (Pointing(jnp.float32(0.02)),), ("point",)), jnp.full((18, 24), 0.5)
     window = np.s_[v : v + 6, u : u + 7]
     state = search_state(bank, image, image)
     candidates = candidates_at(state, bank, {"point": np.array([[u + 3, v + 3]])})

@@ -288,7 +288,8 @@ def descend(
 
     Those of `SCALES` that are `fixed` stay as they are.
     """
-    free = {name: float(name not in fixed) for name in SCALES}  # numbers: they compile nothing anew
+    # As numbers, so that each thing that is fixed does not compile anew.
+    free = {name: float(name not in fixed) for name in SCALES} if fixed else None
     return _descend(loss, start, shown, key, steps, step, free)
 
 
@@ -300,7 +301,7 @@ def _descend(
     key: Key[Array, ""],
     steps: int | Array,
     step: float | Array,
-    free: dict[str, float | Array],
+    free: dict[str, float | Array] | None,
 ) -> Imprint:
     import optax
 
@@ -317,7 +318,8 @@ def _descend(
         order = jax.random.permutation(jax.random.fold_in(key, number), count)
         some = Shown(*(part[order[: min(BATCH, count)]] for part in shown))
         slope = jax.grad(lambda shift: loss(moved(shift), some))(shift)
-        slope = {name: free[name] * part for name, part in slope.items()}
+        if free is not None:
+            slope = {name: free[name] * part for name, part in slope.items()}
         updates, memory = adam.update(slope, memory)
         length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * jnp.float32(number) / steps))
         return jax.tree.map(lambda x, dx: x - length * dx, shift, updates), memory

@@ -143,7 +143,7 @@ def check_sums(folder: Path, sums: dict[str, str]) -> None:
     """
     for name, expected in sums.items():
         if sha256(inside(folder, name)) != expected:
-            raise BadFile(f"{folder / name}: its checksum differs from what was written; damaged?")
+            raise BadFile(f"{folder / name}: checksum differs; damaged?")
 
 
 def read_json(path: str | os.PathLike, *, limit: int = JSON_LIMIT) -> dict[str, Any]:

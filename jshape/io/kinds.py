@@ -7,7 +7,7 @@ file with one checksum is checked before a byte of it is read.
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -41,33 +41,34 @@ class Kind(NamedTuple):
     """Arrays by name, ROI size (w, h) and camera -> predictor.  A missing array is a KeyError."""
 
 
-def checked(array: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
-    """A float32 array of that shape, all finite.
+def checked(arrays: Arrays, name: str, shape: tuple[int, ...]) -> jax.Array:
+    """A float32 array of that name and shape, all finite.
 
     Raises:
       BadBank: it is not.
     """
+    array = arrays[name]
     if array.shape != shape:
-        raise BadBank(f"{name} has shape {array.shape}; the manifest's ROI needs {shape}")
+        raise BadBank(f"{name} has shape {array.shape}; the manifest needs {shape}")
     if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
         raise BadBank(f"{name} holds NaN, infinity or something that is not a number")
-    return array.astype(np.float32)
+    return jnp.asarray(array, jnp.float32)
 
 
-def _pack_difference(predictor: Difference) -> dict[str, np.ndarray]:
+def _pack_difference(predictor: Any) -> dict[str, np.ndarray]:
     return {"delta": np.asarray(predictor.delta, np.float32)}
 
 
-def _unpack_difference(arrays: Arrays, roi: tuple[int, int]) -> Difference:
-    return Difference(jnp.asarray(checked(arrays["delta"], (roi[1], roi[0]), "delta")))
+def _difference(arrays: Arrays, roi: tuple[int, int], _: Any = None) -> Difference:
+    return Difference(checked(arrays, "delta", roi[::-1]))
 
 
-def _pack_network(predictor: Network) -> dict[str, np.ndarray]:
+def _pack_network(predictor: Any) -> dict[str, np.ndarray]:
     leaves, _ = jax.tree_util.tree_flatten_with_path(predictor.params)
     return {_network_name(path): np.asarray(leaf, np.float32) for path, leaf in leaves}
 
 
-def _unpack_network(arrays: Arrays, roi: tuple[int, int]) -> Network:
+def _network(arrays: Arrays, roi: tuple[int, int], _: Any = None) -> Network:
     from jshape.models import unet
 
     output = arrays["network.output.kernel"]
@@ -75,14 +76,7 @@ def _unpack_network(arrays: Arrays, roi: tuple[int, int]) -> Network:
     if not 1 <= width <= WIDEST:
         raise BadBank(f"network.output.kernel has shape {output.shape}; expected (1, 1, width, 1)")
     leaves, structure = jax.tree_util.tree_flatten_with_path(unet.shapes(width))
-    found = []
-    for path, leaf in leaves:
-        name = _network_name(path)
-        if arrays[name].shape != leaf.shape:
-            raise BadBank(
-                f"{name} has shape {arrays[name].shape}; width {width} needs {leaf.shape}"
-            )
-        found.append(jnp.asarray(checked(arrays[name], leaf.shape, name)))
+    found = [checked(arrays, _network_name(path), leaf.shape) for path, leaf in leaves]
     return Network(jax.tree.unflatten(structure, found), roi)
 
 
@@ -90,61 +84,52 @@ def _network_name(path: tuple[Any, ...]) -> str:
     return ".".join(("network", *(str(entry.key) for entry in path)))
 
 
-def _pack_after(predictor: Sequential) -> dict[str, np.ndarray]:
-    return _pack_difference(cast(Difference, predictor.first)) | _pack_network(
-        cast(Network, predictor.second)
-    )
+def _pack_sequential(predictor: Any) -> dict[str, np.ndarray]:
+    return _pack_difference(predictor.first) | _pack_network(predictor.second)
 
 
-def _unpack_after(arrays: Arrays, roi: tuple[int, int]) -> Sequential:
-    return Sequential(_unpack_difference(arrays, roi), _unpack_network(arrays, roi))
+def _sequential(arrays: Arrays, roi: tuple[int, int], _: Any = None) -> Sequential:
+    return Sequential(_difference(arrays, roi), _network(arrays, roi))
 
 
-def _pack_refined(predictor: Refined) -> dict[str, np.ndarray]:
+def _pack_refined(predictor: Any) -> dict[str, np.ndarray]:
     inside = predictor.inside
     network = inside.second if isinstance(inside, Sequential) else inside
-    return {
-        **_pack_difference(cast(Difference, predictor.outside)),
+    own = {
         "mask": np.asarray(predictor.mask, np.uint8),
         "offset": np.asarray(predictor.offset, np.float32),
-        **_pack_network(cast(Network, network)),
     }
+    return _pack_difference(predictor.outside) | own | _pack_network(network)
 
 
-def _refined(arrays: Arrays, roi: tuple[int, int], after_difference: bool) -> Refined:
-    outside, network = _unpack_difference(arrays, roi), _unpack_network(arrays, roi)
-    mask = checked(arrays["mask"], (roi[1], roi[0]), "mask")
-    if not np.isin(mask, (0, 1)).all():
-        raise BadBank("mask holds something else than 0 and 1")
-    offset = checked(arrays["offset"], (), "offset")
-    inside = Sequential(outside, network) if after_difference else network
-    return Refined(inside, outside, jnp.asarray(mask), jnp.asarray(offset))
+def _refined(inside: Callable[..., Any]) -> Callable[..., Refined]:
+    def unpack(arrays: Arrays, roi: tuple[int, int], _: Any = None) -> Refined:
+        mask = checked(arrays, "mask", roi[::-1])
+        if not np.isin(mask, (0, 1)).all():
+            raise BadBank("mask holds something else than 0 and 1")
+        offset = checked(arrays, "offset", ())
+        return Refined(inside(arrays, roi), _difference(arrays, roi), mask, offset)
+
+    return unpack
 
 
-def _pack_imprint(predictor: Imprint) -> dict[str, np.ndarray]:
+def _pack_imprint(predictor: Any) -> dict[str, np.ndarray]:
     ground = np.array([predictor.grid.depth, predictor.grid.pitch], np.float32)
     maps = {name: np.asarray(getattr(predictor, name), np.float32) for name in (*_MAPS, *_LATER)}
     return {"ground": ground, **maps}
 
 
-def _unpack_imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
-    depth, pitch = checked(arrays["ground"], (2,), "ground")
+def _imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
+    depth, pitch = checked(arrays, "ground", (2,))
     shape = arrays[_MAPS[0]].shape
     if len(shape) != 2 or not 0 < max(shape) <= LARGEST_GRID or min(shape) == 0:
         raise BadBank(f"{_MAPS[0]} has shape {shape}; expected up to {LARGEST_GRID} a side")
     if not (depth > 0 and pitch > 0):
         raise BadBank(f"ground is at {depth} m with nodes {pitch} m apart; both must be positive")
-    maps = {name: jnp.asarray(checked(arrays[name], shape, name)) for name in _MAPS}
-    shapes = {"deep": shape, "stroke": ()}
-    later = {
-        name: jnp.asarray(checked(arrays[name], shapes[name], name))
-        for name in _LATER
-        if name in arrays
-    }
-    maps = {"deep": jnp.zeros(shape), "stroke": jnp.float32(0), **maps, **later}
-    found = Imprint(
-        OrthographicGrid(camera, jnp.asarray(depth), jnp.asarray(pitch), shape, roi), **maps
-    )
+    maps = {name: checked(arrays, name, shape) for name in _MAPS}
+    later = {n: checked(arrays, n, () if n == "stroke" else shape) for n in _LATER if n in arrays}
+    maps |= {"deep": jnp.zeros(shape), "stroke": jnp.float32(0)} | later
+    found = Imprint(OrthographicGrid(camera, depth, pitch, shape, roi), **maps)
     # Without it the tool goes as much deeper as the greatest lowering.
     return found if "stroke" in later else replace(found, stroke=found.deepest)
 
@@ -154,28 +139,26 @@ _INSTEAD = "instead"
 that a manifest with another kind than the arrays' is refused."""
 
 
-def _or_difference(kind: Kind) -> Kind:
+def _or_difference(pack: Callable[..., Any], unpack: Callable[..., Any]) -> Kind:
     """A kind of which some actions hold the mean difference: it was better for them."""
 
-    def pack(one: Any) -> dict[str, np.ndarray]:
-        if isinstance(one, Difference):
-            return {_INSTEAD: np.asarray(one.delta, np.float32)}
-        return kind.pack(one)
+    def pack_either(one: Any) -> dict[str, np.ndarray]:
+        return {_INSTEAD: np.asarray(one.delta)} if isinstance(one, Difference) else pack(one)
 
-    def unpack(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Any:
+    def unpack_either(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Any:
         if set(arrays) == {_INSTEAD}:
-            return Difference(jnp.asarray(checked(arrays[_INSTEAD], (roi[1], roi[0]), _INSTEAD)))
-        return kind.unpack(arrays, roi, camera)
+            return Difference(checked(arrays, _INSTEAD, roi[::-1]))
+        return unpack(arrays, roi)
 
-    return Kind(pack, unpack)
+    return Kind(pack_either, unpack_either)
 
 
 KINDS: dict[str, Kind] = {
-    "D": Kind(_pack_difference, lambda arrays, roi, _: _unpack_difference(arrays, roi)),
-    "C": _or_difference(Kind(_pack_network, lambda arrays, roi, _: _unpack_network(arrays, roi))),
-    "CR": _or_difference(Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, False))),
-    "DC": _or_difference(Kind(_pack_after, lambda arrays, roi, _: _unpack_after(arrays, roi))),
-    "DCR": _or_difference(Kind(_pack_refined, lambda arrays, roi, _: _refined(arrays, roi, True))),
-    "P": Kind(_pack_imprint, _unpack_imprint),
+    "D": Kind(_pack_difference, _difference),
+    "C": _or_difference(_pack_network, _network),
+    "CR": _or_difference(_pack_refined, _refined(_network)),
+    "DC": _or_difference(_pack_sequential, _sequential),
+    "DCR": _or_difference(_pack_refined, _refined(_sequential)),
+    "P": Kind(_pack_imprint, _imprint),
 }
 """The kinds of bank that can be saved and loaded.  Another kind is one more entry."""

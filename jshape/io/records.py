@@ -19,6 +19,8 @@ out; `None` is a value only of `X | None`; a bool is never a number.
     hand.toml: finger 1: radius_mm is 0.006; expected a number from 2 to 60
     hand.toml: finger 1: unknown 'radius'; allowed: radius_mm, ...; did you mean radius_mm?
 
+A class with `allow_unknown: ClassVar[bool] = True` leaves other keys alone.
+
 Types of fields: str, bool, int, float, Literal, an Enum (by name), dict, dict[str, X], list[X],
 tuple[X, ...], tuple[X, Y], np.ndarray (with `Numbers`), another such dataclass, X | None, Any.
 """
@@ -86,7 +88,6 @@ def read_record(
     where: str,
     *,
     error: type[JShapeError] = BadFile,
-    allow_unknown: bool = False,
 ) -> _T:
     """The record that a parsed mapping holds.
 
@@ -95,13 +96,12 @@ def read_record(
       content: what came.
       where: the file, and the place in it, for errors.
       error: to raise.
-      allow_unknown: keys that the record does not have are left alone.
 
     Raises:
       JShapeError: as `error`; something is missing, unknown, of another type or out of its range.
     """
     try:
-        return _record(kind, content, where, allow_unknown)
+        return _record(kind, content, where)
     except Wrong as problem:
         raise error(str(problem)) from None
 
@@ -135,12 +135,12 @@ def _hints(kind: type) -> dict[str, Any]:
     return get_type_hints(kind, include_extras=True)
 
 
-def _record(kind: Any, content: Any, where: str, allow_unknown: bool = False) -> Any:
+def _record(kind: Any, content: Any, where: str) -> Any:
     known = {field.name: field for field in fields(kind)}
     if not isinstance(content, Mapping):
         raise Wrong(f"{where}: is {quoted(content)}; expected an object with {', '.join(known)}")
-    unknown = [] if allow_unknown else [name for name in content if name not in known]
-    if unknown:
+    unknown = [name for name in content if name not in known]
+    if unknown and not getattr(kind, "allow_unknown", False):
         raise Wrong(
             f"{where}: unknown {', '.join(map(quoted, unknown[:5]))}; allowed: {', '.join(known)}"
             f"{did_you_mean(unknown[0], known)}"

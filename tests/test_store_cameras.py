@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from jshape import D435_NOMINAL, PAPER_BOX
 from jshape.camera import PRESETS, Camera
+from jshape.data.depth import check_depth_unit
 from jshape.errors import BadCamera, BadFile
 from jshape.io.cameras import (
     camera_fields,
     camera_from,
-    check_depth_unit,
     read_camera,
     write_camera,
 )

@@ -356,12 +356,12 @@ def test_a_bad_strength_is_named(tmp_path, rng, text):
     pairs = replace(make_pairs(rng), strength=np.full(4, 0.5, np.float32))
     folder = save_pairs(pairs, tmp_path / "set")
     rewrite(folder, cell(3, "strength", text))
-    refused(folder, f"line 4: strength is {text!r}; it must be a number from 0.001 to 100")
+    refused(folder, f"line 4: strength is {text!r}; expected a number from 0.001 to 100")
 
 
 def test_strengths_that_could_not_be_read_again(tmp_path, rng):
     for bad in (0.0, -1.0, np.nan, np.inf, 1000.0):
-        with pytest.raises(BadDataset, match="strength is .*; it must be a number from"):
+        with pytest.raises(BadDataset, match="strength is .*; expected a number from"):
             with dataset_writer(tmp_path / "set", SMALL, 1e-4) as add:
                 add(**pair(rng), strength=bad)
 
@@ -392,7 +392,7 @@ def test_the_table_itself(folder):
 @pytest.mark.parametrize("value", ["", "x", "3.5", "nan", "1e1", "1_0", "٣", "99999999", "--1"])
 def test_a_bad_number_is_named_by_line_and_column(folder, column, value):
     rewrite(folder, cell(3, column, value))
-    refused(folder, f"line 4: {column} is {value!r}; it must be a whole number")
+    refused(folder, f"line 4: {column} is {value!r}; expected a whole number")
 
 
 @pytest.mark.parametrize("column, value", [("u", "1"), ("v", "29"), ("width", "41"), ("u", "-5")])
@@ -409,7 +409,7 @@ def test_a_roi_has_positive_sides(folder):
 @pytest.mark.parametrize("column", ["id", "action", "agent", "material", "prior"])
 def test_an_empty_name_is_named(folder, column):
     rewrite(folder, cell(1, column, " "))
-    refused(folder, f"line 2: {column} is empty")
+    refused(folder, f"line 2: {column} is ''; expected a line of text")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Raw depth: counts or metres in, metres out with NaN for "no reading", and can it be real."""
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 
@@ -28,11 +29,7 @@ def to_metres(
       BadImage: another type of number, or rows of different lengths.
       BadCamera: the unit is not a positive number.
     """
-    number = isinstance(depth_unit, int | float | np.number) and not isinstance(depth_unit, bool)
-    if not number or not 0 < float(depth_unit) < np.inf:
-        raise BadCamera(
-            f"{where}: depth_unit is {quoted(depth_unit)}; it must be a positive number"
-        )
+    check_depth_unit(depth_unit, where)
     try:
         raw = np.ma.asarray(raw) if np.ma.isMaskedArray(raw) else np.asarray(raw)
     except ValueError as problem:  # rows of different lengths
@@ -50,6 +47,17 @@ def to_metres(
     if raw.dtype.kind == "u":
         depth *= np.float32(depth_unit)
     return np.where(found.there, depth, np.float32(np.nan))
+
+
+def check_depth_unit(value: Any, where: str) -> float:
+    """The depth unit (metres per count) itself, if it is a positive number; else BadCamera."""
+    number = value.item() if isinstance(value, np.number) else value
+    if type(number) not in (int, float) or not 0 < number < 1e300:
+        raise BadCamera(
+            f"{where}: depth_unit is {quoted(value)}; it must be a positive number (metres per "
+            "count)"
+        )
+    return float(number)
 
 
 def outside_range(depth: np.ndarray, camera: Camera) -> np.ndarray:

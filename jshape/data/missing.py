@@ -102,6 +102,17 @@ def said(left_out: dict[str, int]) -> str:
     return f" (of them {', '.join(odd)})" if odd else ""
 
 
+def check_image(depth: ArrayLike, where: str) -> np.ndarray:
+    """An image (H, W) of numbers, NaN where a NumPy mask hides them; else BadImage."""
+    depth = np.asarray(unmasked(depth))
+    if depth.ndim != 2 or depth.size == 0 or depth.dtype.kind not in "fui":
+        raise BadImage(
+            f"{where}: depth has shape {depth.shape} and type {depth.dtype}; "
+            "an image (H, W) of numbers in metres is expected"
+        )
+    return depth
+
+
 def missing(depth: np.ndarray) -> Bool[np.ndarray, "H W"]:
     """Where depth in metres that has come through `readings` has none: 0 or NaN."""
     depth = np.asarray(unmasked(depth))
@@ -130,12 +141,7 @@ def fill_missing(
       BadImage: not a two-dimensional image of real numbers.
       MissingDepth: more than `limit` is missing, or there is no reading at all.
     """
-    depth = np.asarray(unmasked(depth))
-    if depth.ndim != 2 or depth.size == 0 or depth.dtype.kind not in "fui":
-        raise BadImage(
-            f"{where}: depth has shape {depth.shape} and type {depth.dtype}; "
-            "an image (H, W) of numbers in metres is expected"
-        )
+    depth = check_image(depth, where)
     holes = missing(depth)
     count = int(holes.sum())
     if count == depth.size:

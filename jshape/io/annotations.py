@@ -6,9 +6,8 @@ drawn by hand.  Readers that only want pairs do not look at the column.
 """
 
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ FOUND = "found"
 TIMELINE = "segments.png"
 """How a recording was cut."""
 _PAGES = 999
+_BOX = COLUMNS[-4:]
 
 
 def sheet_name(page: int) -> str:
@@ -42,38 +42,28 @@ FOUND_CONTENTS = (*CONTENTS, TIMELINE, *(sheet_name(page) for page in range(_PAG
 """What the folder of such a data set holds, at the top."""
 
 
-@contextmanager
-def found_writer(
-    folder: str | os.PathLike, camera: Camera, depth_unit: float, *, overwrite: bool = False
-) -> Iterator["FoundAdder"]:
-    """A data set written pair by pair, with the column `found` and pictures beside it.
-
-    Raises:
-      BadDataset: no pair was added.
-      BadFile: the folder exists or cannot be written.
-    """
-    with dataset_writer(
-        folder, camera, depth_unit, overwrite=overwrite, contents=FOUND_CONTENTS
-    ) as pairs:
-        yield FoundAdder(pairs)
-
-
-@dataclass
-class FoundAdder:
+class FoundAdder(Adder):
     """Adds pairs to a data set whose boxes were found."""
 
-    pairs: Adder
+    def __call__(self, *, by_hand: bool = False, extra: Any = None, **pair: Any) -> None:
+        """Add a pair, as `Adder` does; `by_hand`: a person drew its box."""
+        own = {name: text for name, text in (extra or {}).items() if name != FOUND}
+        box = " ".join(str(pair[name]) for name in _BOX)
+        super().__call__(**pair, extra=own | {FOUND: "" if by_hand else box})
 
-    @property
-    def pictures(self) -> dict[str, bytes]:
-        """PNG files to write beside the table, by their names."""
-        return self.pairs.pictures
 
-    def __call__(self, *, by_hand: bool = False, **pair: Any) -> None:
-        """Add a pair, as `dataset_writer` takes it; `by_hand`: a person drew its box."""
-        others = {n: text for n, text in (pair.pop("extra", None) or {}).items() if n != FOUND}
-        box = " ".join(str(pair[name]) for name in COLUMNS[-4:])
-        self.pairs(**pair, extra=others | {FOUND: "" if by_hand else box})
+def found_writer(
+    folder: str | os.PathLike, camera: Camera, depth_unit: float, *, overwrite: bool = False
+) -> AbstractContextManager[FoundAdder]:
+    """A data set with the column `found` and pictures beside it: see `dataset_writer`."""
+    return dataset_writer(
+        folder,
+        camera,
+        depth_unit,
+        overwrite=overwrite,
+        contents=FOUND_CONTENTS,
+        adder=FoundAdder,
+    )
 
 
 def boxes_by_hand(folder: str | os.PathLike) -> np.ndarray:
@@ -107,9 +97,9 @@ def write_boxes(folder: str | os.PathLike, boxes: Mapping[str, tuple[int, int, i
         if row["id"].strip() in boxes:
             left, top, width, height = boxes[row["id"].strip()]
             box = (left + width // 2, top + height // 2, width, height)
-            row |= dict(zip(COLUMNS[-4:], map(str, box), strict=True))
+            row |= dict(zip(_BOX, map(str, box), strict=True))
     write_atomic(Path(folder) / TABLE, table.text())
 
 
 def _own(row: dict[str, str]) -> list[str]:
-    return [str(int(row[name])) for name in COLUMNS[-4:]]
+    return [str(int(row[name])) for name in _BOX]

@@ -1,29 +1,47 @@
 """camera.json: the fields of a Camera, and the metres that one count of its frames stands for."""
 
 import itertools
-import math
 import os
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from jshape.camera import PRESETS, Camera, check_camera
-from jshape.data.depth import unit_that_fits
+from jshape.data.depth import check_depth_unit, unit_that_fits
 from jshape.data.missing import only_readings
-from jshape.errors import BadCamera, JShapeError, did_you_mean, quoted
+from jshape.errors import BadCamera, JShapeError, did_you_mean
 from jshape.io.files import read_json, write_json
 from jshape.io.formats import COUNTS, read_array
+from jshape.io.records import Range, read_record
 
 CAMERA = "camera.json"
 """What describes the camera of the frames beside it."""
 DEPTH_UNIT = 0.001
 """Metres per count where no camera.json says it (a guessed camera, a ROS topic): millimetres."""
 
-REQUIRED = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max")
-OPTIONAL = ("bits",)
-_WHOLE = ("width", "height", "bits")
-_MOST = 65_535
+_Pixels = Annotated[int, Range(1, 65_535)]
+_MEANS = {
+    "z_min": "; z_min and z_max are the depths between which the bed lies, metres",
+    "u0": "; u0, v0 is the principal point (cx, cy), pixels",
+}
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """What a camera.json holds."""
+
+    width: _Pixels
+    height: _Pixels
+    fx: float
+    fy: float
+    u0: float
+    v0: float
+    z_min: float
+    z_max: float
+    bits: _Pixels = 8
+    depth_unit: Annotated[float, Range(0, above=True)] | None = None
 
 
 def read_camera(path: str | os.PathLike, depth_unit: float | None = None) -> tuple[Camera, float]:
@@ -38,16 +56,14 @@ def read_camera(path: str | os.PathLike, depth_unit: float | None = None) -> tup
       BadCamera: a field is missing, unknown or not a number in its range.  Without `depth_unit`
         the error names the one that would fit the frames beside the file.
     """
-    fields = read_json(path)
-    own = fields.pop("depth_unit", depth_unit)
-    camera = camera_from(fields, str(path))
-    if own is None:
+    content = read_json(path)
+    camera, own = camera_from(content, str(path)), content.get("depth_unit")
+    if own is None and depth_unit is None:
         raise BadCamera(
             f"{path}: depth_unit is missing: metres per count of 16-bit frames"
             f"{_unit_beside(Path(path), camera)}"
         )
-    own = check_depth_unit(own, str(path))
-    return camera, own if depth_unit is None else check_depth_unit(depth_unit, str(path))
+    return camera, check_depth_unit(own if depth_unit is None else depth_unit, str(path))
 
 
 def _unit_beside(path: Path, camera: Camera) -> str:
@@ -69,20 +85,14 @@ def _unit_beside(path: Path, camera: Camera) -> str:
 
 
 def write_camera(path: str | os.PathLike, camera: Camera, depth_unit: float) -> None:
-    """Write camera.json, atomically.
-
-    Args:
-      path: the file.
-      camera: whose fields.
-      depth_unit: metres per count of the frames that belong to it.
+    """Write camera.json, atomically; `depth_unit` is metres per count of the frames beside it.
 
     Raises:
       BadCamera: the camera or the unit makes no sense.
       BadFile: the file cannot be written.
     """
-    fields = camera_fields(camera)
-    fields["depth_unit"] = check_depth_unit(depth_unit, str(path))
-    write_json(path, fields)
+    unit = check_depth_unit(depth_unit, str(path))
+    write_json(path, camera_fields(camera) | {"depth_unit": unit})
 
 
 def camera_fields(camera: Camera) -> dict[str, int | float]:
@@ -92,63 +102,25 @@ def camera_fields(camera: Camera) -> dict[str, int | float]:
       BadCamera: they make no sense.
     """
     check_camera(camera)
-    return {
-        name: int(getattr(camera, name)) if name in _WHOLE else _shortest(getattr(camera, name))
-        for name in REQUIRED + OPTIONAL
-    }
+    values = {one.name: getattr(camera, one.name) for one in fields(Camera)}
+    whole = ("width", "height", "bits")
+    return {name: int(x) if name in whole else _shortest(x) for name, x in values.items()}
 
 
-def camera_from(fields: dict[str, Any], where: str) -> Camera:
+def camera_from(content: dict[str, Any], where: str) -> Camera:
     """The camera of a dict of fields; `where` names the file in errors.
 
     Raises:
       BadCamera: a field is missing, unknown or not a number in its range.
     """
-    missing = [name for name in REQUIRED if name not in fields]
-    if missing:
-        means = {"z_min": "; z_min and z_max are the depths between which the bed lies, metres",
-                 "u0": "; u0, v0 is the principal point (cx, cy), pixels"}  # fmt: skip
-        said = "".join(text for name, text in means.items() if name in missing)
-        raise BadCamera(f"{where}: missing {', '.join(missing)}{said}")
-    unknown = [name for name in fields if name not in REQUIRED + OPTIONAL]
-    if unknown:
-        raise BadCamera(
-            f"{where}: unknown {', '.join(map(repr, unknown))}; "
-            f"allowed: {', '.join(REQUIRED + OPTIONAL)}, depth_unit"
-        )
-    for name, value in fields.items():
-        if name in _WHOLE:
-            if type(value) is not int or not 0 < value <= _MOST:
-                raise BadCamera(
-                    f"{where}: {name} is {quoted(value)}; "
-                    f"it must be a positive whole number, at most {_MOST:,}"
-                )
-        elif not _is_number(value):
-            raise BadCamera(f"{where}: {name} is {quoted(value)}; it must be a finite number")
-    numbers: dict[str, Any] = {n: v if n in _WHOLE else float(v) for n, v in fields.items()}
-    return check_camera(Camera(**numbers), where)
-
-
-def check_depth_unit(value: Any, where: str) -> float:
-    """The depth unit (metres per count) itself, if it is a positive number.
-
-    Raises:
-      BadCamera: it is not.
-    """
-    number = value.item() if isinstance(value, np.number) else value
-    if not _is_number(number) or number <= 0:
-        raise BadCamera(
-            f"{where}: depth_unit is {quoted(value)}; "
-            "it must be a positive number (metres per count)"
-        )
-    return float(number)
-
-
-def _is_number(value: Any) -> bool:
-    # Not "433", which float() takes, nor an integer that no float can hold.
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return math.isfinite(value) if isinstance(value, float) else abs(value) < 1e300
+    try:
+        found = dict(vars(read_record(CameraFile, content, where, error=BadCamera)))
+    except BadCamera as problem:
+        lacking = " missing " in str(problem)
+        means = [text for name, text in _MEANS.items() if lacking and name not in content]
+        raise BadCamera(f"{problem}{''.join(means)}") from None
+    del found["depth_unit"]
+    return check_camera(Camera(**found), where)
 
 
 def _shortest(value: Any) -> float:

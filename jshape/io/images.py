@@ -1,7 +1,8 @@
 """Depth images on disk.
 
 Arrays are (H, W), `[v, u]`, metres, float32; NaN = no reading.  Counts are whole numbers of
-`depth_unit` metres, uint16, 0 = no reading.
+`depth_unit` metres, uint16, 0 = no reading.  `where` names an image in errors, and `left_out` adds
+up why pixels are no readings.
 """
 
 import os
@@ -12,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from jshape._typing import Float
-from jshape.camera import Camera, unmasked
-from jshape.data.depth import check_depth, check_unit, to_metres, wrong_shape
-from jshape.data.missing import missing, only_readings
+from jshape.camera import Camera
+from jshape.data.depth import check_depth, check_depth_unit, check_unit, to_metres, wrong_shape
+from jshape.data.missing import check_image, missing, only_readings
 from jshape.errors import BadImage
-from jshape.io.cameras import DEPTH_UNIT, check_depth_unit
+from jshape.io.cameras import DEPTH_UNIT
 from jshape.io.files import write_atomic
 from jshape.io.formats import encode_png, read_array
 
@@ -31,9 +32,7 @@ def read_depth(
 ) -> Float[np.ndarray, "H W"]:
     """A depth image: PNG, TIFF, EXR or NPY, one channel; `read_array`, then `depth_of_array`.
 
-    Raises:
-      BadFile: the file cannot be read.
-      BadImage, BadCamera: as for `depth_of_array`.
+    Raises BadFile if the file cannot be read, and as `depth_of_array`.
     """
     return depth_of_array(
         read_array(path),
@@ -62,49 +61,41 @@ def depth_of_array(
 
     Args:
       raw: (H, W), as `read_array` gives it.
-      where: what to call it in errors.
+      where: see above.
       depth_unit: metres per count.
       camera: whose image it is: its size and range are checked.  8-bit images need it.
       check_range: False takes depths outside the camera's range as well (8 bits hold none), unless
         another unit would bring them there.
-      left_out: adds up why pixels are no readings.
-
-    Returns:
-      (H, W) float32, metres, NaN = no reading.
+      left_out: see above.
 
     Raises:
       BadImage: it is not a depth image, has no reading at all, or does not fit the camera.
       BadCamera: depth_unit is not a positive number.
     """
     depth_unit = check_depth_unit(depth_unit, where)
-    if raw.dtype == np.uint8:
-        if camera is None:
-            raise BadImage(f"{where}: 8-bit images are luminance and need a camera to be depth")
-        if raw.shape != camera.shape:
-            raise BadImage(wrong_shape(where, raw.shape, camera))
+    luminance = raw.dtype == np.uint8
+    if luminance and camera is None:
+        raise BadImage(f"{where}: 8-bit images are luminance and need a camera to be depth")
+    depth = raw if luminance else to_metres(raw, depth_unit, where, left_out)
+    if not luminance and np.isnan(depth).all():
+        raise BadImage(f"{where}: no pixel has a reading")
+    if camera is None:
+        return depth
+    if depth.shape != camera.shape:
+        raise BadImage(wrong_shape(where, depth.shape, camera))
+    if luminance:
         for level, colour in ((0, "black"), (255, "white")):
             if (raw == level).all():
                 raise BadImage(
                     f"{where}: every pixel is {colour}: nothing within the camera's range"
                 )
         return np.asarray(replace(camera, bits=8).depth(raw), np.float32)
-    depth = to_metres(raw, depth_unit, where, left_out)
-    unit = depth_unit if raw.dtype == np.uint16 else None
-    if np.isnan(depth).all():
-        raise BadImage(f"{where}: no pixel has a reading")
-    if camera is not None and depth.shape != camera.shape:
-        raise BadImage(wrong_shape(where, depth.shape, camera))
-    if camera is not None and check_range:
-        check_depth(depth, camera, where, unit)
-    elif camera is not None:
-        check_unit(depth, camera, where, unit)
-    return depth
+    check = check_depth if check_range else check_unit
+    return check(depth, camera, where, depth_unit if raw.dtype == np.uint16 else None)
 
 
 def read_counts(path: str | os.PathLike, left_out: Counter[str] | None = None) -> np.ndarray:
     """The counts of a 16-bit single-channel frame, (H, W) uint16, 0 = no reading.
-
-    Why pixels are none is added up in `left_out`.
 
     Raises:
       BadFile: the file cannot be read.
@@ -127,12 +118,7 @@ def to_counts(depth: np.ndarray, depth_unit: float, where: str = "image") -> np.
       BadCamera: depth_unit is not a positive number.
     """
     depth_unit = check_depth_unit(depth_unit, where)
-    depth = np.asarray(unmasked(depth))
-    if depth.ndim != 2 or depth.size == 0 or depth.dtype.kind not in "fui":
-        raise BadImage(
-            f"{where}: depth has shape {depth.shape} and type {depth.dtype}; "
-            "an image (H, W) of numbers in metres is expected"
-        )
+    depth = check_image(depth, where)
     seen = ~missing(depth)
     counts = np.rint(np.where(seen, depth, 0.0).astype(np.float64) / depth_unit)
     if counts.max() > 65534:  # the largest is no reading
@@ -152,9 +138,7 @@ def write_depth_png(
 ) -> Path:
     """Write depths (H, W) in metres as a 16-bit single-channel PNG, atomically.
 
-    Raises:
-      BadImage: a depth that 16 bits cannot hold in this unit.
-      BadFile: the file cannot be written.
+    Raises as `to_counts`, and BadFile if it cannot be written.
     """
     return write_atomic(path, encode_png(to_counts(depth, depth_unit, str(path))))
 
@@ -162,8 +146,6 @@ def write_depth_png(
 def write_counts_png(path: str | os.PathLike, counts: np.ndarray) -> Path:
     """Write counts (H, W) uint16 as a 16-bit single-channel PNG, atomically.
 
-    Raises:
-      BadImage: not such an array.
-      BadFile: the file cannot be written.
+    Raises BadImage for another array, BadFile if it cannot be written.
     """
     return write_atomic(path, encode_png(counts))

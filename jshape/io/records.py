@@ -26,6 +26,7 @@ tuple[X, ...], tuple[X, Y], np.ndarray (with `Numbers`), another such dataclass,
 """
 
 import enum
+import re
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
@@ -38,6 +39,10 @@ from jshape.errors import BadFile, JShapeError, did_you_mean, is_name, quoted
 
 FLOAT32 = float(np.finfo(np.float32).max)
 """The largest number that a float32 array holds."""
+NAME_LIMIT = 200
+"""Most characters of a name."""
+_UNSAFE = re.compile(r"[\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Control characters, and those that turn the order of others: a terminal obeys them."""
 _T = TypeVar("_T")
 _WORDS = {str: "text", bool: "true or false", dict: "an object", list: "a list"}
 
@@ -55,6 +60,8 @@ class Range:
 
     def words(self, whole: bool = False) -> str:
         """What is expected."""
+        if self.low <= -FLOAT32:
+            return f"a {'whole ' * whole}number"
         low = f"{'above' if self.above else 'from'} {self.low:g}"
         high = "" if self.high >= FLOAT32 else f" to {self.high:{',' if whole else 'g'}}"
         return f"a {'whole ' * whole}number {low}{high}"
@@ -75,7 +82,16 @@ class Numbers:
 
 @dataclass(frozen=True)
 class OneLine:
-    """One printable line of text that can name something."""
+    """One line of text that can name something, in at most `NAME_LIMIT` characters."""
+
+    strict: bool = True
+    """Only what Python calls printable; else signs that other scripts write with, too."""
+
+    def holds(self, text: Any) -> bool:
+        """Whether a text is one."""
+        if self.strict or not isinstance(text, str):
+            return is_name(text)
+        return 0 < len(text.strip()) <= len(text) <= NAME_LIMIT and not _UNSAFE.search(text)
 
 
 class Wrong(JShapeError):
@@ -198,8 +214,9 @@ def _value(hint: Any, value: Any, where: str, rules: tuple[Any, ...] = ()) -> An
             raise Wrong(f"{where} is {quoted(value)}; expected {expected}") from None
     plain = origin or hint
     expected = list if plain is tuple else plain
-    if not isinstance(value, expected) or OneLine() in rules and not is_name(value):
-        word = "a line of text" if OneLine() in rules else _WORDS[expected]
+    if not isinstance(value, expected) or rules and not rules[0].holds(value):
+        line = f"a line of text, at most {NAME_LIMIT} characters"
+        word = line if rules else _WORDS[expected]
         raise Wrong(f"{where} is {quoted(value)}; expected {word}")
     if expected is list and inner:
         one = where.removesuffix("s")

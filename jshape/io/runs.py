@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from jshape._typing import Float
-from jshape.data.depth import to_metres
+from jshape.data.depth import check_depth_unit, to_metres
 from jshape.errors import BadFile
-from jshape.io.cameras import check_depth_unit
 from jshape.io.files import inside, json_text, read_json, refused, write_atomic, write_json
 from jshape.io.folders import atomic_folder
 from jshape.io.images import read_counts, write_depth_png

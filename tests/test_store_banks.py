@@ -286,7 +286,7 @@ def test_a_name_of_two_banks_is_refused(bundled, bank, tmp_path, monkeypatch):
 def test_a_name_does_not_reach_outside(bundled, tmp_path, bank):
     save_bank(bank, tmp_path / "secret")
     for name in ("../secret", "flour-D/../../secret"):
-        refused(name, "no such bank folder")
+        refused(name, "no such folder")
 
 
 def test_banks_of_the_repository_load():
@@ -310,7 +310,7 @@ def test_where_bundled_banks_are_looked_for(tmp_path, monkeypatch):
 def test_no_bank(tmp_path):
     (tmp_path / "file").write_text("x")
     (tmp_path / "empty").mkdir()
-    refused(tmp_path / "none", "no such bank folder")
+    refused(tmp_path / "none", "no such folder")
     refused(tmp_path / "file", "is a file; a bank is a folder")
     refused(tmp_path / "empty", "no manifest.json")
 

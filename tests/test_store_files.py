@@ -392,18 +392,18 @@ def test_a_folder_does_not_replace_a_file(tmp_path):
 
 def test_check_writable_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("x")
-    assert files.check_writable(tmp_path / "a" / "b") == tmp_path / "a" / "b"
-    files.check_writable(tmp_path)
+    assert folders.check_writable(tmp_path / "a" / "b") == tmp_path / "a" / "b"
+    folders.check_writable(tmp_path)
     assert os.listdir(tmp_path) == ["file"]
     for bad in (tmp_path / "file", tmp_path / "file" / "below", "a\0b"):
         with pytest.raises(BadFile) as info:
-            files.check_writable(bad)
+            folders.check_writable(bad)
         one_line(info)
 
 
 def test_check_writable_reports_a_full_disk(tmp_path, broken_disk):
     with pytest.raises(BadFile, match="No space left"):
-        files.check_writable(tmp_path / "a")
+        folders.check_writable(tmp_path / "a")
     assert os.listdir(tmp_path) == []
 
 

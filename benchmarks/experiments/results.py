@@ -30,7 +30,7 @@ def check(out: Path, overwrite: bool) -> bool:
       BadFile: the folder holds something else, or cannot be written.
     """
     if (out / runs.DESCRIPTION).is_file() and not overwrite:
-        files.check_writable(out)
+        folders.check_writable(out)
         return True
     folders.check_target(out, overwrite, contents=(*runs.CONTENTS, *FILES))
     return False

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from jshape.data.missing import spread
 from jshape.data.pairs import Pairs
 
 SIGMA_PX = 1.2
@@ -33,6 +34,12 @@ LEAST_AREA_PX = 95
 """Least area of an effect, pixels: 1 cm² at 0.45 m."""
 
 Box = tuple[int, int, int, int]
+
+
+def box_of(mask: np.ndarray) -> Box | None:
+    """The box that holds all of a mask; None of an empty one."""
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return (left, top, width, height) if width else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +72,6 @@ def find_effect(prior: np.ndarray, posterior: np.ndarray, depth_unit: float) -> 
     shallower than that beside it (rims) is blurred once more, the deep part left out, and judged
     by its own, smaller noise.  Opening drops specks, closing joins parts that are near, and the
     connected component that holds the most sure change stays.
-
-    Args:
-      prior: (H, W) uint16 counts.
-      posterior: (H, W) uint16 counts.
-      depth_unit: metres per count.
     """
     change, known = difference_mm(prior, posterior, depth_unit)
     drift = _most_frequent(change[known]) if known.any() else 0.0
@@ -95,7 +97,7 @@ def find_effect(prior: np.ndarray, posterior: np.ndarray, depth_unit: float) -> 
     order = [int(k) for k in np.lexsort(-volume[::-1]) if volume[1, k] > 0]
     if not order:
         return Effect(shown, np.zeros(size.shape, bool), None, (), noise, 0.0, 0.0, share)
-    boxes = [_box((labels == k) & changed) for k in order]
+    boxes = [box_of((labels == k) & changed) for k in order]
     mask = (labels == order[0]) & changed
     peaks = [float(np.percentile(size[(labels == k) & changed], 99)) for k in order[:2]]
     second = peaks[1] if len(peaks) > 1 else 0.0
@@ -206,9 +208,7 @@ def _open(mask: np.ndarray, radius: float) -> np.ndarray:
 
 def _noise_and_otsu(size: np.ndarray) -> tuple[float, float]:
     """Noise (standard deviation) and Otsu's threshold of the sizes |difference|, mm."""
-    if not size.size:
-        return 0.0, 0.0
-    top = float(size.max())
+    top = float(size.max(initial=0.0))
     if top <= 0:
         return 0.0, 0.0
     # 8 bits over the whole range would leave the noise in one bin: OpenCV takes 16 for Otsu.
@@ -217,7 +217,7 @@ def _noise_and_otsu(size: np.ndarray) -> tuple[float, float]:
     quiet = size
     noise = 0.0
     for _ in range(5):  # the effect itself is no noise: leave out what is beyond 3 deviations
-        noise = 1.4826 * float(np.median(quiet))
+        noise = spread(quiet)
         kept = size[size <= max(3 * noise, 1e-6)]
         if not kept.size:
             break
@@ -239,9 +239,3 @@ def _most_frequent(change: np.ndarray) -> float:
 def _disk(radius: float) -> np.ndarray:
     side = 2 * max(1, round(radius)) + 1
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-
-
-def _box(mask: np.ndarray) -> Box:
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    left, top = int(columns[0]), int(rows[0])
-    return left, top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1

@@ -8,7 +8,7 @@ from scipy import ndimage
 from jshape._typing import Float, Num
 from jshape.camera import Camera
 from jshape.data.depth import check_unit, outside_range
-from jshape.data.missing import LIMIT
+from jshape.data.missing import LIMIT, spread
 from jshape.errors import BadImage, JShapeError
 
 VALID_LEAST = 1.0 - LIMIT
@@ -84,13 +84,9 @@ class Measured(NamedTuple):
 def measure(
     stack: Num[np.ndarray, "T H W"], camera: Camera, depth_unit: float, *, still: bool = False
 ) -> Measured:
-    """What frames of a resting bed say of the set-up.
+    """What frames of a resting bed (counts, 0 = no reading) say of the set-up.
 
-    Args:
-      stack: (T, H, W) counts, 0 = no reading.
-      camera: that took them.
-      depth_unit: metres per count.
-      still: the same frame over and over is what this camera should send.
+    `still`: the same frame over and over is what this camera should send.
 
     Raises:
       BadImage: frames of another size, of another unit, or without enough readings to fit a plane
@@ -99,28 +95,24 @@ def measure(
     if stack.shape[1:] != camera.shape:
         raise BadImage(f"frames have {stack.shape[1:]} (rows, columns); expected {camera.shape}")
     seen = stack > 0
-    count = seen.sum(0)
-    depth, noise = _over_time(stack, count, depth_unit)
+    depth, noise = _over_time(stack, seen.sum(0), depth_unit)
     check_unit(depth, camera, "the frames", depth_unit)
     plane = _plane(depth, camera)
     off, bed = _off(depth, camera, plane)
     near = np.abs(off) < 1e3 * _NEAR  # NaN is not
-    readings = np.isfinite(depth)
-    inside = ~outside_range(depth[near], camera)
-    length = float(np.linalg.norm(plane))
     a, b, c = plane
     setup = SetUp(
         frames=len(stack),
         valid=float(seen.mean()),
         frozen=len(stack) > 2 and not still and bool((stack == stack[0]).all()),
-        noise_mm=float(np.nanmedian(noise)) if np.isfinite(noise).any() else float("nan"),
+        noise_mm=_nanmedian(noise),
         distance=float(bed.mean()),
-        tilt_deg=float(np.degrees(np.arccos(np.clip(c / length, -1.0, 1.0)))),
+        tilt_deg=_tilt_deg(plane),
         # 1/z falls where the bed is farther away.
         tilt_towards=(float(np.degrees(np.arctan2(-a, c))), float(np.degrees(np.arctan2(-b, c)))),
-        residual_mm=float(1.4826 * np.median(np.abs(off[near]))),
-        flat=float(near.sum() / readings.sum()),
-        inside=float(inside.mean()),
+        residual_mm=spread(off[near]),
+        flat=float(near.sum() / np.isfinite(depth).sum()),
+        inside=float(1.0 - outside_range(depth[near], camera).mean()),
     )
     return Measured(setup, depth, noise, off)
 
@@ -154,8 +146,8 @@ def bed_of(depth: Float[np.ndarray, "H W"], camera: Camera) -> BedView:
     with np.errstate(invalid="ignore"):
         level = np.where(np.isnan(off), 0, np.where(np.abs(off) < 1e3 * _NEAR, 1, 2 + (off > 0)))
     height, width = depth.shape
-    middle = np.s_[height * 2 // 5 : height - height * 2 // 5,
-                   width * 2 // 5 : width - width * 2 // 5]  # fmt: skip
+    v, u = height * 2 // 5, width * 2 // 5
+    middle = np.s_[v : height - v, u : width - u]
     usual = np.bincount(level[middle].ravel(), minlength=4)[1:].argmax() + 1
     parts = np.zeros(depth.shape, np.int32)
     ndimage.label(level == usual, output=parts)
@@ -164,17 +156,12 @@ def bed_of(depth: Float[np.ndarray, "H W"], camera: Camera) -> BedView:
     left, top, w, h = window or (0, 0, width, height)
     inside, around = depth[top : top + h, left : left + w], depth.copy()
     around[top : top + h, left : left + w] = np.nan
-    plane = _plane(inside, camera.crop(left, top, w, h))
-    relief = 1e-3 * _off(inside, camera.crop(left, top, w, h), plane)[0]
-    seen = np.isfinite(inside)
-    (near, far), (low, high) = (np.percentile(part[seen], (1, 99)) for part in (inside, relief))
+    part = camera.crop(left, top, w, h)
+    plane, seen = _plane(inside, part), np.isfinite(inside)
+    level = 1e-3 * _off(inside, part, plane)[0]
+    (near, far), (low, high) = (np.percentile(of[seen], (1, 99)) for of in (inside, level))
     return BedView(
-        window,
-        float(near),
-        float(far),
-        float(np.nanmedian(around)) if np.isfinite(around).any() else float("nan"),
-        float(np.degrees(np.arccos(np.clip(plane[2] / np.linalg.norm(plane), -1.0, 1.0)))),
-        float(high - low),
+        window, float(near), float(far), _nanmedian(around), _tilt_deg(plane), float(high - low)
     )
 
 
@@ -208,12 +195,9 @@ def way_out(
     Args:
       depth: the frame, metres; NaN: no reading.
       camera: that took it.
-      target: of the bank; a bed is moved to the middle of its range.
+      target: of the bank; a bed is moved to the middle of its range, unless not `moved`.
       corner: (left, top) of what is given here in the whole frame, pixels.
-      moved: the bed was, or it is no use.
-
-    Returns:
-      A clause; None where all of the view only lies at another distance.
+      moved: see `target`; None is returned where the view only lies at another distance.
     """
     span = float(target.z_max) - float(target.z_min)
     seen = depth[np.isfinite(depth)]
@@ -248,51 +232,52 @@ def way_out(
 
 def verdict(setup: SetUp, camera: Camera) -> list[tuple[bool, str]]:
     """In words whether a set-up is good enough: (good, sentence) of each thing that matters."""
-    low, high = float(camera.z_min), float(camera.z_max)
-    near = abs(setup.distance - HEIGHT) <= HEIGHT_OFF
-    along = dict(zip(("right", "lower"), setup.tilt_towards, strict=True))
-    side = max(along, key=lambda name: abs(along[name]))
-    other = {"right": "left", "lower": "upper"}
-    farther = side if along[side] > 0 else other[side]
-    said = [(
+    said = []
+
+    def judge(good: bool, what: str, mend: str) -> None:
+        said.append((bool(good), what if good else f"{what}; {mend}"))
+
+    judge(
         setup.valid >= VALID_LEAST,
         f"{setup.valid:.1%} of the pixels have a reading",
         f"at least {VALID_LEAST:.0%} are needed: look for glare, things too near, dark material",
-    )]  # fmt: skip
+    )
     if setup.frozen:
-        said.append((False, "all frames are the same to the bit", "the stream is frozen"))
+        judge(False, "all frames are the same to the bit", "the stream is frozen")
     elif np.isfinite(setup.noise_mm):
-        said.append((
+        judge(
             setup.noise_mm <= NOISE_MOST_MM,
             f"a reading varies by {setup.noise_mm:.2f} mm from frame to frame",
             f"at most {NOISE_MOST_MM:g} mm: come nearer, give more light or texture",
-        ))  # fmt: skip
-    said.append((
+        )
+    judge(
         setup.flat >= FLAT_LEAST,
         f"{setup.flat:.0%} of the readings lie in one plane",
         f"less than {FLAT_LEAST:.0%} is no bed that fills the view: level it, and cut the box out "
         "with --window",
-    ))  # fmt: skip
+    )
     if setup.flat >= FLAT_LEAST:
-        said += [
-            (
-                setup.residual_mm <= RESIDUAL_MOST_MM,
-                f"the bed deviates from that plane by {setup.residual_mm:.2f} mm",
-                f"at most {RESIDUAL_MOST_MM:g} mm: level the bed for this check",
-            ),
-            (
-                setup.tilt_deg <= TILT_MOST_DEG,
-                f"the bed is tilted by {setup.tilt_deg:.1f} degrees against the image",
-                f"at most {TILT_MOST_DEG:g}: the {farther} side is farther away",
-            ),
-        ]
-    said.append((
+        judge(
+            setup.residual_mm <= RESIDUAL_MOST_MM,
+            f"the bed deviates from that plane by {setup.residual_mm:.2f} mm",
+            f"at most {RESIDUAL_MOST_MM:g} mm: level the bed for this check",
+        )
+        u, v = setup.tilt_towards
+        farther = ("left", "right")[u > 0] if abs(u) >= abs(v) else ("upper", "lower")[v > 0]
+        judge(
+            setup.tilt_deg <= TILT_MOST_DEG,
+            f"the bed is tilted by {setup.tilt_deg:.1f} degrees against the image",
+            f"at most {TILT_MOST_DEG:g}: the {farther} side is farther away",
+        )
+    low, high = float(camera.z_min), float(camera.z_max)
+    near = abs(setup.distance - HEIGHT) <= HEIGHT_OFF
+    judge(
         setup.inside >= INSIDE_LEAST,
         f"{setup.inside:.1%} of the bed is {low:g} to {high:g} m away, {setup.distance:.3f} m on "
         "average" + ("" if near else f" (not {HEIGHT:g}: plan with --reproject)"),
         f"at least {INSIDE_LEAST:.0%}: move the camera, or state another --depth-range",
-    ))  # fmt: skip
-    return [(good, what if good else f"{what}; {mend}") for good, what, mend in said]
+    )
+    return said
 
 
 def _over_time(stack, count, depth_unit) -> tuple[np.ndarray, np.ndarray]:
@@ -317,6 +302,14 @@ def _rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return np.broadcast_to(x, camera.shape), np.broadcast_to(y[:, None], camera.shape)
 
 
+def _nanmedian(values: np.ndarray) -> float:
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
+
+
+def _tilt_deg(plane: np.ndarray) -> float:
+    return float(np.degrees(np.arccos(np.clip(plane[2] / np.linalg.norm(plane), -1.0, 1.0))))
+
+
 def _plane(depth: np.ndarray, camera: Camera) -> np.ndarray:
     """(a, b, c) of the plane a x + b y + c = 1/z that most readings lie in.
 
@@ -331,18 +324,13 @@ def _plane(depth: np.ndarray, camera: Camera) -> np.ndarray:
     terms = np.stack([x, y, np.ones_like(x)], 1)
     rng = np.random.default_rng(0)
     some = rng.choice(len(z), min(len(z), _SAMPLE), replace=False)
-    best, most = None, -1
-    for _ in range(_TRIES):
-        three = rng.choice(some, 3, replace=False)
-        try:
-            plane = np.linalg.solve(terms[three], 1.0 / z[three])
-        except np.linalg.LinAlgError:  # in a row
-            continue
-        near = _gap(terms[some], z[some], plane) < _NEAR
-        if near.sum() > most:
-            best, most = plane, near.sum()
-    if best is None:
+    three = np.array([rng.choice(some, 3, replace=False) for _ in range(_TRIES)])
+    three = three[np.abs(np.linalg.det(terms[three])) > 1e-15]  # not in a row
+    if not len(three):
         raise JShapeError("no plane fits these readings")
+    planes = np.linalg.solve(terms[three], 1.0 / z[three][..., None])[..., 0]
+    most = [(_gap(terms[some], z[some], plane) < _NEAR).sum() for plane in planes]
+    best = planes[int(np.argmax(most))]
     for _ in range(3):
         near = _gap(terms, z, best) < _NEAR
         # An error of 1/z counts z^2 times as much in z.

@@ -19,11 +19,8 @@ def to_metres(
 ) -> Float[np.ndarray, "H W"]:
     """Depth in metres (NaN = no reading) of counts (uint16) or metres (floating point).
 
-    Args:
-      raw: (H, W); a NumPy mask is honoured.
-      depth_unit: metres per count.
-      where: what the image is called in errors.
-      left_out: adds up why pixels are no readings, see `data.missing.readings`.
+    A NumPy mask is honoured; `left_out` adds up why pixels are no readings, see
+    `data.missing.readings`.
 
     Raises:
       BadImage: another type of number, or rows of different lengths.
@@ -82,7 +79,7 @@ def check_depth(
       depth: (H, W), metres; 0, NaN and infinity mean "no reading".
       camera: whose size and range it must have.
       where: what the image is called in errors.
-      depth_unit: the metres per count that it was read with, for the hint in the error.
+      depth_unit: metres per count that it was read with, for the hint in the error.
       least_inside: share of the readings that must lie in the camera's range.  The default asks
         for little, since a whole frame shows the surroundings too; a wrong unit still fails it.
       hint: how to mend it, for the end of the error, if no other unit would; None guesses.
@@ -136,15 +133,8 @@ def check_numbers(raw: np.ndarray, unit: float, camera: Camera, where: str) -> b
     The unit is not always the one that a format promises: some write millimetres where metres are
     due, all of which lie beyond what counts hold.
 
-    Args:
-      raw: (H, W), counts or metres.
-      unit: metres that 1 stands for.
-      camera: whose range a thousandth of the readings must reach, if the median of them would lie
-        in it in another unit.
-      where: what the frame is called in errors.
-
-    Returns:
-      False if there is no reading to tell by.
+    A thousandth of the readings (`raw` times `unit` metres) must reach the camera's range if their
+    median would lie in it in another unit.  False: there is no reading to tell by.
 
     Raises:
       BadImage: so it is, or the median is out of `REACH`.

@@ -28,13 +28,8 @@ def pinhole(
 ) -> Camera:
     """The camera of intrinsics that somebody else states.
 
-    Args:
-      where: who states them, for errors.
-      size: (width, height) in pixels.
-      focal: (fx, fy) in pixels.
-      centre: (u0, v0) in pixels.
-      distortion: coefficients of the lens, of any model in which all 0 is none.
-      z_range: depths in metres between which the bed lies.
+    `size` (width, height), `focal` (fx, fy), `centre` (u0, v0): pixels; `distortion` of a model in
+    which all 0 is none; the bed lies in `z_range`, metres; `where` states them, for errors.
 
     Raises:
       BadCamera: numbers that make no sense, or a lens that distorts: frames of such a one must be
@@ -56,16 +51,7 @@ def bent(distortion: Iterable[float]) -> bool:
 
 
 def same_frames(given: Camera, stated: tuple[int, int], where: str) -> Camera:
-    """A camera that somebody gives for frames of another source, if it makes frames of their size.
-
-    Args:
-      given: the camera.
-      stated: (width, height) of the frames.
-      where: what they are, for errors.
-
-    Raises:
-      BadCamera: another size.
-    """
+    """A camera given for frames of another source, if they are of its size, else BadCamera."""
     if (given.width, given.height) != tuple(stated):
         raise BadCamera(
             f"{where}: has {stated[0]}x{stated[1]} pixels; the camera given for it makes "
@@ -75,11 +61,7 @@ def same_frames(given: Camera, stated: tuple[int, int], where: str) -> Camera:
 
 
 def within(camera: Camera, z_range: tuple[float, float] | None) -> Camera:
-    """The camera with another depth range, metres; None: as it is.
-
-    Raises:
-      BadCamera: not two rising depths.
-    """
+    """The camera with another depth range, metres; None: as it is.  BadCamera: it does not rise."""
     if z_range is None:
         return camera
     low, high = (float(z) for z in z_range)

@@ -49,8 +49,6 @@ class Examples(NamedTuple):
 MOST_BEYOND = 0.5
 """Largest share of readings beyond the camera's range: they are clipped, so that an action that
 nobody sees would be predicted without an error."""
-PER_PAIR = tuple("prior posterior action agent material centre size id strength".split())
-"""The arrays of `Pairs` with one entry for each pair."""
 
 
 class Frames:
@@ -132,7 +130,8 @@ class Pairs:
 
     def select(self, keep: np.ndarray) -> "Pairs":
         """The pairs where `keep` (a mask or indices) says so."""
-        kept = {name: getattr(self, name)[keep] for name in PER_PAIR}
+        whole = ("camera", "depth_unit", "extra")
+        kept = {name: part[keep] for name, part in vars(self).items() if name not in whole}
         return replace(self, **kept, extra={n: cells[keep] for n, cells in self.extra.items()})
 
     def of(self, action: str | None = None, agent: str | None = None) -> "Pairs":

@@ -16,7 +16,8 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Array, Key
 from jshape.camera import PAPER_BOX, Camera
-from jshape.data.simulate import DEPTH_UNIT, ROIS, random_bed
+from jshape.data.annotate import Box, box_of
+from jshape.data.simulate import DEPTH_UNIT, ROIS, random_bed, random_place
 from jshape.errors import UnknownName
 
 EFFECT_MM = 0.5
@@ -67,7 +68,7 @@ def simulate_recording(
       agent: whose hand.
       material: a simulated material, or its name.
       bed: kind of bed at the start.
-      camera: that looks straight down.
+      camera: looks straight down.
       still: frames of the open bed between two visits of the hand.
       move: frames in which the hand comes in, and again in which it leaves.
       rest: frames in which it rests motionless above the bed, before and after it acts.
@@ -84,20 +85,16 @@ def simulate_recording(
     Raises:
       UnknownName: no such action, agent, material or kind of bed.
     """
-    for what, names, allowed in (
-        ("action", actions, sim.ACTIONS),
-        ("agent", [agent], sim.AGENTS),
-    ):
-        for name in names:
-            if name not in allowed:
-                raise UnknownName(what, name, allowed)
+    known = [("action", name, sim.ACTIONS) for name in actions] + [("agent", agent, sim.AGENTS)]
+    for what, name, allowed in known:
+        if name not in allowed:
+            raise UnknownName(what, name, allowed)
     material = sim.read_material(material)
     for_bed, key = jax.random.split(key)
     start = random_bed(for_bed, bed)
-    visits = ["idle"] if idle else []
+    visits = ["idle"] * bool(idle)
     for k in range(len(actions)):
-        visits += [f"action {k}"]
-        visits += ["idle"] if len([v for v in visits if v == "idle"]) < idle else []
+        visits += [f"action {k}"] + ["idle"] * (visits.count("idle") < idle)
         if level_every and (k + 1) % level_every == 0 and k + 1 < len(actions):
             visits += ["level"]
     hidden = [len(_path(move, rest, touches=visit != "idle")) for visit in visits]
@@ -126,7 +123,7 @@ def simulate_recording(
             key, for_place, for_arm, for_act = jax.random.split(key, 4)
             kind, _, index = visit.partition(" ")
             action = actions[int(index)] if index else ""
-            place = _random_place(for_place, action or "grasp", camera)
+            place = random_place(for_place, ROIS[action or "grasp"], camera)
             xy = np.asarray(sim.position_to_xy(camera, place))
             angle = np.pi / 2 + float(jax.random.uniform(for_arm, (), jnp.float32, -0.9, 0.9))
             path = _path(move, rest, touches=kind != "idle")
@@ -152,35 +149,14 @@ def simulate_recording(
     return truth, frames()
 
 
-def changed_box(
-    before: np.ndarray, after: np.ndarray, least_mm: float = EFFECT_MM
-) -> tuple[int, int, int, int] | None:
+def changed_box(before: np.ndarray, after: np.ndarray, least_mm: float = EFFECT_MM) -> Box | None:
     """The true box of a change: all pixels of two noise-free frames that differ by `least_mm`.
 
-    Args:
-      before: (H, W), metres; 0 and NaN are no reading and have not changed.
-      after: likewise.
-      least_mm: millimetres.
-
-    Returns:
-      (left, top, width, height), or None where nothing has changed.
+    Frames are (H, W) metres; 0 and NaN are no reading and have not changed.
     """
     with np.errstate(invalid="ignore"):
         changed = (np.abs(after - before) > 1e-3 * least_mm) & (before > 0) & (after > 0)
-    rows, columns = np.flatnonzero(changed.any(1)), np.flatnonzero(changed.any(0))
-    if not rows.size:
-        return None
-    left, top = int(columns[0]), int(rows[0])
-    return left, top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1
-
-
-def _random_place(key, action: str, camera: Camera) -> tuple[int, int]:
-    """A random (u, v) at which the action's whole ROI is visible."""
-    w, h = ROIS[action]
-    low = jnp.array([w // 2, h // 2], jnp.int32)
-    high = low + jnp.array([camera.width - w, camera.height - h], jnp.int32)
-    u, v = np.asarray(jax.random.randint(key, (2,), low, high + 1, jnp.int32))
-    return int(u), int(v)
+    return box_of(changed)
 
 
 def _change(key, bed: sim.Bed, kind, action, agent, material, xy, bed_kind) -> sim.Bed:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from jshape.data.annotate import Box, Effect, difference_mm, find_effect
+from jshape.data.missing import middle_reading, spread
 
 BLOCK = 8
 """Side of the blocks that a thumbnail is made of, pixels."""
@@ -93,11 +94,7 @@ def thumbnail(counts: np.ndarray) -> np.ndarray:
     blocks = counts[: h * BLOCK, : w * BLOCK]
     size = blocks.shape[0] // h, blocks.shape[1] // w
     blocks = blocks.reshape(h, size[0], w, size[1]).swapaxes(1, 2).reshape(h, w, -1)
-    blocks = np.sort(blocks, axis=-1)  # missing ones first
-    missing = (blocks == 0).sum(-1)
-    middle = missing + (blocks.shape[-1] - missing) // 2
-    found = np.take_along_axis(blocks, np.minimum(middle, blocks.shape[-1] - 1)[..., None], -1)
-    return np.where(2 * missing <= blocks.shape[-1], found[..., 0], 0).astype(np.uint16)
+    return np.where((blocks > 0).mean(-1) >= 0.5, middle_reading(blocks, -1), 0).astype(np.uint16)
 
 
 def cut(
@@ -115,11 +112,8 @@ def cut(
     that mostly gives one (too near for the camera).  The bed at a block is the median of all
     moments at which that block was still: the open bed must be seen for most of the quiet time.
 
-    Args:
-      thumbs: (T, h, w) thumbnails in counts.
-      depth_unit: metres per count.
-      near_mm: least height of a hand or arm above the bed.
-      min_frames: least length of a segment.
+    `near_mm` is the least height of a hand or arm above the bed, `min_frames` the least length of
+    a segment; `thumbs` are (T, h, w) thumbnails in counts.
     """
     blocks = thumbs.shape[1] * thumbs.shape[2]
     least = max(2, round(0.001 * blocks))
@@ -157,23 +151,13 @@ def average(stack: np.ndarray, depth_unit: float) -> np.ndarray:
     """One frame of several of the same bed: the mean over each pixel's readings.
 
     Readings far from the pixel's median (a flicker, a flying pixel) are left out.  A pixel with
-    readings in less than a quarter of the frames (or in one of several) has none.
-
-    Args:
-      stack: (S, H, W) uint16 counts.
-      depth_unit: metres per count.
-
-    Returns:
-      (H, W) uint16 counts, 0 = no reading.
+    readings in less than a quarter of the frames (or in one of several) has none.  Counts (S, H, W)
+    become counts (H, W).
     """
-    seen = stack > 0
-    count = seen.sum(0)
-    ordered = np.sort(stack, axis=0)  # missing ones first
-    middle = np.minimum(len(stack) - count + count // 2, len(stack) - 1)
-    median = np.take_along_axis(ordered, middle[None], 0)[0].astype(np.float32)
+    median = middle_reading(stack).astype(np.float32)
     # 1 % of the depth is 4.5 mm at 0.45 m: ten times the noise of one frame.  Not less than 2 mm.
     least = max(2.0, 2e-3 / depth_unit)
-    keep = seen & (np.abs(stack - median) <= np.maximum(0.01 * median, least))
+    keep = (stack > 0) & (np.abs(stack - median) <= np.maximum(0.01 * median, least))
     kept = keep.sum(0)
     total = (stack * keep).sum(0, dtype=np.float64)
     enough = kept >= (max(2, len(stack) / 4) if len(stack) > 1 else 1)
@@ -196,8 +180,7 @@ def average_segment(segment: Segment, stack: np.ndarray, depth_unit: float) -> A
     halves = average(stack[::2], depth_unit), average(stack[1::2], depth_unit)
     change, known = difference_mm(*halves, depth_unit)
     # The difference of two halves has 2 / (S / 2) of one frame's variance, the mean 1 / S.
-    spread = 1.4826 * float(np.median(np.abs(change[known]))) if known.any() else 0.0
-    return Averaged(segment, counts, spread / 2)
+    return Averaged(segment, counts, spread(change[known]) / 2)
 
 
 def compare(
@@ -211,15 +194,9 @@ def compare(
     """What happened between two open segments.
 
     An action changes one place.  Nothing beyond the noise makes no pair, and neither does a change
-    all over the bed, or in two places far apart of which one is at least half as deep as the other.
-
-    Args:
-      before: the segment before.
-      after: and after.
-      depth_unit: metres per count.
-      noise_mm: standard deviation of an averaged frame.  It is not taken from the difference: all
-        over a levelled bed, the change itself would look like noise.
-      reset_share: share of the bed that may change.
+    all over the bed (more than `reset_share` of it), or in two places far apart of which one is at
+    least half as deep as the other.  `noise_mm` is the standard deviation of an averaged frame; it
+    is not taken from the difference: all over a levelled bed, the change would look like noise.
     """
     effect = find_effect(before.counts, after.counts, depth_unit)
     known = np.isfinite(effect.change_mm)
@@ -259,7 +236,7 @@ def _noise_mm(thumbs: np.ndarray, unit_mm: float) -> float:
     which = np.linspace(1, len(thumbs) - 1, min(1000, len(thumbs) - 1)).astype(int)
     steps = [_step(thumbs[k - 1], thumbs[k]) for k in np.unique(which)]
     quiet = np.concatenate([step[step > 0] for step in steps]) if steps else np.zeros(0)
-    return 1.4826 * float(np.median(quiet)) * unit_mm / 2**0.5 if quiet.size else 0.0
+    return spread(quiet) * unit_mm / 2**0.5
 
 
 def _bed(thumbs: np.ndarray, moving: np.ndarray) -> np.ndarray:
@@ -270,10 +247,7 @@ def _bed(thumbs: np.ndarray, moving: np.ndarray) -> np.ndarray:
         still = seen & ~moving[:, row]
         still[:-1] &= ~moving[1:, row]
         still = np.where(still.any(0), still, seen)
-        count = still.sum(0)
-        ordered = np.sort(np.where(still, thumbs[:, row], 0), axis=0)
-        middle = np.minimum(len(thumbs) - count + count // 2, len(thumbs) - 1)
-        found[row] = np.take_along_axis(ordered, middle[None], 0)[0] * (count > 0)
+        found[row] = middle_reading(np.where(still, thumbs[:, row], 0))
     return found
 
 
@@ -283,12 +257,12 @@ def _pieces(mask: np.ndarray, least: int, surely: np.ndarray | None) -> np.ndarr
         return np.zeros_like(mask)
     count, found, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     labels = np.asarray(found, int)
-    keep = np.zeros(count, bool)
-    for k in range(1, count):
-        left, top, w, h, area = stats[k]
-        edge = left == 0 or top == 0 or left + w == mask.shape[1] or top + h == mask.shape[0]
-        certain = surely is None or edge or (labels[surely] == k).sum() >= least / 2
-        keep[k] = area >= least and certain
+    keep = stats[:, cv2.CC_STAT_AREA] >= least
+    if surely is not None:
+        edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+        sure = np.bincount(labels[surely], minlength=count) >= least / 2
+        keep &= sure | np.isin(np.arange(count), edge)
+    keep[0] = False
     return keep[labels]
 
 

@@ -152,10 +152,7 @@ def simulate_pairs(
             for index in range(count):
                 key, for_bed, for_place, for_act, for_prior, for_posterior = _split(key)
                 bed = random_bed(for_bed, beds[index % len(beds)])
-                w, h = roi
-                low = jnp.array([w // 2, h // 2], jnp.int32)
-                high = low + jnp.array([camera.width - w, camera.height - h], jnp.int32)
-                place = jax.random.randint(for_place, (2,), low, high + 1, jnp.int32)
+                place = random_place(for_place, roi, camera)
                 xy = sim.position_to_xy(camera, place)
                 # Of its own key, so that the beds and places are those of strength 1.
                 share = jax.random.uniform(jax.random.fold_in(for_act, 1), (), jnp.float32)
@@ -167,10 +164,18 @@ def simulate_pairs(
                     )
                     for k, b in ((for_prior, bed), (for_posterior, after))
                 )
-                u, v = (int(x) for x in place)
                 yield SimulatedPair(
-                    action, who, material.name, (u, v), (w, h), prior, posterior, strength
+                    action, who, material.name, place, roi, prior, posterior, strength
                 )
+
+
+def random_place(key: Key[Array, ""], roi: tuple[int, int], camera: Camera) -> tuple[int, int]:
+    """A random (u, v) at which a whole ROI of size (w, h) is visible."""
+    w, h = roi
+    low = jnp.array([w // 2, h // 2], jnp.int32)
+    high = low + jnp.array([camera.width - w, camera.height - h], jnp.int32)
+    u, v = np.asarray(jax.random.randint(key, (2,), low, high + 1, jnp.int32)).tolist()
+    return u, v
 
 
 def roi_of(stroke: sim.Stroke, camera: Camera) -> tuple[int, int]:

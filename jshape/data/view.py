@@ -65,10 +65,9 @@ class View:
 
     def shown(self) -> float:
         """Share of the target's pixels that the source's frames show."""
-        rows, columns = np.indices(self.target.shape).reshape(2, -1)
-        u, v = self.pixels(np.stack([columns, rows], -1)).T
-        height, width = self.source.shape
-        return float(((u >= 0) & (u < width) & (v >= 0) & (v < height)).mean())
+        there = self.pixels(np.indices(self.target.shape).reshape(2, -1).T[:, ::-1])
+        inside = (there >= 0) & (there < self.source.shape[::-1])
+        return float(inside.all(1).mean())
 
     def pixels(self, positions: np.ndarray) -> np.ndarray:
         """Where positions (N, 2) of (u, v) in the target's image are in the source's: (N, 2).
@@ -77,13 +76,13 @@ class View:
         """
         if self.window is not None:
             return positions + np.array(self.window)
-        source, target = self.source, self.target
-        z = _middle(target)
-        shrink = z / (z - self.rise)
-        u = (positions[:, 0] - float(target.u0)) / float(target.fx) * shrink
-        v = (positions[:, 1] - float(target.v0)) / float(target.fy) * shrink
-        both = (u * float(source.fx) + float(source.u0), v * float(source.fy) + float(source.v0))
-        return np.rint(np.stack(both, -1)).astype(int)
+        z = _middle(self.target)
+        (ours, to_ours), (theirs, to_theirs) = (
+            (np.array([c.fx, c.fy], float), np.array([c.u0, c.v0], float))
+            for c in (self.source, self.target)
+        )
+        rays = (positions - to_theirs) / theirs * (z / (z - self.rise))
+        return np.rint(rays * ours + to_ours).astype(int)
 
 
 def view_of(
@@ -94,14 +93,10 @@ def view_of(
     reproject: bool = False,
     where: str = "frame",
 ) -> View:
-    """The view from `source` frames to `target` frames.
+    """The view from `source` frames to frames of the bank's camera, `target`.
 
-    Args:
-      source: the camera that took the frames.
-      target: the bank's camera.
-      first: (H, W) metres, a frame: the middle of its bed goes to the middle of target's range.
-      reproject: allow another camera than the bank's, or another distance from the bed.
-      where: what to call the frame in errors.
+    With `reproject` it may be another camera, or at another distance from the bed: then the middle
+    of the bed in the `first` frame, (H, W) metres, goes to the middle of target's range.
 
     Raises:
       BadCamera: another camera, and `reproject` is False; or a camera that makes no sense.
@@ -140,19 +135,10 @@ def view_beside(
     """The view of a second frame: of the same camera, or a part of it, from the same distance.
 
     Of another camera that is looked at again, the middles of both beds are taken to be equally
-    high, since nothing says how the two cameras stood.  Depth ranges may differ.
+    high, since nothing says how the two cameras stood.  Depth ranges may differ.  `view` and
+    `first` (what the target sees, metres) are those of the first frame; `camera` took `frame`.
 
-    Args:
-      view: of the first frame.
-      first: (h, w) metres, what the target sees of the first.
-      camera: that took the second.
-      frame: (H, W) metres, the second.
-      reproject: as for `view_of`.
-      where: what to call it in errors.
-
-    Raises:
-      BadImage: as for `view_of`.
-      BadCamera: as for `view_of`.
+    Raises BadImage and BadCamera as `view_of`.
     """
     source = view.source
     ranged = replace(camera, z_min=source.z_min, z_max=source.z_max)
@@ -238,12 +224,9 @@ def image_of_depth(
 
 
 def plannable(depth: np.ndarray, camera: Camera, *, own: bool = False) -> str | None:
-    """Why `jshape plan` would refuse a frame with a bundled bank; None: it would not.
+    """Why `jshape plan` would refuse a frame (metres) with a bundled bank; None: it would not.
 
-    Args:
-      depth: (H, W) metres, NaN: no reading.
-      camera: that took it.
-      own: it is what `--window` holds, which is planned on as it is.
+    `own`: it is what `--window` holds, which is planned on as it is.
     """
     try:
         target = camera if own else PAPER_BOX

@@ -16,13 +16,9 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 def read_arrays(data: bytes, where: str, limit: int) -> dict[str, np.ndarray]:
     """The arrays of numbers in an NPZ, by name; nothing is unpickled.
 
-    Args:
-      data: the NPZ.
-      where: what to call it in errors.
-      limit: most bytes that it may unpack to.
-
     Raises:
-      BadFile: it is damaged, unpacks to more, or holds something else than arrays of numbers.
+      BadFile: it is damaged, unpacks to more bytes than `limit`, or holds something else than
+        arrays of numbers.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

@@ -43,12 +43,8 @@ def camera_of(
 ) -> Camera:
     """The camera of frames of a topic, as the CameraInfo beside it states.
 
-    Args:
-      info: the message.
-      topic: of the frames; its name says whether they are rectified.
-      size: (width, height) of the frames.
-      z_range: depths in metres between which the bed lies.
-      where: what states it, for errors.
+    The topic's name says whether the frames, of `size` (width, height), are rectified; the bed lies
+    in `z_range`, metres.
 
     Raises:
       BadCamera: numbers that make no sense, of frames of another size, or of a lens that distorts;

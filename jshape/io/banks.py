@@ -20,8 +20,15 @@ import numpy as np
 from jshape.errors import BadBank, BadCamera, BadFile, UnknownName, one_line, quoted
 from jshape.io.arrays import read_arrays
 from jshape.io.cameras import camera_fields, camera_from
-from jshape.io.files import check_sums, read_bytes, read_json, write_atomic, write_json
-from jshape.io.folders import atomic_folder
+from jshape.io.files import (
+    as_error,
+    check_sums,
+    read_bytes,
+    read_json,
+    write_atomic,
+    write_json,
+)
+from jshape.io.folders import atomic_folder, folder_of
 from jshape.io.kinds import KINDS
 from jshape.io.records import OneLine, Range, check_format, read_record
 from jshape.models.bank import Bank
@@ -162,10 +169,8 @@ def load_bank(name_or_folder: str | os.PathLike) -> Bank:
     """
     folder, content, manifest = _open(name_or_folder)
     path = folder / EFFECTS
-    try:
+    with as_error(BadBank):
         arrays = read_arrays(read_bytes(path, limit=FILE_LIMIT), str(path), FILE_LIMIT)
-    except BadFile as problem:
-        raise BadBank(str(problem)) from None
     camera = camera_from(manifest.camera, f"{folder / MANIFEST}: camera")
     predictors = []
     for number, name in enumerate(manifest.actions):
@@ -213,12 +218,10 @@ def bank_manifest(name_or_folder: str | os.PathLike) -> dict[str, Any]:
 
 def _open(name_or_folder: str | os.PathLike) -> tuple[Path, dict[str, Any], Manifest]:
     folder = _find(name_or_folder)
-    try:
+    with as_error(BadBank, BadFile, BadCamera):
         content = read_json(folder / MANIFEST)
         manifest = _check(content, f"{folder / MANIFEST}")
         check_sums(folder, manifest.checksums)
-    except (BadFile, BadCamera) as problem:
-        raise BadBank(str(problem)) from None
     return folder, content, manifest
 
 
@@ -241,13 +244,8 @@ def _find(name_or_folder: str | os.PathLike) -> Path:
         text and _NAME.fullmatch(name_or_folder) and not os.path.lexists(name_or_folder)
     ):
         raise UnknownName("bank", name_or_folder, list_banks())
-    folder = Path(name_or_folder)
-    if not folder.is_dir():
-        what = "is a file; a bank is a folder" if folder.exists() else "no such bank folder"
-        raise BadBank(f"{folder}: {what}")
-    if not (folder / MANIFEST).is_file():
-        raise BadBank(f"{folder}: has no {MANIFEST}, so it is not a bank")
-    return folder
+    with as_error(BadBank):
+        return folder_of(name_or_folder, "a bank", MANIFEST)
 
 
 def _alone(name: str, bundled: Path) -> Path:

@@ -17,8 +17,8 @@ from urllib.parse import quote
 import numpy as np
 
 from jshape.errors import BadFile, JShapeError, one_line
-from jshape.io.files import check_sums, check_writable, read_json, refused, sha256, write_json
-from jshape.io.folders import atomic_folder
+from jshape.io.files import check_sums, read_json, refused, sha256, write_json
+from jshape.io.folders import atomic_folder, check_writable
 from jshape.io.records import read_record
 
 FORMAT = "jshape-checkpoint"

@@ -22,11 +22,11 @@ from jshape.data.depth import check_unit, to_metres, wrong_shape
 from jshape.data.pairs import Frames, Pairs
 from jshape.errors import BadDataset, BadFile, BadImage, quoted
 from jshape.io.cameras import CAMERA, read_camera, write_camera
-from jshape.io.files import inside, write_atomic
-from jshape.io.folders import atomic_folder
+from jshape.io.files import as_error, inside, write_atomic
+from jshape.io.folders import atomic_folder, folder_of
 from jshape.io.images import read_counts, write_counts_png
 from jshape.io.records import OneLine, Range, read_record
-from jshape.io.tables import Table, as_dataset, check_action, read_table
+from jshape.io.tables import Table, check_action, read_table
 
 STRENGTH = "strength"
 """A column that is there if some pair is not of strength 1: how many times as deep as the trained
@@ -102,8 +102,9 @@ def load_pairs(folder: str | os.PathLike, left_out: Counter[str] | None = None) 
         an id twice, or a path that leads out of the folder.
       BadCamera: camera.json makes no sense.
     """
-    folder = Path(folder)
-    camera, depth_unit = _read_camera(folder)
+    with as_error(BadDataset):
+        folder = folder_of(folder, "a data set", CAMERA, TABLE)
+        camera, depth_unit = read_camera(folder / CAMERA)
     table = read_table(folder / TABLE, COLUMNS)
     rows = _read_rows(table, folder / TABLE, camera)
     prior, posterior = _read_frames(folder, rows, camera, depth_unit, left_out)
@@ -262,17 +263,6 @@ class Adder:
         return Table(header, rows, []).text()
 
 
-def _read_camera(folder: Path) -> tuple[Camera, float]:
-    if not folder.is_dir():
-        what = "is a file; a data set is a folder" if folder.exists() else "no such folder"
-        raise BadDataset(f"{folder}: {what}")
-    for name in (CAMERA, TABLE):
-        if not (folder / name).is_file():
-            raise BadDataset(f"{folder}: has no {name}, so it is not a data set")
-    with as_dataset():
-        return read_camera(folder / CAMERA)
-
-
 def _read_rows(table: Table, path: Path, camera: Camera) -> dict[str, PairRow]:
     """The rows, by where they are."""
     if not table.rows:
@@ -330,7 +320,7 @@ def _read_frames(
 
     # One frame first: a camera.json of absurd size is refused before memory is asked for.
     where = f"{folder}: {files[0][0]}"
-    with as_dataset():
+    with as_error(BadDataset):
         check_unit(to_metres(read(0), depth_unit, where), camera, where, depth_unit)
     if size * which.size <= IN_MEMORY:
         try:

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, NoReturn
 
-from jshape.errors import BadFile, one_line, quoted
+from jshape.errors import BadFile, BadImage, JShapeError, one_line, quoted
 
 JSON_LIMIT = 64 * 2**20
 """Default largest JSON file that is read, bytes."""
@@ -31,15 +31,20 @@ def refused(path: str | os.PathLike, what: str) -> Iterator[None]:
         raise BadFile(f"{path}: {what}: {one_line(reason)}") from None
 
 
+@contextmanager
+def as_error(kind: type[JShapeError], *of: type[JShapeError]) -> Iterator[None]:
+    """Raise another kind of error, of the same text; `of` are those meant, else of files."""
+    meant = of or (BadFile, BadImage)
+    try:
+        yield
+    except meant as problem:
+        raise kind(str(problem)) from None
+
+
 def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
     """Write a file whole or not at all; what was there stays until the new content is on disk.
 
-    Args:
-      path: the file; its folder is made if need be.
-      content: bytes, or text that is written as UTF-8.
-
-    Returns:
-      The path.
+    Its folder is made if need be; text is written as UTF-8.
 
     Raises:
       BadFile: it cannot be written; nothing new is left behind.
@@ -51,33 +56,12 @@ def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
             raise BadFile(f"{path}: is a folder; a file is to be written there")
         with parents(path):
             try:
-                _write_new(temp, content.encode() if isinstance(content, str) else content)
+                write_new(temp, content.encode() if isinstance(content, str) else content)
                 os.replace(temp, path)
             finally:
-                _remove_file(temp)
+                remove_file(temp)
         sync_folder(path.parent)
     return path
-
-
-def check_writable(folder: str | os.PathLike) -> Path:
-    """The folder as a path, if it is writable or can be made; nothing is left behind.
-
-    Raises:
-      BadFile: it, or the nearest folder above it that exists, is a file or refuses new files.
-    """
-    folder = Path(folder)
-    if "\0" in str(folder):
-        raise BadFile(f"{quoted(str(folder))}: is not a folder name")
-    with refused(folder, "cannot be written"):
-        nearest = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))
-        if not nearest.is_dir():
-            raise BadFile(f"{folder}: cannot be written: {nearest} is not a folder")
-        probe = temp_beside(nearest / "probe")
-        try:
-            _write_new(probe, b"")
-        finally:
-            _remove_file(probe)
-    return folder
 
 
 def read_bytes(path: str | os.PathLike, *, limit: int, start: int | None = None) -> bytes:
@@ -262,14 +246,16 @@ def temp_beside(path: Path) -> Path:
     return path.parent / f".{path.name[:80]}.{secrets.token_hex(6)}.tmp"
 
 
-def _write_new(path: Path, data: bytes) -> None:
+def write_new(path: Path, data: bytes) -> None:
+    """Write a file that is not there yet, onto the disk."""
     with path.open("xb") as file:  # exclusive: a file of that name, or a link, is never followed
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
 
 
-def _remove_file(path: Path) -> None:
+def remove_file(path: Path) -> None:
+    """Remove a file, if it is there and can be."""
     with suppress(OSError, ValueError):
         path.unlink(missing_ok=True)
 

@@ -9,8 +9,41 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from jshape.errors import BadFile, one_line
-from jshape.io.files import check_writable, lock, parents, refused, sync_folder, temp_beside
+from jshape.errors import BadFile, one_line, quoted
+from jshape.io.files import lock, parents, refused, remove_file, sync_folder, temp_beside, write_new
+
+
+def folder_of(folder: str | os.PathLike, what: str, *needed: str) -> Path:
+    """The folder that holds `what` (a data set) and the files that it needs, else BadFile."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        why = f"is a file; {what} is a folder" if folder.exists() else "no such folder"
+        raise BadFile(f"{folder}: {why}")
+    for name in needed:
+        if not (folder / name).is_file():
+            raise BadFile(f"{folder}: has no {name}, so it is not {what}")
+    return folder
+
+
+def check_writable(folder: str | os.PathLike) -> Path:
+    """The folder as a path, if it is writable or can be made; nothing is left behind.
+
+    Raises:
+      BadFile: it, or the nearest folder above it that exists, is a file or refuses new files.
+    """
+    folder = Path(folder)
+    if "\0" in str(folder):
+        raise BadFile(f"{quoted(str(folder))}: is not a folder name")
+    with refused(folder, "cannot be written"):
+        nearest = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))
+        if not nearest.is_dir():
+            raise BadFile(f"{folder}: cannot be written: {nearest} is not a folder")
+        probe = temp_beside(nearest / "probe")
+        try:
+            write_new(probe, b"")
+        finally:
+            remove_file(probe)
+    return folder
 
 
 @contextmanager
@@ -64,14 +97,8 @@ def check_target(
 ) -> None:
     """Refuse what `atomic_folder` may not write to: call it before long work.
 
-    Args:
-      target: as `atomic_folder` takes it.
-      overwrite: likewise.
-      contents: likewise.
-      own: a name in the target that is no obstacle.
-
-    Raises:
-      BadFile: the target exists (and must not be replaced), or cannot be written.
+    Arguments are those of `atomic_folder`; a name `own` in the target is no obstacle.  Raises
+    likewise.
     """
     target = check_writable(target)
     with refused(target, "cannot be read"):

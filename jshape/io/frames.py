@@ -61,15 +61,10 @@ def source_of(
 
 
 def goal_source(path: Path, now: Source, folder: Path | None) -> Source:
-    """The camera of a frame that is wanted: what its own folder says, else that of the frame now.
+    """The camera of a frame that is wanted: what its own folder says, else that of the frame `now`.
 
-    Args:
-      path: of the frame; a point cloud is seen by the camera of the frame now.
-      now: where the frame now comes from.
-      folder: of the frame now, which `now` speaks for; None: of no file.
-
-    Raises:
-      BadCamera, BadFile: a camera.json that is none.
+    A point cloud is seen by the latter.  `folder` is the one that `now` speaks for; None: of no
+    file.  Raises BadCamera, BadFile: a camera.json that is none.
     """
     beside = path.parent / cameras.CAMERA
     here = folder is not None and beside.parent.resolve() == folder.resolve()
@@ -88,16 +83,11 @@ def frame_of(
 ) -> np.ndarray:
     """A depth image or point cloud as a frame (H, W) of its camera, metres; NaN: no reading.
 
-    Args:
-      path: the file.
-      source: its camera.
-      reproject: a guessed camera's range says nothing of a bed at another height; a stated one's
-        does, and it is what tells a wrong unit.
-      raw: what is in the file, where it was read already.
-      left_out: adds up why pixels of an image are no readings.
+    With `reproject`, a guessed camera's range says nothing of a bed at another height; a stated
+    one's does, and it is what tells a wrong unit.  `raw` is what is in the file, where it was read
+    already; `left_out` adds up why pixels are no readings.
 
-    Raises:
-      BadFile, BadImage, BadCamera: it cannot be read, or is no depth image of this camera.
+    Raises BadFile, BadImage, BadCamera: it cannot be read, or is no depth image of this camera.
     """
     camera, check = check_camera(source.camera), source.stated or not reproject
     if path.suffix.lower() in points.SUFFIXES:
@@ -115,13 +105,7 @@ def frame_of(
 
 
 def bank_over(bank: Bank, part: Camera, frame: np.ndarray, whole: Camera) -> Bank:
-    """The bank for a part of a camera's frames, as they are: a bed of any size and distance.
-
-    Args:
-      bank: of a kind that is not bound to its camera.
-      part: the camera of the part.
-      frame: (H, W) metres of the bed.
-      whole: the camera that took it.
+    """The bank for a part of a camera's frames: of any size, at the distance that `frame` shows.
 
     Raises:
       BadBank: a bank that is bound to its camera.

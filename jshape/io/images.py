@@ -94,18 +94,20 @@ def depth_of_array(
     return check(depth, camera, where, depth_unit if raw.dtype == np.uint16 else None)
 
 
-def read_counts(path: str | os.PathLike, left_out: Counter[str] | None = None) -> np.ndarray:
+def read_counts(
+    path: str | os.PathLike, left_out: Counter[str] | None = None, *, covered: bool = False
+) -> np.ndarray:
     """The counts of a 16-bit single-channel frame, (H, W) uint16, 0 = no reading.
 
     Raises:
       BadFile: the file cannot be read.
-      BadImage: it is not such an image, or no pixel has a reading.
+      BadImage: it is not such an image, or (unless the lens may be `covered`) has no reading.
     """
     counts = read_array(path)
     if counts.dtype != np.uint16:
         raise BadImage(f"{path}: holds {counts.dtype}; a frame is 16-bit, one channel")
     counts = only_readings(counts, left_out)
-    if not counts.any():
+    if not (covered or counts.any()):
         raise BadImage(f"{path}: no pixel has a reading")
     return counts
 

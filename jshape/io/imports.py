@@ -18,10 +18,11 @@ from jshape.data.missing import only_readings
 from jshape.data.segment import provisional_box
 from jshape.errors import BadDataset
 from jshape.io.cameras import read_camera
+from jshape.io.files import as_error
+from jshape.io.folders import folder_of
 from jshape.io.formats import SUFFIXES, read_array
 from jshape.io.images import depth_of_array, to_counts
 from jshape.io.recordings import by_number
-from jshape.io.tables import as_dataset
 
 STATES = ("before", "after")
 
@@ -42,9 +43,8 @@ def before_after_files(source: str | os.PathLike) -> dict[str, tuple[Path, Path]
     Raises:
       BadDataset: no such folder, no frames, a name with one frame only or with two of a kind.
     """
-    source = Path(source)
-    if not source.is_dir():
-        raise BadDataset(f"{source}: no such folder")
+    with as_error(BadDataset):
+        source = folder_of(source, "a source of frames")
     found: dict[str, dict[str, Path]] = {}
     for state in STATES:
         within = source / state
@@ -52,8 +52,8 @@ def before_after_files(source: str | os.PathLike) -> dict[str, tuple[Path, Path]
             files = [(p.stem, p) for p in sorted(within.iterdir())]
         else:
             end = f"_{state}"
-            files = [(p.stem.removesuffix(end), p) for p in sorted(source.iterdir())
-                     if p.stem.endswith(end)]  # fmt: skip
+            files = [(p.stem.removesuffix(end), p) for p in sorted(source.iterdir())]
+            files = [(name, path) for name, path in files if name != path.stem]
         for name, path in files:
             if path.suffix.lower() not in SUFFIXES or not path.is_file() or name.startswith("."):
                 continue
@@ -79,14 +79,12 @@ def before_after_camera(
 ) -> tuple[Camera, float]:
     """The camera and depth unit of such a folder: of `camera`, or of its own camera.json.
 
-    Raises:
-      BadDataset: neither is there.
-      BadCamera: it makes no sense.
+    Raises BadDataset: neither is there; BadCamera: it makes no sense.
     """
     path = Path(source) / "camera.json" if camera is None else Path(camera)
     if not path.is_file():
         raise BadDataset(f"{path}: no such file; it (or --camera FILE) says what the frames mean")
-    with as_dataset():
+    with as_error(BadDataset):
         return read_camera(path)
 
 
@@ -104,23 +102,15 @@ def before_after_pairs(
     for name, (before, after) in files.items():
         prior, posterior = (_counts(path, camera, depth_unit, left_out) for path in (before, after))
         effect = find_effect(prior, posterior, depth_unit)
-        box = provisional_box(effect, camera.shape) if effect.box else (
-            0, 0, camera.width, camera.height
-        )  # fmt: skip
-        yield BeforeAfter(name, prior, posterior, box)
+        box = provisional_box(effect, camera.shape) if effect.box else None
+        yield BeforeAfter(name, prior, posterior, box or (0, 0, camera.width, camera.height))
 
 
 def _counts(
     path: Path, camera: Camera, depth_unit: float, left_out: Counter[str] | None
 ) -> np.ndarray:
-    with as_dataset():
+    with as_error(BadDataset):
         raw, where = read_array(path), str(path)
-        depth = depth_of_array(
-            raw,
-            where,
-            depth_unit=depth_unit,
-            camera=camera,
-            check_range=False,
-            left_out=left_out,
-        )
+        seen = {"depth_unit": depth_unit, "camera": camera, "left_out": left_out}
+        depth = depth_of_array(raw, where, check_range=False, **seen)
         return only_readings(raw) if raw.dtype == np.uint16 else to_counts(depth, depth_unit, where)

@@ -47,18 +47,10 @@ def read_goal(
 ) -> Float[np.ndarray, "H W"]:
     """The depth image that is wanted, from an image or from a point cloud or mesh.
 
-    Points are in the camera's frame; the nearest wins a pixel.  The faces of a mesh count, not
-    only its vertices.  What lies beyond the camera's range has the depth that it has.
-
-    Args:
-      path: .ply or .pcd, else an image as for `read_depth`.
-      camera: the camera that is to see it.
-      depth_unit: metres per count, for images.
-      check_range: False asks only that something is in view, not that any of it is in range.
-      left_out: adds up why pixels of an image are no readings.
-
-    Returns:
-      (H, W) float32, metres; NaN where no point falls, or where an image has no reading.
+    Points (.ply, .pcd; all else is an image as for `read_depth`) are in the camera's frame; the
+    nearest wins a pixel.  The faces of a mesh count, not only its vertices.  What lies beyond the
+    camera's range has the depth that it has; False for `check_range` asks only that something is
+    in view.  NaN: no point, or no reading.
 
     Raises:
       BadFile: the file cannot be read.
@@ -144,10 +136,6 @@ def read_mesh(
     """Points in the file's own unit, and the faces of a mesh (None: the file has none).
 
     Points with a coordinate that is not finite are dropped.
-
-    Args:
-      path: PLY, PCD, STL or OBJ.
-      allowed: endings of the name.
 
     Raises:
       BadFile: the file cannot be read, is of another kind, damaged, or holds no point.

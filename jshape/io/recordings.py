@@ -18,13 +18,13 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.depth import check_unit, to_metres, wrong_shape
-from jshape.errors import BadDataset, BadImage, one_line, quoted
+from jshape.errors import BadDataset, one_line, quoted
 from jshape.io.cameras import CAMERA, read_camera, write_camera
-from jshape.io.files import write_atomic, write_json
-from jshape.io.folders import atomic_folder
+from jshape.io.files import as_error, refused, write_atomic, write_json
+from jshape.io.folders import atomic_folder, folder_of
 from jshape.io.formats import COUNTS
 from jshape.io.images import read_counts, write_counts_png
-from jshape.io.tables import as_dataset, check_action, read_table
+from jshape.io.tables import check_action, read_table
 
 FRAMES = "frames"
 TRUTH = "truth.json"
@@ -70,17 +70,11 @@ class Recording:
     def frame(self, index: int) -> np.ndarray:
         """Counts (H, W) uint16 of one frame; a frame without any reading is all 0.
 
-        Raises:
-          BadDataset: the file cannot be read, is not 16-bit single-channel or has another size.
+        Raises BadDataset: it cannot be read, is not 16-bit single-channel or has another size.
         """
         path = self.files[index]
-        with as_dataset():
-            try:
-                counts = read_counts(path)
-            except BadImage as problem:
-                if "no pixel has a reading" in str(problem):  # a covered lens is no damage
-                    return np.zeros(self.camera.shape, np.uint16)
-                raise
+        with as_error(BadDataset):
+            counts = read_counts(path, covered=True)
         if counts.shape != self.camera.shape:
             raise BadDataset(wrong_shape(str(path), counts.shape, self.camera))
         return counts
@@ -94,29 +88,18 @@ class Recording:
 def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Recording:
     """The recording in a folder; of its frames only the first is read, to check the unit.
 
-    Args:
-      folder: with `camera.json` and numbered frames.
-      allow_gaps: take frames whose numbers are not consecutive.
-
     Raises:
       BadDataset: no such folder, no camera.json, no frames, files of two kinds among them, a
-        number twice, or numbers missing.
+        number twice, or (unless `allow_gaps`) numbers missing.
       BadCamera: camera.json makes no sense.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
-        what = "is a file; a recording is a folder" if folder.exists() else "no such folder"
-        raise BadDataset(f"{folder}: {what}")
-    if not (folder / CAMERA).is_file():
-        raise BadDataset(f"{folder}: has no {CAMERA}, so nothing says what its frames mean")
-    with as_dataset():
+    with as_error(BadDataset):
+        folder = folder_of(folder, "a recording", CAMERA)
         camera, depth_unit = read_camera(folder / CAMERA)
     within = folder / FRAMES if (folder / FRAMES).is_dir() else folder
-    try:
-        names = [name for name in os.listdir(within) if not name.startswith(".")]
-    except OSError as problem:
-        raise BadDataset(f"{within}: cannot be read: {one_line(problem)}") from None
-    images = sorted(within / n for n in names if Path(n).suffix.lower() in COUNTS)
+    with as_error(BadDataset), refused(within, "cannot be read"):
+        images = sorted(p for p in within.iterdir() if p.suffix.lower() in COUNTS)
+    images = [path for path in images if not path.name.startswith(".")]
     found = in_order(images)
     if not found:
         ends = f" ({_names(images[:1])} does not end in a number)" * bool(images)
@@ -134,7 +117,7 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
             f"{within}: missing frames: {text}{more}; --allow-gaps takes the others all the same"
         )
     recording = Recording(folder, camera, depth_unit, tuple(found.values()))
-    with as_dataset():
+    with as_error(BadDataset):
         counts, where = recording.frame(0), str(recording.files[0])
         check_unit(to_metres(counts, depth_unit, where), camera, where, depth_unit)
     return recording
@@ -217,14 +200,11 @@ def _names(paths: Iterable[Path]) -> str:
 def recording_writer(
     folder: str | os.PathLike, camera: Camera, depth_unit: float, *, overwrite: bool = False
 ) -> Iterator["FrameAdder"]:
-    """A recording written frame by frame; the folder appears whole or not at all.
+    """The function that adds a frame to a recording, which appears whole or not at all.
 
-    Yields:
-      The function that adds a frame; set its `truth` and `labels` before the block ends.
+    Set its `truth` and `labels` before the block ends.
 
-    Raises:
-      BadFile: the folder exists or cannot be written.
-      BadDataset: no frame was added.
+    Raises BadFile: the folder exists or cannot be written; BadDataset: no frame was added.
     """
     with atomic_folder(folder, overwrite, contents=CONTENTS) as temp:
         write_camera(temp / CAMERA, camera, depth_unit)
@@ -261,16 +241,9 @@ def read_labels(
 ) -> dict[str, Label]:
     """The labels of a recording: a CSV with the columns action, and if need be agent and material.
 
-    One row per change of the bed, in order; the action `-` makes no pair.
-
-    Args:
-      path: the file.
-      agent: where it has no such column, or an empty cell.
-      material: likewise.
-      named: there is a column `name` that says what a row is about; else rows are numbered.
-
-    Returns:
-      The labels in order, by their names ("1", "2" ... without names).
+    One row per change of the bed, in order; the action `-` makes no pair.  `agent` and `material`
+    stand where the file has no such column, or an empty cell.  The labels are in order, by the
+    column `name` if they are `named`, else by their numbers "1", "2" ...
 
     Raises:
       BadDataset: it cannot be read, has no rows or unknown columns, a name is missing or twice.

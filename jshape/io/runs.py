@@ -115,12 +115,8 @@ class Run:
     def append(self, step: Mapping[str, Any], depth: np.ndarray | None = None) -> int:
         """Add a step, and the depth image that belongs to it; both are on disk afterwards.
 
-        Args:
-          step: anything that JSON can hold, except the names `index` and `frame`.
-          depth: (H, W), metres; 0, NaN and infinity mean "no reading".
-
-        Returns:
-          The step's number, from 0.
+        A step is anything that JSON can hold, except the names `index` and `frame`; the depth is
+        in metres, 0 and NaN: no reading.  Returns the step's number, from 0.
 
         Raises:
           BadFile: it cannot be written, or another program has written to the run meanwhile.

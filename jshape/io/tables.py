@@ -7,12 +7,11 @@ import codecs
 import csv
 import io
 import os
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from jshape.errors import BadDataset, BadFile, BadImage, one_line, quoted
-from jshape.io.files import read_bytes
+from jshape.errors import BadDataset, one_line, quoted
+from jshape.io.files import as_error, read_bytes
 
 FILE_LIMIT = 64 * 2**20
 """Largest table that is read, bytes."""
@@ -43,26 +42,14 @@ class Table:
         return stream.getvalue()
 
 
-@contextmanager
-def as_dataset() -> Iterator[None]:
-    """Raise BadDataset for a file of a data set that cannot be read."""
-    try:
-        yield
-    except (BadFile, BadImage) as problem:
-        raise BadDataset(str(problem)) from None
-
-
 def read_table(path: str | os.PathLike, needed: Sequence[str]) -> Table:
-    """The table of a CSV file; empty lines are left out.
-
-    Args:
-      path: UTF-8, with or without a byte order mark, or UTF-16 with one.
-      needed: names that the header must have, in any order and among others.
+    """The table of a CSV file (UTF-8, or UTF-16 with a byte order mark); empty lines are left out.
 
     Raises:
-      BadDataset: it cannot be read, a name is missing or twice, a row has more or fewer cells.
+      BadDataset: it cannot be read, one of the names that are `needed` is missing, a name is there
+        twice, a row has more or fewer cells.
     """
-    with as_dataset():
+    with as_error(BadDataset):
         data = read_bytes(path, limit=FILE_LIMIT)
     try:
         utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text"

@@ -42,18 +42,25 @@ class DepthBag:
     path: Path
     topic: str
     camera: Camera
-    depth_unit: float
-    """Metres per count."""
-    count: int
-    """Frames, as the bag's index says."""
-    _messages: "_Messages"
-    _number_unit: float
+    number_unit: float
     """Metres that 1 in a frame stands for."""
-    _stated: bool
+    stated: bool
     """Whether somebody said so, so that it is not to be doubted."""
-    _metres: bool
-    _info: str | None
+    metres: bool
+    """Frames are floating point."""
+    info: str | None
     """The topic of the CameraInfo that `camera` was made of."""
+    _messages: "_Messages"
+
+    @property
+    def depth_unit(self) -> float:
+        """Metres per count of `frames`."""
+        return FLOAT_UNIT if self.metres else self.number_unit
+
+    @property
+    def count(self) -> int:
+        """Frames, as the bag's index says."""
+        return self._messages.count(self.topic)
 
     def frames(self) -> Iterator[np.ndarray]:
         """The frames (H, W) uint16 in the order of their time.
@@ -64,25 +71,25 @@ class DepthBag:
             in another unit only.
           BadCamera: what the CameraInfo says changes here.
         """
-        number, first, sure = 0, None, self._stated
-        for message in self._messages.of(self.topic, self._info):
+        number, first, sure = 0, None, self.stated
+        for message in self._messages.of(self.topic, self.info):
             if message.__msgtype__ == INFO:
                 said = stated(message)
                 first = said if first is None else first
                 if not all(map(np.array_equal, said, first)):
                     raise BadCamera(
-                        f"{self.path}: CameraInfo on {_shown(str(self._info))} is another one from "
+                        f"{self.path}: CameraInfo on {_shown(str(self.info))} is another one from "
                         f"frame {number} on; --camera FILE says what holds for all"
                     )
                 continue
             where = f"{self.path}: frame {number} of {_shown(self.topic)}"
             raw = _decoded(message, where)
-            if (raw.dtype.kind == "f") != self._metres:
+            if (raw.dtype.kind == "f") != self.metres:
                 raise BadImage(f"{where}: has another encoding than the first")
             if raw.shape != self.camera.shape:
                 raise BadImage(wrong_shape(where, raw.shape, self.camera))
-            sure = sure or check_numbers(raw, self._number_unit, self.camera, where)
-            yield counts_of(raw * self._number_unit) if self._metres else raw
+            sure = sure or check_numbers(raw, self.number_unit, self.camera, where)
+            yield counts_of(raw * self.number_unit) if self.metres else raw
             number += 1
 
     def close(self) -> None:
@@ -109,7 +116,7 @@ def open_bag(
       topic: of the frames; None if there is only one depth topic.
       camera: intrinsics and metres per count instead of what the bag says.
       z_range: depths between which the bed lies, metres, where `camera` does not say.
-      depth_unit: metres that 1 in the frames stands for, whatever else says it.
+      depth_unit: see above.
 
     Raises:
       JShapeError: rosbags is not installed.
@@ -123,23 +130,20 @@ def open_bag(
         topic = _choose(messages, topic)
         where = f"{path}: {_shown(topic)}"
         first = _decoded(messages.first(topic), where)
-        metres = first.dtype.kind == "f"
-        size = (first.shape[1], first.shape[0])
+        metres, size = first.dtype.kind == "f", (first.shape[1], first.shape[0])
         info, sdk = None, _sdk_unit(messages, topic)
         if camera is not None:
-            seen = same_frames(camera[0], size, where)
+            seen, unit = same_frames(camera[0], size, where), camera[1]
         else:
             info = _info_beside(messages, topic)
             said = f"{path}: CameraInfo on {_shown(info)}"
             seen = camera_of(messages.first(info), topic, size, z_range, said)
-        unit = (sdk or DEPTH_UNIT) if camera is None else camera[1]
+            unit = sdk or DEPTH_UNIT
         unit = depth_unit or (1.0 if metres else unit)
         stated = depth_unit is not None or (unit == sdk and not metres)
         if not stated:
             check_numbers(first, unit, seen, where)
-        made = FLOAT_UNIT if metres else unit
-        count = messages.count(topic)
-        return DepthBag(path, topic, seen, made, count, messages, unit, stated, metres, info)
+        return DepthBag(path, topic, seen, unit, stated, metres, info, messages)
     except BaseException:
         messages.close()
         raise

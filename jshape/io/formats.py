@@ -167,12 +167,12 @@ def _read_tiff(data: bytes, where: str) -> np.ndarray:
     """The first page of a TIFF, if it has one channel of bits that the decoder keeps."""
     tags = _tiff_tags(data, where)
 
-    def tag(number: int, usual: int) -> int:
+    def tag(number: int, usual: int = 1) -> int:
         found = tags.get(number, usual)
         found = found[0] if isinstance(found, tuple) else found
         return found if isinstance(found, int) else usual
 
-    channels, bits, sample = tag(277, 1), tag(258, 1), tag(339, 1)
+    channels, bits, sample = tag(277), tag(258), tag(339)
     if channels != 1:
         raise BadImage(
             f"{where}: has {channels} channels of {bits} bits (colour, alpha or several bands); "

@@ -16,6 +16,7 @@ import numpy as np
 
 from jshape._typing import Float, Int
 from jshape.camera import Camera
+from jshape.data.depth import outside_range
 from jshape.errors import BadFile, BadImage, one_line, quoted
 from jshape.io.cameras import DEPTH_UNIT
 from jshape.io.files import read_bytes
@@ -66,9 +67,8 @@ def read_goal(
     if faces is None or not len(faces):
         return depth_of_points(points, camera, str(path), check_range=check_range)
     depth = depth_of_faces(points, faces, camera, path)
-    low, high = _range(camera, check_range)
-    if not ((depth >= low) & (depth <= high)).any():
-        raise BadImage(_out_of_view(points, camera, str(path), check_range))
+    if not _within(depth, camera, check_range).any():
+        raise _out_of_view(points, camera, str(path), check_range)
     return depth
 
 
@@ -87,12 +87,10 @@ def depth_of_points(
     Raises:
       BadImage: no point is in view and, if `check_range`, within the camera's range.
     """
-    depth = _nearest(points, camera)
-    low, high = _range(camera, check_range)
-    ahead = points[(points[:, 2] >= low) & (points[:, 2] <= high)]
+    ahead = points[_within(points[:, 2], camera, check_range)]
     if np.isnan(_nearest(ahead, camera)).all():
-        raise BadImage(_out_of_view(points, camera, where, check_range))
-    return depth
+        raise _out_of_view(points, camera, where, check_range)
+    return _nearest(points, camera)
 
 
 def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
@@ -108,23 +106,16 @@ def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
     return np.where(np.isfinite(depth), depth, np.float32(np.nan))
 
 
-def _range(camera: Camera, check_range: bool) -> tuple[float, float]:
-    """The camera's depth range, and a little more for rounding, metres; else all before it."""
-    if not check_range:
-        return 0.0, np.inf
-    low, high = float(camera.z_min), float(camera.z_max)
-    slack = 1e-4 * (high - low)
-    return low - slack, high + slack
+def _within(depth: np.ndarray, camera: Camera, check_range: bool) -> np.ndarray:
+    """Where depths, metres, are in the camera's range; else before the camera."""
+    return ~outside_range(depth, camera) & (depth > 0) if check_range else depth >= 0
 
 
-def _out_of_view(points: np.ndarray, camera: Camera, where: str, check_range: bool) -> str:
-    low, high = float(camera.z_min), float(camera.z_max)
-    within = f" within {low:g} to {high:g} m" if check_range else ""
-    span = ", ".join(
-        f"{axis} {points[:, k].min():.3g} to {points[:, k].max():.3g}"
-        for k, axis in enumerate("XYZ")
-    )
-    return (
+def _out_of_view(points: np.ndarray, camera: Camera, where: str, check_range: bool) -> BadImage:
+    within = f" within {float(camera.z_min):g} to {float(camera.z_max):g} m" if check_range else ""
+    low, high = points.min(0), points.max(0)
+    span = ", ".join(f"{axis} {low[k]:.3g} to {high[k]:.3g}" for k, axis in enumerate("XYZ"))
+    return BadImage(
         f"{where}: no point is in view of the camera{within}; the points span {span} m "
         "(camera frame: Z along the optical axis)"
     )

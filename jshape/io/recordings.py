@@ -259,8 +259,8 @@ def read_labels(
     labels: dict[str, Label] = {}
     for line, cells in zip(table.lines, table.rows, strict=True):
         where = f"{path}: line {line}"
-        said = {name: text.strip() for name, text in cells.items() if text.strip()}
-        row = {"agent": agent, "material": material} | said
+        row = {"agent": agent, "material": material}
+        row |= {name: text.strip() for name, text in cells.items() if text.strip()}
         left_out = row.get("action") == LEAVE_OUT  # of which nothing else is asked
         asked = needed if left_out else (*needed, *Label._fields)
         lacking = [name for name in asked if not row.get(name)]

@@ -93,6 +93,11 @@ def spread(values: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
 
 
+def median_of(values: np.ndarray) -> float:
+    """The median of the numbers that are not NaN; NaN without any."""
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
+
+
 def middle_reading(counts: np.ndarray, axis: int = 0) -> np.ndarray:
     """The median of the readings along an axis, 0 where there is none (of two, the greater)."""
     there = (counts > 0).sum(axis, keepdims=True)

@@ -9,7 +9,7 @@ from jshape import camera as cameras
 from jshape import metric
 from jshape._typing import ArrayLike, Float
 from jshape.camera import PAPER_BOX, Camera, check_camera, differing, window_of
-from jshape.data.camera_check import way_out
+from jshape.data.bed_view import way_out
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
 from jshape.data.missing import fill_missing, missing
 from jshape.errors import BadCamera, BadImage, JShapeError, MissingDepth, quoted

@@ -1,12 +1,12 @@
-"""Arrays packed together: the NPZ of banks and plans, read without trust in what it says."""
+"""NPY, and NPZ of banks and plans: arrays that are read without trust in what a file says."""
 
 import io
+import warnings
 import zipfile
 
 import numpy as np
 
-from jshape.errors import BadFile, one_line
-from jshape.io.formats import parse_npy
+from jshape.errors import BadFile, BadImage, one_line
 
 MEMBERS = 10_000
 """Most arrays in one NPZ."""
@@ -40,3 +40,37 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     with archive.open(member) as file:
         # With a size: a member that says less than it holds is not unpacked any further.
         return parse_npy(file.read(member.file_size), name)
+
+
+def parse_npy(data: bytes, where: str) -> np.ndarray:
+    """An array from its header and bytes: nothing is unpickled, nothing allocated on its word.
+
+    Raises:
+      BadImage: not a whole NPY, or one that does not hold numbers.
+    """
+    stream = io.BytesIO(data)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            version = np.lib.format.read_magic(stream)
+            if version == (1, 0):
+                shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+            else:
+                shape, fortran, dtype = np.lib.format.read_array_header_2_0(stream)
+    except Exception as problem:  # NumPy promises no type here: a header is parsed as Python
+        raise BadImage(f"{where}: not a readable NPY: {one_line(problem)}") from None
+    if dtype.hasobject:
+        raise BadImage(f"{where}: the NPY holds Python objects, which are never loaded")
+    if dtype.fields is not None or dtype.kind not in "fiub":
+        raise BadImage(
+            f"{where}: the NPY holds {dtype}; expected float (metres) or uint16 (counts)"
+        )
+    if len(shape) > 32 or any(type(side) is not int or side < 0 for side in shape):
+        raise BadImage(f"{where}: not a readable NPY: its shape is {one_line(shape, 60)}")
+    count = int(np.prod(shape, dtype=object)) if shape else 1
+    if count == 0:
+        raise BadImage(f"{where}: the image is empty (shape {shape})")
+    start = stream.tell()
+    if len(data) - start < count * dtype.itemsize:
+        raise BadImage(f"{where}: the NPY is cut off: {count:,} numbers expected")
+    flat = np.frombuffer(data, dtype, count, start)
+    return flat.reshape(shape, order="F" if fortran else "C").astype(dtype.newbyteorder("="))

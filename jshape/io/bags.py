@@ -6,7 +6,6 @@ the message definitions that rosbags brings: those in the bag are never turned i
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,19 +18,11 @@ from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, same_frames
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.io.bag_cameras import INFO, camera_of, stated
 from jshape.io.bag_images import COMPRESSED, IMAGE, decode, encoding_of
+from jshape.io.bag_messages import SDK, Messages, shown
 from jshape.io.cameras import DEPTH_UNIT
-from jshape.io.mcap_index import scan_where_no_index
 
-SUFFIXES = (".bag", ".db3", ".mcap")
-"""Bags that are one file; a folder with `METADATA` is one too."""
-METADATA = "metadata.yaml"
-"""What marks the folder of a ROS 2 bag."""
-
-_SDK = "/device_0/"
 _PACKED = ("/compressed", "/compressedDepth")
 """What image_transport puts behind a topic's name for the same frames, packed."""
-_MENDERS = {".mcap": "mcap recover", ".bag": "rosbag reindex"}
-"""Programs of others that mend what a killed recorder left."""
 _LISTED = 8
 
 
@@ -50,7 +41,7 @@ class DepthBag:
     """Frames are floating point."""
     info: str | None
     """The topic of the CameraInfo that `camera` was made of."""
-    _messages: "_Messages"
+    _messages: "Messages"
 
     @property
     def depth_unit(self) -> float:
@@ -78,11 +69,11 @@ class DepthBag:
                 first = said if first is None else first
                 if not all(map(np.array_equal, said, first)):
                     raise BadCamera(
-                        f"{self.path}: CameraInfo on {_shown(str(self.info))} is another one from "
+                        f"{self.path}: CameraInfo on {shown(str(self.info))} is another one from "
                         f"frame {number} on; --camera FILE says what holds for all"
                     )
                 continue
-            where = f"{self.path}: frame {number} of {_shown(self.topic)}"
+            where = f"{self.path}: frame {number} of {shown(self.topic)}"
             raw = _decoded(message, where)
             if (raw.dtype.kind == "f") != self.metres:
                 raise BadImage(f"{where}: has another encoding than the first")
@@ -125,10 +116,10 @@ def open_bag(
       BadImage: the first frame is not a depth image, or not in this unit.
     """
     path = Path(path)
-    messages = _Messages(path)
+    messages = Messages(path)
     try:
         topic = _choose(messages, topic)
-        where = f"{path}: {_shown(topic)}"
+        where = f"{path}: {shown(topic)}"
         first = _decoded(messages.first(topic), where)
         metres, size = first.dtype.kind == "f", (first.shape[1], first.shape[0])
         info, sdk = None, _sdk_unit(messages, topic)
@@ -136,7 +127,7 @@ def open_bag(
             seen, unit = same_frames(camera[0], size, where), camera[1]
         else:
             info = _info_beside(messages, topic)
-            said = f"{path}: CameraInfo on {_shown(info)}"
+            said = f"{path}: CameraInfo on {shown(info)}"
             seen = camera_of(messages.first(info), topic, size, z_range, said)
             unit = sdk or DEPTH_UNIT
         unit = depth_unit or (1.0 if metres else unit)
@@ -158,110 +149,16 @@ def _decoded(message: Any, where: str) -> np.ndarray:
         raise BadImage(f"{where}: not a depth image: {one_line(problem)}") from None
 
 
-class _Messages:
-    """The messages of an open bag, by topic; whatever rosbags raises becomes one line."""
-
-    def __init__(self, path: Path):
-        try:
-            from rosbags import rosbag1, rosbag2
-            from rosbags.typesys import Stores, get_typestore
-        except ImportError:
-            raise JShapeError(
-                f"{path}: bags are read by rosbags: pip install 'jshape[ros]' (what a RealSense "
-                f"recorded also plays as realsense:{path.name})"
-            ) from None
-        if not path.exists():
-            raise BadFile(f"{path}: no such file")
-        if path.is_dir() and not (path / METADATA).is_file():
-            parts = any(file.suffix in SUFFIXES for file in path.iterdir())
-            hint = "; ros2 bag reindex writes it" * parts
-            raise BadFile(f"{path}: has no {METADATA}, so it is not a ROS 2 bag{hint}")
-        old = path.suffix.lower() == ".bag" and path.is_file()
-        if path.is_file() and path.suffix not in SUFFIXES and not old:
-            raise BadFile(f"{path}: is not a bag; allowed: {', '.join(SUFFIXES)}, in small letters")
-        self.path = path
-        store = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
-        self._unpack = store.deserialize_ros1 if old else store.deserialize_cdr
-        self._open = False
-        with self._readable():
-            self._reader: Any = rosbag1.Reader(path) if old else rosbag2.Reader(path)
-            self._reader.open()
-            self._open = True
-            scan_where_no_index(self._reader)
-            # Several publishers of one topic are several connections.
-            self.types = {c.topic: c.msgtype for c in self._reader.connections}
-
-    def count(self, topic: str) -> int:
-        return sum(c.msgcount for c in self._reader.connections if c.topic == topic)
-
-    def of(self, *topics: str | None) -> Iterator[Any]:
-        """The messages of some topics in the order of their time."""
-        if not self._open:
-            raise BadFile(f"{self.path}: the bag was closed")
-        with self._readable():
-            chosen = [c for c in self._reader.connections if c.topic in topics]
-            messages = self._reader.messages(connections=chosen)
-        last: dict[str, int] = {}
-        while True:
-            with self._readable():
-                found = next(messages, None)
-                if found is None:
-                    return
-                connection, time, raw = found
-                if time < last.setdefault(connection.topic, time):
-                    raise BadFile(
-                        f"{self.path}: {_shown(connection.topic)} goes back in time: {METADATA} "
-                        "lists the bag's files in another order; ros2 bag reindex mends it"
-                    )
-                last[connection.topic] = time
-                message = self._unpack(raw, connection.msgtype)
-            yield message
-
-    def first(self, topic: str) -> Any:
-        found = next(self.of(topic), None)
-        if found is None:
-            raise BadFile(f"{self.path}: {_shown(topic)}: has no messages")
-        return found
-
-    def close(self) -> None:
-        if self._open:
-            self._open = False
-            with self._readable():
-                self._reader.close()
-
-    @contextmanager
-    def _readable(self) -> Iterator[None]:
-        try:
-            yield
-        except JShapeError:
-            raise
-        except Exception as problem:  # rosbags, SQLite, LZ4, YAML: no common type
-            reason = one_line(problem, 120) or type(problem).__name__
-            mender = _MENDERS.get(self.path.suffix)
-            hint = f"; {mender} may save what is whole of it" if mender else ""
-            if self.path.is_file() and (self.path.parent / METADATA).is_file():
-                hint = f"; it may be packed as a part of the bag {self.path.parent}"
-            if self.path.suffix == ".bag" and any(t.startswith(_SDK) for t in self._topics()):
-                hint = f"; it looks recorded by a RealSense: try realsense:{self.path.name}"
-            what = "the bag is cut off or damaged"
-            if "rofile is not ros2" in reason:
-                what, hint = "the MCAP is not one of ROS 2", ""
-            raise BadFile(f"{self.path}: cannot be read: {what} ({reason}){hint}") from None
-
-    def _topics(self) -> list[str]:
-        return list(getattr(self, "types", ()))
-
-
-def _choose(messages: _Messages, topic: str | None) -> str:
+def _choose(messages: Messages, topic: str | None) -> str:
     """The depth topic: the one that is named, or the only one."""
     if topic is not None:
         if topic not in messages.types:
             raise BadFile(
-                f"{messages.path}: has no topic {_shown(topic)}; {_listed(messages.types)}"
+                f"{messages.path}: has no topic {shown(topic)}; {_listed(messages.types)}"
             )
         if messages.types[topic] not in (IMAGE, COMPRESSED):
-            kind = _shown(messages.types[topic])
-            raise BadFile(f"{messages.path}: {_shown(topic)} is {kind}, not an image")
+            kind = shown(messages.types[topic])
+            raise BadFile(f"{messages.path}: {shown(topic)} is {kind}, not an image")
         return topic
     depths = []
     for name, kind in messages.types.items():
@@ -278,32 +175,27 @@ def _choose(messages: _Messages, topic: str | None) -> str:
     if plain:
         raise BadFile(
             f"{messages.path}: has {len(plain)} depth topics: "
-            f"{', '.join(_shown(d) for d in plain[:_LISTED])}; choose one with --topic"
+            f"{', '.join(shown(d) for d in plain[:_LISTED])}; choose one with --topic"
         )
     raise BadFile(f"{messages.path}: has no depth topic; {_listed(messages.types)}")
 
 
-def _shown(name: str) -> str:
-    """A name out of a bag, which may hold anything, for an error of one line."""
-    return one_line(name, 100)
-
-
 def _listed(types: dict[str, str]) -> str:
-    named = [_shown(f"{topic} ({kind.split('/')[-1]})") for topic, kind in sorted(types.items())]
+    named = [shown(f"{topic} ({kind.split('/')[-1]})") for topic, kind in sorted(types.items())]
     more = f" and {len(named) - _LISTED} more" if len(named) > _LISTED else ""
     return f"topics: {', '.join(named[:_LISTED]) or '(none)'}{more}"
 
 
-def _info_beside(messages: _Messages, topic: str) -> str:
+def _info_beside(messages: Messages, topic: str) -> str:
     """The topic of the CameraInfo beside a topic of frames."""
     base = _unpacked(topic).rpartition("/")[0]
     beside = f"{base}/camera_info"
     if messages.types.get(beside) == INFO and next(messages.of(beside), None) is not None:
         return beside
     others = [t for t, kind in messages.types.items() if kind == INFO]
-    found = f"; there is {', '.join(_shown(t) for t in others[:3])}" if others else ""
+    found = f"; there is {', '.join(shown(t) for t in others[:3])}" if others else ""
     raise BadCamera(
-        f"{messages.path}: has no CameraInfo on {_shown(beside)}{found}; "
+        f"{messages.path}: has no CameraInfo on {shown(beside)}{found}; "
         "say with --camera FILE what the camera is"
     )
 
@@ -312,10 +204,10 @@ def _unpacked(topic: str) -> str:
     return next((topic.removesuffix(end) for end in _PACKED if topic.endswith(end)), topic)
 
 
-def _sdk_unit(messages: _Messages, topic: str) -> float | None:
+def _sdk_unit(messages: Messages, topic: str) -> float | None:
     """Metres per count of librealsense's recordings: an option of the sensor, as text."""
     option = "/".join(topic.split("/")[:3]) + "/option/Depth_Units/value"
-    if not topic.startswith(_SDK) or messages.types.get(option) != "std_msgs/msg/String":
+    if not topic.startswith(SDK) or messages.types.get(option) != "std_msgs/msg/String":
         return None
     try:
         unit = float(messages.first(option).data)

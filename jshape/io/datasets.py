@@ -5,18 +5,16 @@ and sizes `(w, h)`, pixels.
 """
 
 import os
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
-from jshape import actions
 from jshape.camera import Camera
 from jshape.data.depth import check_unit, to_metres, wrong_shape
 from jshape.data.pairs import Frames, Pairs
@@ -25,12 +23,9 @@ from jshape.io.cameras import CAMERA, read_camera, write_camera
 from jshape.io.files import as_error, inside, write_atomic
 from jshape.io.folders import atomic_folder, folder_of
 from jshape.io.images import read_counts, write_counts_png
-from jshape.io.records import OneLine, Range, read_record
-from jshape.io.tables import Table, check_action, read_table
+from jshape.io.pair_rows import COLUMNS, NAMES, STRENGTH, PairRow, parse_row, read_row
+from jshape.io.tables import Table, read_table
 
-STRENGTH = "strength"
-"""A column that is there if some pair is not of strength 1: how many times as deep as the trained
-action it goes."""
 TABLE = "pairs.csv"
 FRAMES = "frames"
 CONTENTS = (TABLE, CAMERA, FRAMES)
@@ -39,50 +34,6 @@ IN_MEMORY = 2 * 2**30
 """Most bytes of frames that are kept in memory; of more, each is read when it is needed."""
 
 _STATES = ("prior", "posterior")
-_WHOLE = re.compile(r"-?[0-9]{1,6}")
-_DECIMAL = re.compile(r"[0-9]{1,6}([.,][0-9]{1,17})?")
-_Name = Annotated[str, OneLine(strict=False)]
-
-
-@dataclass(frozen=True)
-class PairRow:
-    """A row of pairs.csv, without a user's own columns."""
-
-    id: _Name
-    action: _Name
-    agent: _Name
-    material: _Name
-    prior: _Name
-    posterior: _Name
-    u: int
-    v: int
-    width: int
-    height: int
-    strength: Annotated[float, Range(0.001, 100)] = 1.0
-
-    @property
-    def roi(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Centre and size."""
-        return (self.u, self.v), (self.width, self.height)
-
-
-COLUMNS = tuple(one.name for one in fields(PairRow) if one.name != STRENGTH)
-"""The header of pairs.csv."""
-_NAMES, _NUMBERS = COLUMNS[:4], COLUMNS[6:]
-
-
-def read_row(content: Mapping[str, Any], camera: Camera, where: str) -> PairRow:
-    """A row whose ROI lies in the camera's image; else BadDataset."""
-    row = read_record(PairRow, content, where, error=BadDataset)
-    check_action(row.action, where)
-    centre, (w, h) = row.roi
-    if w <= 0 or h <= 0:
-        raise BadDataset(f"{where}: the ROI is {w}x{h}; its sides must be positive")
-    if not actions.fits(camera, np.array([centre]), (w, h))[0]:
-        raise BadDataset(
-            f"{where}: the {w}x{h} ROI at {centre} leaves the {camera.width}x{camera.height} image"
-        )
-    return row
 
 
 def load_pairs(folder: str | os.PathLike, left_out: Counter[str] | None = None) -> Pairs:
@@ -109,7 +60,7 @@ def load_pairs(folder: str | os.PathLike, left_out: Counter[str] | None = None) 
     rows = _read_rows(table, folder / TABLE, camera)
     prior, posterior = _read_frames(folder, rows, camera, depth_unit, left_out)
 
-    whole = {name: np.array([getattr(row, name) for row in rows]) for name in _NAMES}
+    whole = {name: np.array([getattr(row, name) for row in rows]) for name in NAMES}
     return Pairs(
         camera=camera,
         depth_unit=depth_unit,
@@ -151,7 +102,7 @@ def save_pairs(pairs: Pairs, folder: str | os.PathLike, overwrite: bool = False)
 def row_of(pairs: Pairs, k: int) -> dict[str, Any]:
     """Pair number k as the arguments of a writer's `add`."""
     (u, v), (w, h) = pairs.centre[k].tolist(), pairs.size[k].tolist()
-    names = {name: str(getattr(pairs, name)[k]) for name in _NAMES}
+    names = {name: str(getattr(pairs, name)[k]) for name in NAMES}
     frames = {"prior": pairs.prior[k], "posterior": pairs.posterior[k]}
     numbers = {"u": u, "v": v, "width": w, "height": h, "strength": float(pairs.strength[k])}
     extra = {name: str(cells[k]) for name, cells in pairs.extra.items()}
@@ -270,22 +221,12 @@ def _read_rows(table: Table, path: Path, camera: Camera) -> dict[str, PairRow]:
     rows, seen = {}, {}
     for line, cells in zip(table.lines, table.rows, strict=True):
         where = f"{path}: line {line}"
-        known = (name for name in (*COLUMNS, STRENGTH) if name in cells)
-        row = read_row({name: _value(name, cells[name].strip()) for name in known}, camera, where)
+        row = parse_row(cells, camera, where)
         if row.id in seen:
             raise BadDataset(f"{where}: id {quoted(row.id)} is already on line {seen[row.id]}")
         seen[row.id] = line
         rows[where] = row
     return rows
-
-
-def _value(column: str, text: str) -> str | int | float:
-    """What a cell says; a number that is not as it should be stays a text."""
-    if column in _NUMBERS and _WHOLE.fullmatch(text):
-        return int(text)
-    if column == STRENGTH and _DECIMAL.fullmatch(text):
-        return float(text.replace(",", "."))
-    return text
 
 
 def _read_frames(

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from jshape.errors import BadImage, needs, one_line, quoted
+from jshape.errors import BadImage, needs, quoted
+from jshape.io.arrays import parse_npy
 from jshape.io.files import read_bytes
 
 FILE_LIMIT = 512 * 2**20
@@ -212,40 +213,6 @@ def _tiff_tags(data: bytes, where: str) -> dict[int, Any]:
             return dict(tags)
     except Exception:
         raise BadImage(f"{where}: the TIFF is cut off or damaged") from None
-
-
-def parse_npy(data: bytes, where: str) -> np.ndarray:
-    """An array from its header and bytes: nothing is unpickled, nothing allocated on its word.
-
-    Raises:
-      BadImage: not a whole NPY, or one that does not hold numbers.
-    """
-    stream = io.BytesIO(data)
-    try:
-        with warnings.catch_warnings(action="ignore"):
-            version = np.lib.format.read_magic(stream)
-            if version == (1, 0):
-                shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-            else:
-                shape, fortran, dtype = np.lib.format.read_array_header_2_0(stream)
-    except Exception as problem:  # NumPy promises no type here: a header is parsed as Python
-        raise BadImage(f"{where}: not a readable NPY: {one_line(problem)}") from None
-    if dtype.hasobject:
-        raise BadImage(f"{where}: the NPY holds Python objects, which are never loaded")
-    if dtype.fields is not None or dtype.kind not in "fiub":
-        raise BadImage(
-            f"{where}: the NPY holds {dtype}; expected float (metres) or uint16 (counts)"
-        )
-    if len(shape) > 32 or any(type(side) is not int or side < 0 for side in shape):
-        raise BadImage(f"{where}: not a readable NPY: its shape is {one_line(shape, 60)}")
-    count = int(np.prod(shape, dtype=object)) if shape else 1
-    if count == 0:
-        raise BadImage(f"{where}: the image is empty (shape {shape})")
-    start = stream.tell()
-    if len(data) - start < count * dtype.itemsize:
-        raise BadImage(f"{where}: the NPY is cut off: {count:,} numbers expected")
-    flat = np.frombuffer(data, dtype, count, start)
-    return flat.reshape(shape, order="F" if fortran else "C").astype(dtype.newbyteorder("="))
 
 
 def _read_exr(data: bytes, where: str) -> np.ndarray:

@@ -17,8 +17,8 @@ _SAMPLE = 2000
 def fit_plane(depth: np.ndarray, camera: Camera) -> np.ndarray:
     """(a, b, c) of the plane that most readings lie in; BadImage if fewer than 100 are there.
 
-    Of many planes through three readings the one
-    with most others near it is taken (walls and table do not pull), then fitted to those.
+    Of many planes through three readings the one with most others near it is taken (walls and
+    table do not pull), then fitted to those.
     """
     there = np.isfinite(depth)
     if there.sum() < 100:

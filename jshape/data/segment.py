@@ -98,11 +98,7 @@ def thumbnail(counts: np.ndarray) -> np.ndarray:
 
 
 def cut(
-    thumbs: np.ndarray,
-    depth_unit: float,
-    *,
-    near_mm: float = NEAR_MM,
-    min_frames: int = MIN_FRAMES,
+    thumbs: np.ndarray, depth_unit: float, *, near_mm: float = NEAR_MM, min_frames: int = MIN_FRAMES
 ) -> Cut:
     """Still segments of a recording, and which of them show the open bed.
 
@@ -166,10 +162,8 @@ def average(stack: np.ndarray, depth_unit: float) -> np.ndarray:
 
 def averaged_frames(segment: Segment) -> list[int]:
     """Indices of the frames that are averaged: at most `MOST_FRAMES`, evenly spread."""
-    count = segment.stop - segment.start
-    return np.unique(
-        np.linspace(segment.start, segment.stop - 1, min(count, MOST_FRAMES)).round().astype(int)
-    ).tolist()
+    count = min(segment.stop - segment.start, MOST_FRAMES)
+    return np.linspace(segment.start, segment.stop - 1, count).round().astype(int).tolist()
 
 
 def average_segment(segment: Segment, stack: np.ndarray, depth_unit: float) -> Averaged:
@@ -206,11 +200,10 @@ def compare(
     if share > reset_share:
         kind, why = "reset", f"{share:.0%} of the bed changed, as if it had been levelled"
     elif effect.box is None:
-        kind = "none"
-        why = f"nothing changed beyond the noise of {effect.noise_mm:.2f} mm"
+        kind, why = "none", f"nothing changed beyond the noise of {effect.noise_mm:.2f} mm"
     elif effect.second_mm > 0.5 * effect.peak_mm:
-        kind = "reset"
-        why = f"the bed changed in {1 + len(effect.others)} places far apart, not in one"
+        places = 1 + len(effect.others)
+        kind, why = "reset", f"the bed changed in {places} places far apart, not in one"
     return Change(kind, before, after, effect, why)
 
 
@@ -293,13 +286,11 @@ def _without_visitors(found: Cut, thumbs: np.ndarray, depth_unit: float, least: 
     go: what is 8 mm nearer than both before and after, where those two agree, is no material.
     """
     still = [k for k, s in enumerate(found.segments) if s.state == "open"]
-    mean = {k: _mean(thumbs[found.segments[k].start : found.segments[k].stop]) for k in still}
-    unit_mm = 1e3 * depth_unit
-    segments = list(found.segments)
+    segments, unit_mm = list(found.segments), 1e3 * depth_unit
+    mean = {k: unit_mm * _mean(thumbs[segments[k].start : segments[k].stop]) for k in still}
     for a, b, c in zip(still, still[1:], still[2:], strict=False):
-        first, here, last = (mean[k] * unit_mm for k in (a, b, c))
-        known = (first > 0) & (here > 0) & (last > 0)
-        same = known & (np.abs(first - last) < 3.0)
+        first, here, last = mean[a], mean[b], mean[c]
+        same = (first > 0) & (here > 0) & (last > 0) & (np.abs(first - last) < 3.0)
         nearer = same & (np.minimum(first, last) - here > 8.0)
         if _pieces(nearer, 2 * least, np.zeros_like(nearer)).any():
             segments[b] = replace(segments[b], state="occluded")

@@ -266,8 +266,7 @@ def _segments(jumps: np.ndarray, covered: np.ndarray, least: int) -> tuple[Segme
     bounds = np.flatnonzero(change)
     segments = []
     for start, stop in zip(bounds, bounds[1:], strict=False):
-        start, stop = int(start), int(stop)
-        hidden = bool(covered[start])
+        start, stop, hidden = int(start), int(stop), bool(covered[start])
         if not hidden:  # the frames at the seams may show a trace of what moved
             start += GUARD * (start > 0)
             stop -= GUARD * (stop < count)
@@ -298,5 +297,4 @@ def _without_visitors(found: Cut, thumbs: np.ndarray, depth_unit: float, least: 
 
 
 def _mean(thumbs: np.ndarray) -> np.ndarray:
-    seen = (thumbs > 0).sum(0)
-    return thumbs.sum(0, dtype=np.float64) / np.maximum(seen, 1)
+    return thumbs.sum(0, dtype=np.float64) / np.maximum((thumbs > 0).sum(0), 1)

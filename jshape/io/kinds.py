@@ -104,11 +104,12 @@ def _pack_refined(predictor: Any) -> dict[str, np.ndarray]:
 
 def _refined(inside: Callable[..., Any]) -> Callable[..., Refined]:
     def unpack(arrays: Arrays, roi: tuple[int, int], _: Any = None) -> Refined:
+        found = inside(arrays, roi)
         mask = checked(arrays, "mask", roi[::-1])
         if not np.isin(mask, (0, 1)).all():
             raise BadBank("mask holds something else than 0 and 1")
         offset = checked(arrays, "offset", ())
-        return Refined(inside(arrays, roi), _difference(arrays, roi), mask, offset)
+        return Refined(found, _difference(arrays, roi), mask, offset)
 
     return unpack
 

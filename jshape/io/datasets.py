@@ -60,15 +60,16 @@ def load_pairs(folder: str | os.PathLike, left_out: Counter[str] | None = None) 
     rows = _read_rows(table, folder / TABLE, camera)
     prior, posterior = _read_frames(folder, rows, camera, depth_unit, left_out)
 
-    whole = {name: np.array([getattr(row, name) for row in rows]) for name in NAMES}
+    found = rows.values()
+    whole = {name: np.array([getattr(row, name) for row in found]) for name in NAMES}
     return Pairs(
         camera=camera,
         depth_unit=depth_unit,
         prior=prior,
         posterior=posterior,
-        centre=np.array([row.roi[0] for row in rows], np.int32),
-        size=np.array([row.roi[1] for row in rows], np.int32),
-        strength=np.array([row.strength for row in rows], np.float32),
+        centre=np.array([row.roi[0] for row in found], np.int32),
+        size=np.array([row.roi[1] for row in found], np.int32),
+        strength=np.array([row.strength for row in found], np.float32),
         extra={
             name: np.array([cells[name] for cells in table.rows], object)
             for name in table.header

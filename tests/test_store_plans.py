@@ -172,7 +172,7 @@ SPOILED = [
     ({"steps": None}, "missing steps"),
     ({"steps": {}}, "steps is {}; expected a list"),
     ({"steps": [1, 2]}, "step 1: is 1; expected an object"),
-    (step(action={"a": 1}), "step 1: action is {'a': 1}; expected text"),
+    (step(action={"a": 1}), "step 1: action is {'a': 1}; expected a line of text"),
     (step(action=None), "step 1: action is None"),
     (step(action=""), "step 1: action is ''; expected a line of text"),
     (step(action="\x1b[2Jpoke"), r"step 1: action is '\x1b[2Jpoke'; expected a line of text"),

@@ -41,17 +41,14 @@ class DepthBag:
     """Frames are floating point."""
     info: str | None
     """The topic of the CameraInfo that `camera` was made of."""
+    count: int
+    """Frames, as the bag's index says."""
     _messages: "Messages"
 
     @property
     def depth_unit(self) -> float:
         """Metres per count of `frames`."""
         return FLOAT_UNIT if self.metres else self.number_unit
-
-    @property
-    def count(self) -> int:
-        """Frames, as the bag's index says."""
-        return self._messages.count(self.topic)
 
     def frames(self) -> Iterator[np.ndarray]:
         """The frames (H, W) uint16 in the order of their time.
@@ -134,7 +131,8 @@ def open_bag(
         stated = depth_unit is not None or (unit == sdk and not metres)
         if not stated:
             check_numbers(first, unit, seen, where)
-        return DepthBag(path, topic, seen, unit, stated, metres, info, messages)
+        count = messages.count(topic)
+        return DepthBag(path, topic, seen, unit, stated, metres, info, count, messages)
     except BaseException:
         messages.close()
         raise

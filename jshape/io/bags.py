@@ -18,7 +18,9 @@ from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, same_frames
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.io.bag_cameras import INFO, camera_of, stated
 from jshape.io.bag_images import COMPRESSED, IMAGE, decode, encoding_of
+from jshape.io.bag_messages import METADATA as METADATA
 from jshape.io.bag_messages import SDK, Messages, shown
+from jshape.io.bag_messages import SUFFIXES as SUFFIXES
 from jshape.io.cameras import DEPTH_UNIT
 
 _PACKED = ("/compressed", "/compressedDepth")

@@ -97,7 +97,7 @@ def find_effect(prior: np.ndarray, posterior: np.ndarray, depth_unit: float) -> 
     order = [int(k) for k in np.lexsort(-volume[::-1]) if volume[1, k] > 0]
     if not order:
         return Effect(shown, np.zeros(size.shape, bool), None, (), noise, 0.0, 0.0, share)
-    boxes = [box_of((labels == k) & changed) for k in order]
+    boxes = [box for k in order if (box := box_of((labels == k) & changed))]
     mask = (labels == order[0]) & changed
     peaks = [float(np.percentile(size[(labels == k) & changed], 99)) for k in order[:2]]
     second = peaks[1] if len(peaks) > 1 else 0.0

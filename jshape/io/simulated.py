@@ -6,11 +6,11 @@ Whoever takes the name of a material or of an agent takes the path of such a fil
 import os
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 
-from jshape.errors import UnknownName
+from jshape.errors import UnknownName, quoted
 from jshape.io.files import read_json, read_toml
 from jshape.io.records import Numbers, OneLine, Range, read_record
 from jshape.sim.material import MATERIALS, Material
@@ -23,7 +23,6 @@ FAR_MM = 140.0
 """No finger is farther than this from the place: an action changes a window of 280 mm."""
 
 _UNITS = {"_mm": 1e-3, "_deg": np.pi / 180}
-_Known: Any = Literal[tuple(MATERIALS)]
 _Millimetres = Annotated[float, Range(1, 100)] | None
 _Share = Annotated[float, Range(0, 1)]
 
@@ -33,7 +32,7 @@ class MaterialFile:
     """A material: ten numbers, of which those may be left out that the material `like` has."""
 
     name: Annotated[str, OneLine()] | None = None
-    like: _Known | None = None
+    like: str | None = None
     repose_deg: Annotated[float, Range(0, 80)] | None = None
     cohesion: Annotated[float, Range(0, 20)] | None = None
     compressibility: _Share | None = None
@@ -47,6 +46,8 @@ class MaterialFile:
 
     def problem(self) -> str | None:
         """What no single field tells."""
+        if self.like is not None and self.like not in MATERIALS:
+            return f"like is {quoted(self.like)}; allowed: {', '.join(MATERIALS)}"
         lacking = [one.name for one in fields(self)[2:] if getattr(self, one.name) is None]
         if self.like is None and lacking:
             usual = next(iter(MATERIALS))

@@ -50,32 +50,35 @@ class Endless(Arm):
 
 def begin(folder):
     """A run in its first motion."""
-    from jshape.app.molder import Molder, State
+    from jshape.app.run_controller import RunController, State
 
     bank = conftest.bank.__wrapped__()
     now, goal, _ = conftest.molded.__wrapped__(bank)
     eye = Eye(now.copy())
     robot = Robot(eye, Endless(bank, eye, folder), load_hand(), bank.camera, frames=3)
     made = plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
-    molder = Molder(robot, bank, goal, folder / "run", meta={"bank": "fixture"}, plan=made)
-    while molder.state is not State.ASKING:
+    controller = RunController(
+        robot, bank, goal, folder / "run", meta={"bank": "fixture"}, plan=made
+    )
+    while controller.state is not State.ASKING:
         time.sleep(0.01)
-    molder.answer(True)
-    return molder
+    controller.answer(True)
+    return controller
 
 
 def main(port, folder):
     """Serve until the process is ended."""
-    from jshape.app import pages, server
-    from jshape.app.bench import Bench
-    from jshape.app.desk import Desk
+    from jshape.app import pages
+    from jshape.app import studio_page as server
+    from jshape.app.context import AppContext
+    from jshape.app.editor_state import EditorState
 
-    desk, bench = Desk("flour-robot"), Bench(None, "", folder / "out")
-    desk.see(image_of_depth(levelled_world(5).look(), desk.camera).image, "simulated")
-    bench.molder = begin(folder)
+    editor, context = EditorState("flour-robot"), AppContext(None, "", folder / "out")
+    editor.see(image_of_depth(levelled_world(5).look(), editor.camera).image, "simulated")
+    context.controller = begin(folder)
     pages.LOADED_WITHIN = 0.5  # the test's pages never come alive
-    server.serve(desk, bench, None, host="127.0.0.1", port=port, show=False)
-    bench.end()
+    server.serve_studio(editor, context, None, host="127.0.0.1", port=port, show=False)
+    context.end()
 
 
 if __name__ == "__main__":

@@ -189,7 +189,7 @@ def test_load_draw_plan_step_edit_and_carry_out(page, folder):
     assert (folder / "out" / "run-001" / "summary.json").is_file()
     until(lambda: "A run goes on" not in page.text("hint"), "what to do next")
     page.press("save bed, goal and plan")
-    until(lambda: (folder / "out" / "desk" / "goal.png").is_file(), "what is saved")
+    until(lambda: (folder / "out" / "editor" / "goal.png").is_file(), "what is saved")
 
 
 def reachable(browser):
@@ -217,7 +217,7 @@ def test_all_is_on_the_screen_of_a_telephone(page, tab):
 
 
 @pytest.mark.full
-def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
+def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_cancelled(page, folder):
     page.press("Mold")
     (folder / "SAND.PNG").write_bytes((folder / "bed.png").read_bytes())
     (folder / "LETTER.PNG").write_bytes(b"dear")
@@ -243,7 +243,7 @@ def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_given_up(page, folder):
     page.press("plan")
     until(lambda: page.text("since"), "the search")
     page.press("cancel")
-    until(lambda: page.says("you gave it up"), "its end")
+    until(lambda: page.says("you cancelled it"), "its end")
     assert page.text("said") == "no plan yet"
 
 

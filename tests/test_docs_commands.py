@@ -220,7 +220,7 @@ def _stand_ins(monkeypatch):
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
     if find_spec("nicegui"):
         monkeypatch.setattr("jshape.app.view.page.serve_pages", lambda *more, **options: None)
-        monkeypatch.setattr("jshape.app.server.serve", lambda *more, **options: None)
+        monkeypatch.setattr("jshape.app.studio_page.serve_studio", lambda *more, **options: None)
     return words
 
 

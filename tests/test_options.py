@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jshape
-from jshape.app.desk import Desk
+from jshape.app.editor_state import EditorState
 from jshape.cli.main import main
 from jshape.errors import BadOption
 from jshape.io.cameras import write_camera
@@ -68,10 +68,10 @@ def test_every_way_in_gives_the_same_plan(folder, bank, depths, capsys):
     ways["mold"] = mold(
         Obedient(bank, found.initial), found.goal, bank, confirm=lambda ahead: False
     ).first_plan
-    desk = Desk(str(folder / "bank"))
-    desk.load_bed(folder / "now.png")
-    desk.load_goal(folder / "goal.png")
-    ways["studio"] = desk.make_plan()
+    editor = EditorState(str(folder / "bank"))
+    editor.load_bed(folder / "now.png")
+    editor.load_goal(folder / "goal.png")
+    ways["studio"] = editor.make_plan()
     (folder / "jshape.toml").write_text('[plan]\nbank = "bank"\n')
     capsys.readouterr()
     assert main(["plan", "now.png", "goal.png", "--config", "jshape.toml", "--json"]) == 0

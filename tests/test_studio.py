@@ -1,4 +1,4 @@
-"""The studio's desk, its runs and its annotation, without a browser."""
+"""The studio's state, its runs and its annotation, without a browser."""
 
 import asyncio
 import json
@@ -15,10 +15,10 @@ import jshape
 from jshape.app import pictures
 from jshape.app.advice import first_stroke, next_step, why_empty
 from jshape.app.annotation import Annotation
-from jshape.app.desk import Desk
 from jshape.app.drawing import BrushStroke, Words
-from jshape.app.molder import Molder, State, seen, simulated_robot
-from jshape.app.search import Search
+from jshape.app.editor_state import EditorState
+from jshape.app.plan_job import PlanJob
+from jshape.app.run_controller import RunController, State, seen, simulated_robot
 from jshape.data.simulate import simulate_pairs, together
 from jshape.data.view import image_of_depth
 from jshape.errors import BadBank, BadDataset, BadFile, JShapeError
@@ -40,54 +40,54 @@ def bed():
 
 
 @pytest.fixture
-def desk(bed):
-    desk = Desk("flour-robot")  # f_D: quick
-    desk.see(bed, "simulated")
-    return desk
+def editor(bed):
+    editor = EditorState("flour-robot")  # f_D: quick
+    editor.see(bed, "simulated")
+    return editor
 
 
 @pytest.fixture
-def planned(desk):
-    desk.draw(BRUSH)
-    desk.make_plan(max_steps=3, stride=32)
-    assert len(desk.plan) == 3
-    return desk
+def planned(editor):
+    editor.draw(BRUSH)
+    editor.make_plan(max_steps=3, stride=32)
+    assert len(editor.plan) == 3
+    return editor
 
 
-def change_mm(desk):
-    return 1e3 * (desk.depth_of(desk.goal) - desk.depth_of(desk.bed))
+def change_mm(editor):
+    return 1e3 * (editor.depth_of(editor.goal) - editor.depth_of(editor.bed))
 
 
 @pytest.mark.full
-def test_a_stroke_sinks_what_is_under_the_brush_with_walls_that_stand(desk):
-    desk.draw(BRUSH)
-    change = change_mm(desk)
+def test_a_stroke_sinks_what_is_under_the_brush_with_walls_that_stand(editor):
+    editor.draw(BRUSH)
+    change = change_mm(editor)
     assert 7.5 < change[150, 240] < 8.5 and abs(change[350, 240]) < 0.01
-    pixel = 1e3 * np.median(desk.depth_of(desk.bed)) / float(desk.camera.fx)
+    pixel = 1e3 * np.median(editor.depth_of(editor.bed)) / float(editor.camera.fx)
     steep = np.abs(np.diff(change, axis=0)).max() / pixel
-    bed = np.abs(np.diff(1e3 * desk.depth_of(desk.bed), axis=0)).max() / pixel
+    bed = np.abs(np.diff(1e3 * editor.depth_of(editor.bed), axis=0)).max() / pixel
     assert 0.5 < steep < np.tan(np.radians(40)) + bed  # flour lies at 40 degrees
-    assert any("steep" in line for line in desk.told), desk.told
+    assert any("steep" in line for line in editor.told), editor.told
 
 
-def test_marks_do_not_add_up_and_can_be_taken_back(desk):
-    desk.draw(BRUSH)
-    once = change_mm(desk)
-    desk.draw(BRUSH)
-    np.testing.assert_allclose(change_mm(desk), once, atol=1e-3)
-    desk.draw(BRUSH._replace(depth_mm=-5.0, line=((240.0, 320.0),)))
-    assert change_mm(desk)[320, 240] < -4
-    desk.undo()
-    np.testing.assert_allclose(change_mm(desk), once, atol=1e-3)
-    desk.clear()
-    assert desk.distance_mm == 0 and desk.to_move_cm3 == (0, 0)
+def test_marks_do_not_add_up_and_can_be_taken_back(editor):
+    editor.draw(BRUSH)
+    once = change_mm(editor)
+    editor.draw(BRUSH)
+    np.testing.assert_allclose(change_mm(editor), once, atol=1e-3)
+    editor.draw(BRUSH._replace(depth_mm=-5.0, line=((240.0, 320.0),)))
+    assert change_mm(editor)[320, 240] < -4
+    editor.undo()
+    np.testing.assert_allclose(change_mm(editor), once, atol=1e-3)
+    editor.clear()
+    assert editor.distance_mm == 0 and editor.to_move_cm3 == (0, 0)
 
 
-def test_words_are_written_in_the_goal(desk):
-    desk.draw(Words("L", (240.0, 197.0), 100.0, 6.0))
-    change = change_mm(desk)
+def test_words_are_written_in_the_goal(editor):
+    editor.draw(Words("L", (240.0, 197.0), 100.0, 6.0))
+    change = change_mm(editor)
     assert change.max() > 5.5 and abs(change[60, 240]) < 0.01
-    out, into = desk.to_move_cm3
+    out, into = editor.to_move_cm3
     assert out > 5 and into < 0.1
 
 
@@ -102,12 +102,12 @@ def test_words_are_written_in_the_goal(desk):
         (Words("WIDE", (20.0, 197.0), 400.0, 6.0), "leaves the view"),
     ],
 )
-def test_marks_that_make_no_sense_leave_the_goal_as_it_is(desk, mark, words):
-    desk.draw(BRUSH)
-    before = desk.distance_mm
+def test_marks_that_make_no_sense_leave_the_goal_as_it_is(editor, mark, words):
+    editor.draw(BRUSH)
+    before = editor.distance_mm
     with pytest.raises(JShapeError, match=words):
-        desk.draw(mark)
-    assert abs(desk.distance_mm - before) < 1e-5 and len(desk.marks) == 1
+        editor.draw(mark)
+    assert abs(editor.distance_mm - before) < 1e-5 and len(editor.marks) == 1
 
 
 @pytest.mark.full
@@ -118,13 +118,11 @@ def test_a_plan_is_edited_and_its_distances_follow(planned):
     np.testing.assert_array_equal(planned.plan.images[1], first.images[1])
     planned.move(1, -1)
     assert planned.plan.actions == (first.actions[2], first.actions[0]) and planned.selected == 1
-    planned.put(0, (101.0, 120.0))
+    planned.change(0, position=(101.0, 120.0))
     assert planned.plan.exact_positions[0].tolist() == [101, 120]
     shallow = planned.plan.distances[1]
-    planned.deepen(0, 2.0)
+    planned.change(0, strength=2.0)
     assert planned.plan.strengths[0] == 2 and planned.plan.distances[1] != shallow
-    planned.add("poke", (240.0, 197.0))
-    assert planned.plan.actions[-1] == "poke" and planned.selected == 3
     again = jshape.rollout(
         planned.bed, planned.goal, planned.plan.actions, planned.plan.exact_positions,
         strengths=planned.plan.strengths, yaws=planned.plan.yaws, bank=planned.bank,
@@ -137,8 +135,7 @@ def test_edits_that_make_no_sense_leave_the_plan(planned):
     before = planned.plan
     for wrong, words in (
         (lambda: planned.drop(3), "action 4 of a plan of 3"),
-        (lambda: planned.deepen(0, -1.0), "above 0"),
-        (lambda: planned.add("stir", (3.0, 4.0)), "stir"),
+        (lambda: planned.change(0, strength=-1.0), "above 0"),
     ):
         with pytest.raises(JShapeError, match=words):
             wrong()
@@ -159,133 +156,133 @@ def test_another_goal_or_bed_drops_the_plan(planned, bed):
         planned.use_bank("nobody's")
 
 
-def test_nothing_to_take_back_keeps_the_plan(desk):
-    for change in (desk.undo, desk.clear):
+def test_nothing_to_take_back_keeps_the_plan(editor):
+    for change in (editor.undo, editor.clear):
         with pytest.raises(JShapeError, match="nothing is drawn"):
             change()
-    desk.draw(BRUSH)
-    desk.make_plan(max_steps=1, stride=32)
-    desk.undo()
-    assert desk.plan is None and not desk.changed
+    editor.draw(BRUSH)
+    editor.make_plan(max_steps=1, stride=32)
+    editor.undo()
+    assert editor.plan is None and not editor.changed
     with pytest.raises(JShapeError, match="nothing is drawn"):
-        desk.undo()
+        editor.undo()
 
 
 @pytest.mark.full
-def test_the_first_stroke_ends_in_a_plan(desk):
-    assert "Draw" in next_step(desk)
-    width, deep = first_stroke(desk.bank, desk.pixels_per_mm)
+def test_the_first_stroke_ends_in_a_plan(editor):
+    assert "Draw" in next_step(editor)
+    width, deep = first_stroke(editor.bank, editor.pixels_per_mm)
     assert (width, deep) == (40.0, 15.0)  # a poke's ROI is 40 px = 41.6 mm wide
-    desk.draw(BrushStroke(((170.0, 200.0), (310.0, 200.0)), width, deep))
-    assert "Press plan" in next_step(desk)
-    desk.make_plan(max_steps=8)
-    assert len(desk.plan) >= 2
-    assert desk.plan.distances_mm[-1] < 0.8 * desk.plan.distances_mm[0]
-    assert why_empty(desk) == "" and "Step through" in next_step(desk)
+    editor.draw(BrushStroke(((170.0, 200.0), (310.0, 200.0)), width, deep))
+    assert "Press plan" in next_step(editor)
+    editor.make_plan(max_steps=8)
+    assert len(editor.plan) >= 2
+    assert editor.plan.distances_mm[-1] < 0.8 * editor.plan.distances_mm[0]
+    assert why_empty(editor) == "" and "Step through" in next_step(editor)
 
 
 @pytest.mark.full
-def test_an_empty_plan_says_what_the_smallest_action_does_and_what_helps(desk):
-    desk.draw(BrushStroke(((200.0, 200.0), (220.0, 200.0)), 8.0, 2.0))
-    desk.make_plan(max_steps=2)
-    assert len(desk.plan) == 0 and "empty" in next_step(desk)
-    said = why_empty(desk)
-    asked = np.abs(change_mm(desk)).max()
-    assert f"{desk.distance_mm:.3f} mm on average, {asked:.1f} mm at most" in said
-    one = jshape.rollout(desk.bed, desk.bed, ["poke"], [(210, 200)], strengths=[0.2],
-                         bank=desk.bank)  # fmt: skip
+def test_an_empty_plan_says_what_the_smallest_action_does_and_what_helps(editor):
+    editor.draw(BrushStroke(((200.0, 200.0), (220.0, 200.0)), 8.0, 2.0))
+    editor.make_plan(max_steps=2)
+    assert len(editor.plan) == 0 and "empty" in next_step(editor)
+    said = why_empty(editor)
+    asked = np.abs(change_mm(editor)).max()
+    assert f"{editor.distance_mm:.3f} mm on average, {asked:.1f} mm at most" in said
+    one = jshape.rollout(editor.bed, editor.bed, ["poke"], [(210, 200)], strengths=[0.2],
+                         bank=editor.bank)  # fmt: skip
     assert f"poke x0.2, moves {one.distances_mm[1]:.3f} mm on average" in said
     assert "mm farther" in said and "40 mm wide, 15 mm deep" in said
 
 
-def test_a_search_that_is_given_up_leaves_the_desk_and_its_waiter_free(desk, monkeypatch):
+def test_a_search_that_is_cancelled_leaves_the_editor_and_its_waiter_free(editor, monkeypatch):
     hold = threading.Event()
-    monkeypatch.setattr("jshape.app.desk.plan", lambda *a, **k: hold.wait(60))
-    desk.draw(BRUSH)
+    monkeypatch.setattr("jshape.app.editor_state.plan", lambda *a, **k: hold.wait(60))
+    editor.draw(BRUSH)
     ended = []
 
     def wait_for_plan():
         try:
-            desk.make_plan()
+            editor.make_plan()
         except JShapeError as problem:
             ended.append(str(problem))
 
     waiter = threading.Thread(target=wait_for_plan)
     waiter.start()
-    while desk.search is None:
+    while editor.search is None:
         time.sleep(0.001)
-    desk.search.give_up()
+    editor.search.cancel()
     waiter.join(5.0)
-    assert ended == ["no plan: you gave it up"] and desk.plan is None and desk.search is None
+    assert ended == ["no plan: you cancelled it"] and editor.plan is None and editor.search is None
     hold.set()
 
 
 def test_a_search_says_that_it_compiles(monkeypatch):
     hold = threading.Event()
-    search = Search(lambda: hold.wait(60))
+    search = PlanJob(lambda: hold.wait(60))
     for waited, said in ((None, "planning: 0 s"), (7.2, "compiling, first time only: 7 s")):
         monkeypatch.setattr("jshape.compiling.seconds", lambda waited=waited: waited)
         assert search.said == said
-    search.give_up()
+    search.cancel()
     hold.set()
 
 
-def test_a_desk_is_saved_as_plan_and_mold_read_it(planned, tmp_path):
-    planned.save(tmp_path / "desk")
-    again = Desk("flour-robot")
-    again.load_bed(tmp_path / "desk" / "now.png")
-    again.load_goal(tmp_path / "desk" / "goal.png")
+def test_an_editors_state_is_saved_as_plan_and_mold_read_it(planned, tmp_path):
+    planned.save(tmp_path / "saved")
+    again = EditorState("flour-robot")
+    again.load_bed(tmp_path / "saved" / "now.png")
+    again.load_goal(tmp_path / "saved" / "goal.png")
     assert abs(again.distance_mm - planned.distance_mm) < 0.02
-    assert jshape.Plan.from_json(tmp_path / "desk" / "plan.json").actions == planned.plan.actions
+    assert jshape.Plan.from_json(tmp_path / "saved" / "plan.json").actions == planned.plan.actions
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
     with pytest.raises(BadFile):
         planned.save(tmp_path / "mine", overwrite=True)
     with pytest.raises(JShapeError, match="no bed"):
-        Desk("flour-robot").save(tmp_path / "none")
+        EditorState("flour-robot").save(tmp_path / "none")
 
 
-def wait_for(molder, state):
+def wait_for(controller, state):
     until = time.monotonic() + 120
-    while molder.state is not state and molder.running and time.monotonic() < until:
+    while controller.state is not state and controller.running and time.monotonic() < until:
         time.sleep(0.01)
-    assert molder.state is state, (molder.state, molder.why)
+    assert controller.state is state, (controller.state, controller.why)
 
 
-def begin(desk, folder, **more):
-    robot = simulated_robot(desk.depth_of(desk.bed), desk.bank, "flour")
+def begin(editor, folder, **more):
+    robot = simulated_robot(editor.depth_of(editor.bed), editor.bank, "flour")
     looks = []
-    molder = Molder(
-        robot, desk.bank, desk.goal, folder, meta={"bank": desk.bank_name, "arm": "sim"},
-        on_look=looks.append, search=desk.keywords, **more,
+    controller = RunController(
+        robot, editor.bank, editor.goal, folder, meta={"bank": editor.bank_name, "arm": "sim"},
+        on_look=looks.append, search=editor.keywords, **more,
     )  # fmt: skip
-    return molder, looks
+    return controller, looks
 
 
-def test_the_simulated_bed_is_the_one_on_the_desk(desk):
-    robot = simulated_robot(desk.depth_of(desk.bed), desk.bank, "flour")
-    off = np.abs(desk.depth_of(seen(robot)) - desk.depth_of(desk.bed))
+def test_the_simulated_bed_is_the_one_that_is_edited(editor):
+    robot = simulated_robot(editor.depth_of(editor.bed), editor.bank, "flour")
+    off = np.abs(editor.depth_of(seen(robot)) - editor.depth_of(editor.bed))
     assert np.median(off) < 0.0004
 
 
 @pytest.mark.full
 def test_a_run_asks_before_each_action(planned, tmp_path):
-    molder, looks = begin(planned, tmp_path / "run", plan=planned.plan)
+    controller, looks = begin(planned, tmp_path / "run", plan=planned.plan)
     asked = []
     for k in range(3):
-        wait_for(molder, State.ASKING)
-        assert molder.ahead.actions == planned.plan.actions[k:]
+        wait_for(controller, State.ASKING)
+        assert controller.ahead.actions == planned.plan.actions[k:]
         assert len(looks) == k + 1
         # What the action starts from is what was seen last, not what was planned from.
         seen_mm = jshape.to_mm(jshape.distance(looks[-1], planned.goal), planned.camera)
-        np.testing.assert_allclose(molder.ahead.distances_mm[0], seen_mm, rtol=1e-5)
-        asked.append(molder.ahead.distances_mm[:2])
-        molder.answer(True)
-        while molder.state is State.ASKING:
+        np.testing.assert_allclose(controller.ahead.distances_mm[0], seen_mm, rtol=1e-5)
+        asked.append(controller.ahead.distances_mm[:2])
+        controller.answer(True)
+        while controller.state is State.ASKING:
             time.sleep(0.001)
-    molder.wait(60.0)
-    assert molder.state is State.FINISHED and len(looks) == 4
-    assert len(molder.lines) == 4  # a head and a line for each
+    controller.wait(60.0)
+    assert controller.state is State.FINISHED and len(looks) == 4
+    assert len(controller.lines) == 4  # a head and a line for each
     steps = json.loads((tmp_path / "run" / "summary.json").read_text())["steps"]
     said = [(step["before_mm"], step["predicted_mm"]) for step in steps]
     np.testing.assert_allclose(said, asked, rtol=1e-5)
@@ -294,15 +291,15 @@ def test_a_run_asks_before_each_action(planned, tmp_path):
 @pytest.mark.full
 def test_a_run_ends_when_it_is_told_to(planned, tmp_path):
     planned.draw(BRUSH._replace(depth_mm=25.0, width_mm=90.0))  # worth an action
-    molder, _ = begin(planned, tmp_path / "run")
-    wait_for(molder, State.ASKING)
-    molder.answer(True, molder.number - 1)  # to an earlier question: none to this one
-    assert molder.state is State.ASKING
-    molder.answer(False, molder.number)
-    molder.wait(60.0)
-    assert molder.state is State.FINISHED and "declined" in molder.why
-    molder.answer(True)  # too late: nothing happens
-    assert not molder.running
+    controller, _ = begin(planned, tmp_path / "run")
+    wait_for(controller, State.ASKING)
+    controller.answer(True, controller.number - 1)  # to an earlier question: none to this one
+    assert controller.state is State.ASKING
+    controller.answer(False, controller.number)
+    controller.wait(60.0)
+    assert controller.state is State.FINISHED and "declined" in controller.why
+    controller.answer(True)  # too late: nothing happens
+    assert not controller.running
 
 
 class Slow(SimulatedArm):
@@ -332,27 +329,27 @@ def test_stop_ends_the_action_and_nothing_more_is_commanded(planned, tmp_path):
     arm = Slow(robot.arm)
     robot = Robot(robot.eye, arm, load_hand(), planned.bank.camera)
     bed = arm.world.bed
-    molder = Molder(
+    controller = RunController(
         robot, planned.bank, planned.goal, tmp_path / "run", meta={"bank": planned.bank_name},
         plan=planned.plan,
     )  # fmt: skip
-    wait_for(molder, State.ASKING)
+    wait_for(controller, State.ASKING)
     arm.moving.clear()
-    molder.answer(True)
+    controller.answer(True)
     assert arm.moving.wait(60)
     told = len(arm.told)
     began = time.monotonic()
-    molder.stop()
+    controller.stop()
     assert time.monotonic() - began < 0.05  # the motion takes 0.2 s
-    molder.wait(60.0)
-    assert not molder.running and len(arm.told) == told and arm.world.bed is bed
-    assert molder.state is State.FAILED and "stopped by a person" in molder.why
+    controller.wait(60.0)
+    assert not controller.running and len(arm.told) == told and arm.world.bed is bed
+    assert controller.state is State.FAILED and "stopped by a person" in controller.why
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["state"] == "aborted"
     with pytest.raises(ArmError, match="stopped by a person"):
         robot.home()
-    molder.stop()  # the run has ended: the arm is told all the same
-    again = Molder(
+    controller.stop()  # the run has ended: the arm is told all the same
+    again = RunController(
         robot, planned.bank, planned.goal, tmp_path / "again", meta={"bank": planned.bank_name},
         plan=planned.plan,
     )  # fmt: skip
@@ -367,22 +364,24 @@ def test_stop_answers_a_question_and_says_what_went_wrong_with_it(planned, tmp_p
     def broken():
         raise OSError("no answer")
 
-    molder = Molder(
+    controller = RunController(
         robot, planned.bank, planned.goal, tmp_path / "run", meta={"bank": planned.bank_name},
         plan=planned.plan, ask_first=True,
     )  # fmt: skip
-    wait_for(molder, State.ASKING)
-    assert "goes home" in molder.question and molder.ahead is None
+    wait_for(controller, State.ASKING)
+    assert "goes home" in controller.question and controller.ahead is None
     assert not (tmp_path / "run" / "log.jsonl").is_file()  # nothing has begun
     robot.arm.stop = broken
-    molder.stop()
-    molder.wait(60.0)
-    assert molder.state is State.FAILED
-    assert molder.why.startswith("simulated arm: stopped by a person; simulated arm: did not stop")
-    assert "OSError: no answer" in molder.trouble
+    controller.stop()
+    controller.wait(60.0)
+    assert controller.state is State.FAILED
+    assert controller.why.startswith(
+        "simulated arm: stopped by a person; simulated arm: did not stop"
+    )
+    assert "OSError: no answer" in controller.trouble
 
 
-def test_a_desk_is_locked_while_a_run_goes_on(planned):
+def test_an_editors_state_is_locked_while_a_run_goes_on(planned):
     planned.locked = "a run goes on"
     version, plan = planned.version, planned.plan
     for change in (
@@ -396,9 +395,9 @@ def test_a_desk_is_locked_while_a_run_goes_on(planned):
     assert planned.selected == 1 and planned.version > version
 
 
-def test_a_goal_that_is_the_bed_is_not_planned_for(desk):
+def test_a_goal_that_is_the_bed_is_not_planned_for(editor):
     with pytest.raises(JShapeError, match="draw, write or load one first"):
-        desk.make_plan()
+        editor.make_plan()
 
 
 def test_a_run_that_breaks_says_why(planned, tmp_path):
@@ -408,11 +407,14 @@ def test_a_run_that_breaks_says_why(planned, tmp_path):
         raise RuntimeError("the driver is gone")
 
     robot.arm.home = broken
-    molder = Molder(
+    controller = RunController(
         robot, planned.bank, planned.goal, tmp_path / "run", meta={"bank": "flour-robot"}
     )
-    molder.wait(60.0)
-    assert molder.state is State.FAILED and "home: RuntimeError: the driver is gone" in molder.why
+    controller.wait(60.0)
+    assert (
+        controller.state is State.FAILED
+        and "home: RuntimeError: the driver is gone" in controller.why
+    )
 
 
 @pytest.fixture
@@ -450,9 +452,9 @@ def test_boxes_that_make_no_sense_are_refused(dataset):
         Annotation(dataset / "nowhere")
 
 
-def test_pictures_show_what_is_high_and_what_is_wrong(desk):
-    desk.draw(BRUSH)
-    height = -1e3 * desk.depth_of(desk.goal)
+def test_pictures_show_what_is_high_and_what_is_wrong(editor):
+    editor.draw(BRUSH)
+    height = -1e3 * editor.depth_of(editor.goal)
     scale = pictures.height_scale(height, height + 3)
     assert scale.low <= np.median(height) - 7 and scale.high >= height.max() - 1
     rgb = pictures.shaded(height, scale)
@@ -477,7 +479,7 @@ def test_a_flat_bed_is_not_all_noise():
 @pytest.mark.parametrize("closed", [False, True])
 @pytest.mark.parametrize("fails", [False, True])
 def test_work_of_a_page_that_was_closed_draws_nothing_and_says_nothing(monkeypatch, closed, fails):
-    from jshape.app import page
+    from jshape.app import widgets as page
 
     said = []
     client = mock.MagicMock(is_deleted=False)
@@ -490,7 +492,7 @@ def test_work_of_a_page_that_was_closed_draws_nothing_and_says_nothing(monkeypat
         if fails:
             raise OSError("no answer \x1b[2J")
 
-    guard = page.Guard()
+    guard = page.OneAtATime()
     asked = guard("working", work, lambda: said.append("drawn"))
     if closed:  # whoever waits for it draws nothing either
         with pytest.raises(asyncio.CancelledError):
@@ -508,9 +510,9 @@ def test_a_goal_of_the_beds_camera_is_seen_from_where_the_bed_is(tmp_path):
     now = np.full(jshape.PAPER_BOX.shape, 0.55, np.float32)
     wanted = now.copy()
     wanted[79:316, 96:384] += 0.010
-    desk = Desk("flour-robot")
-    for name, depth, load in (("now", now, desk.load_bed), ("wanted", wanted, desk.load_goal)):
+    editor = EditorState("flour-robot")
+    for name, depth, load in (("now", now, editor.load_bed), ("wanted", wanted, editor.load_goal)):
         write_depth_png(tmp_path / f"{name}.png", depth, 1e-4)
         load(tmp_path / f"{name}.png", reproject=True)
-    change = desk.goal - desk.bed  # I falls where the bed is lower
+    change = editor.goal - editor.bed  # I falls where the bed is lower
     assert change.min() < -0.1 and change.max() < 0.01

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from jshape.app.ports import MOST_PAGES
 from tests.browser import environment, until
 from tests.conftest import ROOT
 
@@ -173,14 +172,14 @@ def test_so_many_pages_and_no_more(monkeypatch):
     async def send(message):
         sent.append(message)
 
-    door = pages._Door(app, "127.0.0.1", "jshape studio")
+    door = pages._OriginCheck(app, "127.0.0.1", "jshape studio")
 
     def ask(path):
         scope = {"type": "http", "path": path, "headers": [(b"host", b"127.0.0.1:1")]}
         asyncio.run(door(scope, None, send))
 
     monkeypatch.setattr(Client, "prune_instances", lambda **how: None)
-    monkeypatch.setattr(Client, "instances", dict.fromkeys(range(MOST_PAGES - 1)))
+    monkeypatch.setattr(Client, "instances", dict.fromkeys(range(pages.MOST_PAGES - 1)))
     ask("/")
     Client.instances["one more"] = None
     ask("/")

@@ -13,9 +13,9 @@ import pytest
 
 from jshape import PAPER_BOX, metric, plan
 from jshape.app import pictures
-from jshape.app.view.read import read_story
+from jshape.app.view.episode import Episode, EpisodeAction, EpisodeStep
+from jshape.app.view.read import read_episode
 from jshape.app.view.recording import DEPTH_UNIT, write_recording
-from jshape.app.view.story import Act, Moment, Story
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
 from jshape.io import runs
 from jshape.io.banks import save_bank
@@ -56,16 +56,16 @@ def session(tmp_path, molded, stored_bank):
 def test_a_plan_foretells(planned, tmp_path):
     planned.to_json(tmp_path / "plan.json")
     for path in (tmp_path, tmp_path / "plan.json"):
-        story = read_story(path)
-        assert len(story) == 3 and not story.is_run and "plan, 3 actions" in story.title
-        assert story.moments[0].predicted is None and story.moments[0].act is None
-        np.testing.assert_allclose(story.moments[0].seen, depth_of(planned.images[0]), atol=1e-6)
-        for k, moment in enumerate(story.moments[1:]):
-            assert moment.seen is None and moment.act.name == planned.actions[k]
-            np.testing.assert_allclose(moment.predicted, depth_of(planned.images[k + 1]), atol=1e-6)
-            assert moment.before_mm == planned.distances_mm[k]
-            assert moment.predicted_mm == planned.distances_mm[k + 1]
-        np.testing.assert_allclose(story.goal, depth_of(planned.goal), atol=1e-6)
+        episode = read_episode(path)
+        assert len(episode) == 3 and not episode.is_run and "plan, 3 actions" in episode.title
+        assert episode.steps[0].predicted is None and episode.steps[0].action is None
+        np.testing.assert_allclose(episode.steps[0].seen, depth_of(planned.images[0]), atol=1e-6)
+        for k, shown in enumerate(episode.steps[1:]):
+            assert shown.seen is None and shown.action.name == planned.actions[k]
+            np.testing.assert_allclose(shown.predicted, depth_of(planned.images[k + 1]), atol=1e-6)
+            assert shown.before_mm == planned.distances_mm[k]
+            assert shown.predicted_mm == planned.distances_mm[k + 1]
+        np.testing.assert_allclose(episode.goal, depth_of(planned.goal), atol=1e-6)
 
 
 def test_a_run_of_a_robot_tells_what_was_seen_and_predicted(session, bank, molded):
@@ -76,19 +76,19 @@ def test_a_run_of_a_robot_tells_what_was_seen_and_predicted(session, bank, molde
     for parts in ((), ("plan.json",), ("plan.json", "log.jsonl")):  # less and less is there
         for name in parts:
             (folder / name).unlink(missing_ok=True)
-        story = read_story(folder)
-        assert sorted(act[:1] + act.position for act in story.acts) == sorted(applied)
-        assert len(story) == 3 and story.is_run
-        for k, (moment, step) in enumerate(zip(story.moments[1:], summary["steps"], strict=True)):
+        episode = read_episode(folder)
+        assert sorted(act[:1] + act.position for act in episode.actions) == sorted(applied)
+        assert len(episode) == 3 and episode.is_run
+        for k, (shown, step) in enumerate(zip(episode.steps[1:], summary["steps"], strict=True)):
             seen = runs.Run.open(folder).depth(k)
-            np.testing.assert_array_equal(moment.seen, seen)
-            assert moment.act.roi == bank.roi(moment.act.name)
+            np.testing.assert_array_equal(shown.seen, seen)
+            assert shown.action.roi == bank.roi(shown.action.name)
             # The stage's bed becomes what the bank predicts: both agree, wherever it was from.
-            assert 1000 * np.abs(moment.predicted - seen).max() < MM
-            assert moment.seen_mm == step["obtained_mm"] and moment.effort_nm == 0.0
-            assert (moment.seconds is None) == ("log.jsonl" in parts)
-        assert math.isclose(story.moments[0].seen_mm, summary["before_mm"], rel_tol=1e-5)
-        assert story.notes[0].startswith("finished: the distance is within")
+            assert 1000 * np.abs(shown.predicted - seen).max() < MM
+            assert shown.seen_mm == step["obtained_mm"] and shown.effort_nm == 0.0
+            assert (shown.seconds is None) == ("log.jsonl" in parts)
+        assert math.isclose(episode.steps[0].seen_mm, summary["before_mm"], rel_tol=1e-5)
+        assert episode.notes[0].startswith("finished: the distance is within")
 
 
 def test_a_prediction_is_of_the_bed_that_was_seen_before(session, bank, molded):
@@ -97,10 +97,10 @@ def test_a_prediction_is_of_the_bed_that_was_seen_before(session, bank, molded):
         mold(session, robot, bank, max_steps=2)
     folder = session.run.folder
     (folder / "plan.json").unlink()
-    before = read_story(folder).moments[2].predicted
+    before = read_episode(folder).steps[2].predicted
     spoilt = runs.Run.open(folder).depth(1) + 0.004
     write_depth_png(folder / "frames/001.png", spoilt, session.run.depth_unit)
-    np.testing.assert_array_equal(read_story(folder).moments[2].predicted, before)
+    np.testing.assert_array_equal(read_episode(folder).steps[2].predicted, before)
 
 
 def test_a_run_of_the_demo_has_its_goal_and_start_from_the_plan(
@@ -112,17 +112,17 @@ def test_a_run_of_the_demo_has_its_goal_and_start_from_the_plan(
         step = {"action": name, "position": planned.positions[k], "before_mm": d_mm[k],
                 "predicted_mm": d_mm[k + 1], "obtained_mm": d_mm[k + 1]}  # fmt: skip
         run.append(step, depth_of(planned.images[k + 1]))
-        story = read_story(run.folder)  # half-finished: no plan, no goal, no start yet
-        assert len(story) == k + 1 and story.goal is None and story.last(0) is None
-        assert "the run holds no goal" in story.notes
-        assert story.notes[0] == "the run has not ended, or was killed"
+        episode = read_episode(run.folder)  # half-finished: no plan, no goal, no start yet
+        assert len(episode) == k + 1 and episode.goal is None and episode.last(0) is None
+        assert "the run holds no goal" in episode.notes
+        assert episode.notes[0] == "the run has not ended, or was killed"
     planned.to_json(run.folder / "plan.json")
     (run.folder / "summary.json").write_text(json.dumps({"stop": "MAX_STEPS"}))
-    story = read_story(run.folder)
-    assert story.notes == ("finished: as many actions as allowed",)
-    np.testing.assert_allclose(story.moments[0].seen, depth_of(planned.initial), atol=1e-6)
-    np.testing.assert_allclose(story.goal, depth_of(planned.goal), atol=1e-6)
-    assert all(moment.predicted is not None for moment in story.moments[1:])
+    episode = read_episode(run.folder)
+    assert episode.notes == ("finished: as many actions as allowed",)
+    np.testing.assert_allclose(episode.steps[0].seen, depth_of(planned.initial), atol=1e-6)
+    np.testing.assert_allclose(episode.goal, depth_of(planned.goal), atol=1e-6)
+    assert all(shown.predicted is not None for shown in episode.steps[1:])
 
 
 def test_an_action_that_nobody_looked_at_is_told_of_and_a_resumed_run_too(session, bank, molded):
@@ -136,22 +136,22 @@ def test_an_action_that_nobody_looked_at_is_told_of_and_a_resumed_run_too(sessio
     with robot_of(bank, molded[0], pulled_out) as robot, pytest.raises(KeyboardInterrupt):
         mold(session, robot, bank)
     folder = session.run.folder
-    story = read_story(folder)
-    assert len(story) == 2 and story.moments[2].seen is None
-    assert story.moments[2].seconds is None
-    assert story.moments[2].predicted is not None  # the look before it is known
-    assert story.notes == (
+    episode = read_episode(folder)
+    assert len(episode) == 2 and episode.steps[2].seen is None
+    assert episode.steps[2].seconds is None
+    assert episode.steps[2].predicted is not None  # the look before it is known
+    assert episode.notes == (
         "interrupted: interrupted", "the last action was begun and not looked at"
     )  # fmt: skip
     again = Session.resume(folder, say=lambda line: None)
     with robot_of(bank, robot.eye.image) as fresh:
         mold(again, fresh, bank)
-    later = read_story(folder)
-    assert later.acts[:2] == story.acts and len(later) == 2 + len(fresh.arm.acted)
-    assert [m.seen is None for m in later.moments] == [False, False, True, False]
+    later = read_episode(folder)
+    assert later.actions[:2] == episode.actions and len(later) == 2 + len(fresh.arm.acted)
+    assert [m.seen is None for m in later.steps] == [False, False, True, False]
     # The look after the run was resumed was not kept: no guess of what it showed.
     (folder / "plan.json").unlink()
-    assert read_story(folder).moments[3].predicted is None
+    assert read_episode(folder).steps[3].predicted is None
 
 
 def test_a_run_whose_bank_is_gone_is_shown_as_far_as_it_goes(session, bank, molded, tmp_path):
@@ -161,49 +161,49 @@ def test_a_run_whose_bank_is_gone_is_shown_as_far_as_it_goes(session, bank, mold
     described = json.loads((folder / "run.json").read_text())
     described["meta"]["bank"] = str(tmp_path / "gone")
     (folder / "run.json").write_text(json.dumps(described))
-    assert any("not all that was predicted" in note for note in read_story(folder).notes)
+    assert any("not all that was predicted" in note for note in read_episode(folder).notes)
     (folder / "plan.json").unlink()
     with pytest.raises(BadCamera, match="--camera-file"):
-        read_story(folder)
-    story = read_story(folder, camera=PAPER_BOX)
-    assert len(story) == 3 and story.moments[1].predicted is None
-    assert story.box(1) is None and story.outline(story.acts[0]) is None
+        read_episode(folder)
+    episode = read_episode(folder, camera=PAPER_BOX)
+    assert len(episode) == 3 and episode.steps[1].predicted is None
+    assert episode.box(1) is None and episode.actions[0].outline is None
     with pytest.raises(BadImage, match="480x395"):
         (folder / "goal.npy").unlink()
-        read_story(folder, camera=PAPER_BOX.crop(0, 0, 100, 100))
+        read_episode(folder, camera=PAPER_BOX.crop(0, 0, 100, 100))
 
 
 def test_odd_folders_are_refused_in_one_line(tmp_path, planned, stored_bank):
     with pytest.raises(BadFile, match="no such file"):
-        read_story(tmp_path / "nothing")
+        read_episode(tmp_path / "nothing")
     with pytest.raises(BadFile, match="neither a run"):
-        read_story(tmp_path)
+        read_episode(tmp_path)
     run = runs.Run.create(tmp_path / "run", {"bank": str(stored_bank)})
     with pytest.raises(BadFile, match="no frame yet"):
-        read_story(run.folder)
+        read_episode(run.folder)
     run.append({"action": "knock"}, np.full(PAPER_BOX.shape, 0.45))
     with pytest.raises(BadFile, match="line 1: position is None; expected two numbers"):
-        read_story(run.folder)
+        read_episode(run.folder)
     other = runs.Run.create(tmp_path / "other", {"bank": str(stored_bank)})
     other.append({"action": "knock", "position": [9, 9], "before_mm": "much"}, None)
     with pytest.raises(BadFile, match="before_mm is 'much'; expected a number"):
-        read_story(other.folder)
+        read_episode(other.folder)
     planned.to_json(tmp_path / "bare.json", images=False)
     with pytest.raises(JShapeError, match="without its images"):
-        read_story(tmp_path / "bare.json")
+        read_episode(tmp_path / "bare.json")
 
 
-def _story(depth, acts=(), goal=None):
-    after = tuple(Moment(predicted=depth, act=act) for act in acts)
-    return Story("test", PAPER_BOX, goal, (Moment(seen=depth), *after))
+def _episode(depth, acts=(), goal=None):
+    after = tuple(EpisodeStep(predicted=depth, action=act) for act in acts)
+    return Episode("test", PAPER_BOX, goal, (EpisodeStep(seen=depth), *after))
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 def test_a_box_holds_the_material_of_its_roi_and_projects_to_its_outline(rng, yaw):
     depth = (0.45 + 0.002 * rng.standard_normal(PAPER_BOX.shape)).astype(np.float32)
-    act = Act("knock", (300.0, 150.0), 1.0, yaw, (100, 60))
-    story = _story(depth, [act])
-    box, corners = story.box(1), story.outline(act)
+    act = EpisodeAction("knock", (300.0, 150.0), 1.0, yaw, (100, 60))
+    episode = _episode(depth, [act])
+    box, corners = episode.box(1), act.outline
     assert len({tuple(c) for c in np.round(box.corners, 9)}) == 8
     x, y, z = box.corners.T
     u, v = x / box.centre[2] * 433.0 + 240, y / box.centre[2] * 433.0 + 197
@@ -241,8 +241,8 @@ def rerun_home(tmp_path, monkeypatch):
 def test_a_recording_holds_it_all_on_one_timeline(session, bank, molded, rerun_home):
     with robot_of(bank, molded[0]) as robot:
         mold(session, robot, bank)
-    story = read_story(session.run.folder)
-    path = write_recording(rerun_home / "run.rrd", story)
+    episode = read_episode(session.run.folder)
+    path = write_recording(rerun_home / "run.rrd", episode)
     checked = subprocess.run([*RERUN, "rrd", "verify", str(path)], capture_output=True, text=True)
     assert checked.returncode == 0, checked.stderr
     rows, depths, timelines = {}, [], set()
@@ -277,22 +277,22 @@ def _chunks(path):
 
 def test_a_recording_replaces_nothing_unasked(planned, rerun_home):
     planned.to_json(rerun_home / "plan.json")
-    story, path = read_story(rerun_home / "plan.json"), rerun_home / "kept.rrd"
+    episode, path = read_episode(rerun_home / "plan.json"), rerun_home / "kept.rrd"
     path.write_text("mine")
     with pytest.raises(BadFile, match="--overwrite"):
-        write_recording(path, story)
+        write_recording(path, episode)
     assert path.read_text() == "mine"
-    write_recording(path, story, overwrite=True)
+    write_recording(path, episode, overwrite=True)
     assert path.read_bytes()[:3] == b"RRF"
     with pytest.raises(BadFile, match="ends in .rrd"):
-        write_recording(rerun_home / "plan.json", story, overwrite=True)
+        write_recording(rerun_home / "plan.json", episode, overwrite=True)
 
 
 def test_rerun_that_is_missing_is_one_line(planned, tmp_path, monkeypatch):
     planned.to_json(tmp_path / "plan.json")
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(JShapeError, match=r"pip install 'jshape\[rerun\]'") as said:
-        write_recording(tmp_path / "plan.rrd", read_story(tmp_path))
+        write_recording(tmp_path / "plan.rrd", read_episode(tmp_path))
     assert "\n" not in str(said.value) and not (tmp_path / "plan.rrd").exists()
 
 
@@ -306,7 +306,7 @@ def _view(planned, folder, capsys, *words):
 
 
 def test_nicegui_that_is_missing_is_one_line(planned, tmp_path, monkeypatch, capsys):
-    for name in ("view.page", "pages", "bed_scene", "curve"):
+    for name in ("view.page", "pages", "bed_scene", "curve", "widgets"):
         monkeypatch.delitem(sys.modules, f"jshape.app.{name}", raising=False)
     monkeypatch.setitem(sys.modules, "nicegui", None)
     said = _view(planned, tmp_path, capsys, "--port", "0")

@@ -1,5 +1,4 @@
-"""A local web page: load or look, draw the goal, plan, edit the plan, carry it out, annotate.
+"""Local web pages: the studio (load, draw the goal, plan, edit, carry out, annotate), the viewer.
 
-`desk` and `notebook` keep what is on the table and know nothing of a browser; `mold_page` and
-`annotate_page` show it.
+`editor_state`, `run_controller` and `annotation` know nothing of a browser; the pages show them.
 """

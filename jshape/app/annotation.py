@@ -1,4 +1,7 @@
-"""Boxes of a data set, looked at pair by pair and corrected.  No browser here."""
+"""Boxes of a data set, looked at pair by pair and corrected; no browser here.
+
+Methods raise a BadDataset, in one line for people, and then have changed nothing.
+"""
 
 from pathlib import Path
 
@@ -13,14 +16,10 @@ LEAST = 5
 
 
 class Annotation:
-    """A data set under the pencil: what is changed is kept until `save` writes `pairs.csv`."""
+    """A data set that is corrected: what is changed is kept until `save` writes `pairs.csv`."""
 
     def __init__(self, folder: Path):
-        """Read a data set.
-
-        Raises:
-          BadDataset: as for `load_pairs`.
-        """
+        """Read a data set."""
         self.folder = folder
         self.pairs = datasets.load_pairs(folder)
         self.by_hand = annotations.boxes_by_hand(folder)
@@ -46,11 +45,7 @@ class Annotation:
         return self._effects[k]
 
     def correct(self, k: int, corner: tuple[float, float], other: tuple[float, float]) -> Box:
-        """Draw the box of pair k anew, from one corner (u, v) to the opposite one.
-
-        Raises:
-          BadDataset: a box with a side below `LEAST` pixels.
-        """
+        """Draw the box of pair k anew, from one corner (u, v) to the opposite one."""
         size = np.array([self.pairs.camera.width, self.pairs.camera.height])
         ends = np.clip(np.rint([corner, other]).astype(int), 0, size)
         first, last = ends.min(0), ends.max(0)
@@ -62,11 +57,7 @@ class Annotation:
         return self.changed[k]
 
     def take_found(self, k: int) -> Box:
-        """Take the box that is found in the frames of pair k.
-
-        Raises:
-          BadDataset: nothing stands out of the noise.
-        """
+        """Take the box that is found in the frames of pair k."""
         found = self.effect(k).box
         if found is None:
             noise = self.effect(k).noise_mm
@@ -79,11 +70,7 @@ class Annotation:
         self.changed.pop(k, None)
 
     def save(self) -> int:
-        """Write the changed boxes to `pairs.csv`; returns how many.
-
-        Raises:
-          BadFile: it cannot be written.
-        """
+        """Write the changed boxes to `pairs.csv`; returns how many."""
         boxes = {str(self.pairs.id[k]): box for k, box in self.changed.items()}
         annotations.write_boxes(self.folder, boxes)
         for k, (left, top, w, h) in self.changed.items():

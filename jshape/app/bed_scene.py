@@ -57,18 +57,17 @@ class BedScene(Element, component="bed_scene.js"):
         """
         beds = [bed[~missing(bed)] for bed in (depth, goal) if bed is not None]
         known = np.concatenate([*beds, [level]])
-        nearest, farthest = float(known.min()), float(known.max())
-        step = max(farthest - nearest, 1e-6) / (MOST_COUNTS - 1)
-        self._props["shown"] = {
-            "heights": "" if depth is None else _counts(depth, nearest, step),
-            "goal": "" if goal is None else _counts(goal, nearest, step),
-            "nearest": nearest, "step": step, "level": level, "tall": exaggeration,
-            "picture": data_url(rgb), "boxes": list(boxes),
-        }  # fmt: skip
+        nearest = float(known.min())
+        step = max(float(np.ptp(known)), 1e-6) / (MOST_COUNTS - 1)
+        shown = {"nearest": nearest, "step": step, "level": level, "tall": exaggeration}
+        shown |= {"heights": _counts(depth, nearest, step), "goal": _counts(goal, nearest, step)}
+        self._props["shown"] = shown | {"picture": data_url(rgb), "boxes": list(boxes)}
         self.update()
 
 
-def _counts(depth: np.ndarray, nearest: float, step: float) -> str:
+def _counts(depth: np.ndarray | None, nearest: float, step: float) -> str:
+    if depth is None:
+        return ""
     gone = missing(depth)
     counts = np.rint((np.where(gone, nearest, depth) - nearest) / step) + 1
     return _text(np.where(gone, 0, counts).astype("<u2"))

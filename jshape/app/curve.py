@@ -14,23 +14,20 @@ class Curve:
 
     def __init__(self, label: str, names: Sequence[str], *, height: int = 230):
         """Build it where the caller is."""
-        axis = {"nameLocation": "middle", "nameTextStyle": {"fontSize": 12}}
-        lines = [
-            {"type": "line", "name": name, "data": [], "connectNulls": True,
-             "symbolSize": 11 if name == "predicted" else 6, "color": COLOURS[name]}
-            for name in names
-        ]  # fmt: skip
-        mark = {"type": "scatter", "data": [], "symbol": "emptyCircle", "symbolSize": 18}
-        self._names = tuple(names)
-        self._chart = ui.echart({
+        self._names, many = tuple(names), len(names) > 1
+        axis = {"nameLocation": "middle", "nameTextStyle": {"fontSize": 12}, "type": "value"}
+        line = {"type": "line", "connectNulls": True, "symbolSize": 8}
+        mark = {"type": "scatter", "symbol": "emptyCircle", "symbolSize": 18, "color": "#000000"}
+        options = {
             "animation": False,
-            "legend": {"show": len(names) > 1, "data": list(names), "top": 0},
-            "grid": {"left": 55, "right": 15, "top": 15 if len(names) == 1 else 30, "bottom": 40},
-            "xAxis": axis | {"type": "value", "name": "actions done", "nameGap": 24,
-                             "minInterval": 1},
-            "yAxis": axis | {"type": "value", "name": label, "nameGap": 38, "min": 0},
-            "series": [*lines, mark | {"color": "#000000", "z": 5}],
-        }).classes("w-full").style(f"height: {height}px")  # fmt: skip
+            "legend": {"show": many, "data": list(names), "top": 0},
+            "grid": {"left": 55, "right": 15, "top": 30 if many else 15, "bottom": 40},
+            "xAxis": axis | {"name": "actions done", "nameGap": 24, "minInterval": 1},
+            "yAxis": axis | {"name": label, "nameGap": 38, "min": 0},
+            "series": [line | {"name": name, "color": COLOURS[name]} for name in names],
+        }
+        options["series"].append(mark | {"z": 5})
+        self._chart = ui.echart(options).classes("w-full").style(f"height: {height}px")
 
     def show(self, values: Mapping[str, Sequence[float]], step: int) -> None:
         """Draw numbers per step, NaN where one is not known; the last name known is marked."""

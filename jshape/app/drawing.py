@@ -49,9 +49,6 @@ def wanted(bed: BedMap, marks: Sequence[Mark]) -> Float[np.ndarray, "Y X"]:
     """The change of a bed's height that marks ask for, metres up, before it is held to limits.
 
     Marks that cross do not add up: the deeper one counts, and the higher one.
-
-    Raises:
-      JShapeError: a text that has nothing to be seen, or does not fit into the view.
     """
     strokes = [mark for mark in marks if isinstance(mark, BrushStroke)]
     change = drawn_on_image(_brushed(bed, strokes), bed)
@@ -84,11 +81,7 @@ def _brushed(bed: BedMap, strokes: Sequence[BrushStroke]) -> Float[np.ndarray, "
 
 
 def check_mark(mark: Mark, camera: Camera) -> Mark:
-    """A mark that begins in the image.
-
-    Raises:
-      JShapeError: an empty line, or a size or depth that makes no sense.
-    """
+    """A mark that begins in the image; a JShapeError says what of it makes no sense."""
     size, most = (
         (mark.width_mm, "brush") if isinstance(mark, BrushStroke) else (mark.size_mm, "text")
     )

@@ -8,9 +8,10 @@ from nicegui import events, ui
 
 from jshape.app import pictures
 from jshape.app.advice import first_stroke
-from jshape.app.bench import Bench
-from jshape.app.desk import Desk
+from jshape.app.context import AppContext
 from jshape.app.drawing import BrushStroke, Mark, Words
+from jshape.app.editor_state import EditorState
+from jshape.app.widgets import POINTER, buttons, small
 
 VIEWS = ("bed", "goal", "predicted", "difference")
 TOOLS = {"draw": "draw", "write": "write", "place": "move action", "look": "only look"}
@@ -26,9 +27,9 @@ HINTS = {
 class ImagePanel:
     """Shows one of `VIEWS`; the pointer reads heights, draws, writes, moves an action."""
 
-    def __init__(self, desk: Desk, bench: Bench, changed: Callable[[], None]):
-        """Build it where the caller is; `changed` is called when the desk was."""
-        self._desk, self._bench, self._changed = desk, bench, changed
+    def __init__(self, editor: EditorState, context: AppContext, changed: Callable[[], None]):
+        """Build it where the caller is; `changed` is called when the state was."""
+        self._editor, self._context, self._changed = editor, context, changed
         self.view, self._tool = "bed", "draw"
         self.depth: np.ndarray | None = None
         """(H, W) metres, of what is shown."""
@@ -37,54 +38,32 @@ class ImagePanel:
         self._line: list[tuple[float, float]] = []  # the brush's way so far
         self._read_mm: np.ndarray | None = None  # what the pointer reads
         self._views = ui.toggle(list(VIEWS), value=self.view, on_change=self._viewed)
-        self._views.props("dense no-caps aria-label=view")
-        self._image = ui.interactive_image(
-            cross="#ffffff80", on_mouse=self._mouse,
-            # Of mouse, pen and finger alike.
-            events=["pointerdown", "pointermove", "pointerup", "pointerleave", "pointercancel"],
-        )  # fmt: skip
+        self._views.props("aria-label=view")
+        self._image = ui.interactive_image(cross="#ffffff80", on_mouse=self._mouse, events=POINTER)
         self._image.classes("w-full").style("border: 1px solid #999").props("data-name=image")
-        self._bar = ui.row().classes("w-full no-wrap items-center gap-2 text-xs")
-        with self._bar.props("data-name=bar"):
+        with ui.row().classes("w-full no-wrap items-center gap-2 text-xs").props("data-name=bar"):
             self._low = ui.label()
             self._colours = ui.element("div").classes("grow").style("height: 10px")
             self._high = ui.label()
-        self._under = ui.label().classes("text-xs").style("min-height: 1.3em")
-        self._under.props("data-name=under")
+        self._under = small("", "under", "").style("min-height: 1.3em")
         tools = ui.toggle(TOOLS, value=self._tool, on_change=self._tooled)
-        tools.props("dense no-caps aria-label=tool")
-        self._hint = ui.label(HINTS[self._tool]).classes("text-xs text-gray-600")
-        self._build_fields()
-        self._stroked()
-
-    def _build_fields(self) -> None:
-        """What is drawn, and its buttons."""
-        desk, bench = self._desk, self._bench
-        wide, deep = first_stroke(desk.bank, desk.pixels_per_mm)
+        tools.props("aria-label=tool")
+        self._hint = small(HINTS[self._tool])
+        wide, deep = first_stroke(editor.bank, editor.pixels_per_mm)
         with ui.row().classes("w-full items-end gap-2"):
-            for name, label, value, least, most, step, said in (
-                ("_down", "depth down", deep, -100, 100, 1,
-                 "How far a stroke or a text sinks the bed; below 0 it raises it"),
-                ("_width", "brush width", wide, 2, 100, 2, "Of the trench, at its floor"),
-                ("_size", "text length", 150.0, 10, 500, 10, "Of the text's longer side"),
-            ):  # fmt: skip
-                field = ui.number(label, value=value, min=least, max=most, step=step, suffix="mm")
-                field.props("dense").style("width: 6.1em").tooltip(f"{said}, {least} to {most} mm")
-                setattr(self, name, field)
+            said = "How far a stroke or a text sinks the bed; below 0 it raises it"
+            self._down = _field("depth down", deep, -100, 100, 1, said)
+            self._width = _field("brush width", wide, 2, 100, 2, "Of the trench, at its floor")
+            self._size = _field("text length", 150.0, 10, 500, 10, "Of the text's longer side")
             self._text = ui.input("text", value="J").on("keydown.enter", lambda: self._write(None))
-            self._text.props("dense").style("width: 4em").tooltip("What write puts on the bed")
-            for words, act, said in (
-                ("undo", desk.undo, "Take the last stroke or text back (Ctrl-Z)"),
-                ("clear", desk.clear, "Take everything back: the goal is the bed as it is"),
-            ):
-                button = ui.button(
-                    words, on_click=partial(bench.guard, "drawing", act, self._changed)
-                )
-                button.props("dense no-caps outline").tooltip(said)
-
-    _down: ui.number
-    _width: ui.number
-    _size: ui.number
+            self._text.style("width: 4em").tooltip("What write puts on the bed")
+            undo, clear = partial(self._edit, editor.undo), partial(self._edit, editor.clear)
+            buttons(
+                ("undo", undo, "Take the last stroke or text back (Ctrl-Z)"),
+                ("clear", clear, "Take everything back: the goal is the bed as it is"),
+                props="outline",
+            )
+        self._stroked()
 
     def look_at(self, view: str) -> None:
         """Show another of `VIEWS`."""
@@ -92,15 +71,15 @@ class ImagePanel:
 
     def show(self) -> None:
         """Draw what may have changed."""
-        desk = self._desk
-        image, bed, goal = self._shown(), desk.bed, desk.goal
-        height, width = desk.camera.shape
+        editor = self._editor
+        image, bed, goal = self._shown(), editor.bed, editor.goal
+        height, width = editor.camera.shape
         self._image.props["size"] = (width, height)  # another bank's camera makes another image
         if image is None or bed is None or goal is None:
             self._under.text = "no bed yet"
             return
-        self.depth = desk.depth_of(image)
-        first, wanted = desk.depth_of(bed), desk.depth_of(goal)
+        self.depth = editor.depth_of(image)
+        first, wanted = editor.depth_of(bed), editor.depth_of(goal)
         level = float(np.median(first))
         if self.view == "difference":
             self._read_mm = 1e3 * (wanted - self.depth)
@@ -116,23 +95,21 @@ class ImagePanel:
         self._colours.style(f"background: {scale.gradient}")
         self._image.set_source(pictures.data_url(self.rgb))
         self._image.content = self._boxes()
-        if self.view == "predicted" and desk.plan is None:
+        if self.view == "predicted" and editor.plan is None:
             self._under.text = "no plan yet: this is the bed as it is"
 
     def _boxes(self) -> str:
-        plan = self._desk.plan
-        return (
-            "" if plan is None else pictures.boxes(pictures.boxes_of(plan), self._desk.selected - 1)
-        )
+        plan = self._editor.plan
+        return "" if plan is None else pictures.plan_boxes(plan, self._editor.selected - 1)
 
     def _shown(self) -> np.ndarray | None:
         """The image I that is looked at; `difference` is that of the predicted one to the goal."""
-        desk = self._desk
-        if desk.bed is None or self.view == "bed":
-            return desk.bed
+        editor = self._editor
+        if editor.bed is None or self.view == "bed":
+            return editor.bed
         if self.view == "goal":
-            return desk.goal
-        return desk.bed if desk.plan is None else desk.plan.images[desk.selected]
+            return editor.goal
+        return editor.bed if editor.plan is None else editor.plan.images[editor.selected]
 
     def _viewed(self) -> None:
         self.view = str(self._views.value)
@@ -153,7 +130,7 @@ class ImagePanel:
         at, up = (event.image_x, event.image_y), event.type == "pointerup"
         if event.type == "pointermove" and not self._line:
             self._read(at)
-        if self._desk.bed is None:
+        if self._editor.bed is None:
             if up:
                 ui.notify("there is no bed to draw on yet: load one first", type="warning")
         elif self._tool == "draw":
@@ -164,19 +141,17 @@ class ImagePanel:
             await self._place(at)
 
     async def _place(self, at: tuple[float, float]) -> None:
-        step = self._desk.selected - 1
+        step = self._editor.selected - 1
         if step < 0:
             ui.notify("select an action of the plan first: press its line", type="warning")
             return
-        work = partial(self._desk.put, step, at)
-        await self._bench.guard("predicting", work, self._changed)
+        await self._edit(partial(self._editor.change, step, position=at))
 
     def _read(self, at: tuple[float, float]) -> None:
         if self._read_mm is None or self.depth is None:
             return
-        v, u = (
-            int(np.clip(x, 0, size - 1)) for x, size in zip(at[::-1], self.depth.shape, strict=True)
-        )
+        height, width = self.depth.shape
+        u, v = int(np.clip(at[0], 0, width - 1)), int(np.clip(at[1], 0, height - 1))
         mm = float(self._read_mm[v, u])
         if self.view == "difference":
             said = f"{abs(mm):.1f} mm too {'high' if mm > 0 else 'low'}"
@@ -191,22 +166,30 @@ class ImagePanel:
             self._line, self._image.content = [], self._boxes()
         elif self._line and kind == "pointermove":
             self._line.append(at)
-            width = float(self._width.value or 20) * self._desk.pixels_per_mm
+            width = float(self._width.value or 20) * self._editor.pixels_per_mm
             self._image.content = pictures.line(self._line, width, "#ff8800")
         elif self._line:  # it is up, or has left
             line, self._line = tuple(self._line), []
-            self.look_at("goal")
-            await self._mark(
-                BrushStroke(line, float(self._width.value or 0), float(self._down.value or 0))
-            )
+            await self._mark(BrushStroke(line, _value(self._width), _value(self._down)))
 
     async def _write(self, at: tuple[float, float] | None) -> None:
         """The text at a place, or in the middle."""
-        camera = self._desk.camera
+        camera = self._editor.camera
         at = at or ((camera.width - 1) / 2, (camera.height - 1) / 2)
-        size, down = float(self._size.value or 0), float(self._down.value or 0)
-        self.look_at("goal")
-        await self._mark(Words(str(self._text.value), at, size, down))
+        await self._mark(Words(str(self._text.value), at, _value(self._size), _value(self._down)))
 
     async def _mark(self, mark: Mark) -> None:
-        await self._bench.guard("drawing", lambda: self._desk.draw(mark), self._changed)
+        self.look_at("goal")
+        await self._edit(partial(self._editor.draw, mark))
+
+    async def _edit(self, change: Callable[[], None]) -> None:
+        await self._context.do("changing it", change, self._changed)
+
+
+def _field(label: str, value: float, least: int, most: int, step: int, said: str) -> ui.number:
+    field = ui.number(label, value=value, min=least, max=most, step=step, suffix="mm")
+    return field.style("width: 6.1em").tooltip(f"{said}, {least} to {most} mm")
+
+
+def _value(field: ui.number) -> float:
+    return float(field.value or 0)

@@ -8,10 +8,10 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.app.bench import Bench
-from jshape.app.desk import Desk
-from jshape.app.molder import seen
-from jshape.app.page import upload
+from jshape.app.context import AppContext
+from jshape.app.editor_state import EditorState
+from jshape.app.run_controller import seen
+from jshape.app.widgets import buttons, small, upload
 from jshape.errors import JShapeError
 from jshape.io import cameras
 
@@ -20,49 +20,51 @@ ACCEPT = ".png,.tif,.tiff,.npy,.exr,.ply,.pcd,.json"
 
 
 class LoadingPanel:
-    """Loads, looks and saves; says what is on the desk."""
+    """Loads, looks and saves; says what is loaded."""
 
-    def __init__(self, desk: Desk, bench: Bench, changed: Callable[[], None]):
-        """Build it where the caller is; `changed` is called when the desk was."""
-        self._desk, self._bench, self._changed = desk, bench, changed
+    def __init__(self, editor: EditorState, context: AppContext, changed: Callable[[], None]):
+        """Build it where the caller is; `changed` is called when the state was."""
+        self._editor, self._context, self._changed = editor, context, changed
         self._where = ui.label().classes("text-sm").props("data-name=where")
-        self._told = ui.label().classes("text-xs text-orange-9").props("data-name=told")
+        self._told = small("", "told", "text-orange-9")
+        bed, goal = editor.load_bed, editor.load_goal
         with ui.row().classes("w-full no-wrap items-center gap-2"):
-            self._path = ui.input("depth image on this computer").props("dense").classes("grow")
+            self._path = ui.input("depth image on this computer").classes("grow")
             self._path.tooltip(f"Path of a file: {ACCEPT.replace(',', ' ')}")
-            for words, load in (("is the bed", desk.load_bed), ("is the goal", desk.load_goal)):
-                button = ui.button(words, on_click=partial(self._typed, load))
-                button.props("dense no-caps").style("flex: none")
+            for button in buttons(
+                ("is the bed", partial(self._typed, bed), "Load it as the bed"),
+                ("is the goal", partial(self._typed, goal), "Load it as the goal"),
+            ):
+                button.style("flex: none")
         with ui.row().classes("w-full no-wrap gap-2"):
-            upload("or drop the bed here", partial(self._dropped, desk.load_bed), ACCEPT)
-            upload("or drop the goal here", partial(self._dropped, desk.load_goal), ACCEPT)
+            upload("or drop the bed here", partial(self._dropped, bed), ACCEPT)
+            upload("or drop the goal here", partial(self._dropped, goal), ACCEPT)
         with ui.row().classes("items-center gap-2"):
-            if bench.robot is not None:
-                ui.button("look with the camera", on_click=self._look).props("dense no-caps")
-            save = ui.button("save bed, goal and plan", on_click=self._save)
-            save.props("dense no-caps outline").tooltip(f"In {bench.out / 'desk'}")
+            if context.robot is not None:
+                buttons(("look with the camera", self._look, "What it sees becomes the bed"))
+            saved = f"In {context.saved}"
+            buttons(("save bed, goal and plan", self._save, saved), props="outline")
 
     def show(self) -> None:
         """Say what may have changed."""
-        desk, camera = self._desk, self._bench.camera
+        editor, camera = self._editor, self._context.camera
         how = "" if camera is None else f"; files are read with {camera}"
-        if desk.bed is None:
-            look = "" if self._bench.robot is None else ", or look with the camera"
+        if editor.bed is None:
+            look = "" if self._context.robot is None else ", or look with the camera"
             self._where.text = f"no bed yet: load a depth image{look}{how}"
             return
-        out, into = desk.to_move_cm3
+        out, into = editor.to_move_cm3
         self._where.text = (
-            f"bed: {desk.came_from}; {desk.distance_mm:.3f} mm from the goal on average, which "
+            f"bed: {editor.came_from}; {editor.distance_mm:.3f} mm from the goal on average, which "
             f"takes {out:.0f} cm³ away and brings {into:.0f} cm³{how}"
         )
-        self._told.text = "; ".join(desk.told)
+        self._told.text = "; ".join(editor.told)
 
     async def _typed(self, load: Callable[..., None]) -> None:
-        words = str(self._path.value or "").strip()
-        if not words:
+        if not (words := str(self._path.value or "").strip()):
             ui.notify("type the path of a depth image first", type="warning")
             return
-        await self._load(lambda **how: load(Path(words).expanduser(), **how))
+        await self._load(partial(load, Path(words).expanduser()))
 
     async def _dropped(self, load: Callable[..., None], path: Path) -> None:
         def work(**how: Any) -> None:
@@ -77,40 +79,34 @@ class LoadingPanel:
                 if "depth_unit" in said or cameras.CAMERA in said:
                     said += f"; here: drop the {cameras.CAMERA} of the frames first"
                 raise JShapeError(said) from None
-            if load == self._desk.load_bed:
-                self._desk.came_from = path.name
+            if load == self._editor.load_bed:
+                self._editor.came_from = path.name
 
         await self._load(work)
 
     def _use_camera(self, path: Path) -> None:
         """Read the files that are loaded from now on with a camera.json that was dropped."""
         camera, unit = cameras.read_camera(path)
-        kept = self._bench.out / cameras.CAMERA
+        kept = self._context.out / cameras.CAMERA
         cameras.write_camera(kept, camera, unit)
-        self._bench.camera = str(kept)
+        self._context.camera = str(kept)
 
     async def _load(self, load: Callable[..., None]) -> None:
-        how: dict[str, Any] = {"camera": self._bench.camera, "reproject": self._bench.reproject}
-        await self._bench.guard("reading", partial(load, **how), self._changed)
+        how = {"camera": self._context.camera, "reproject": self._context.reproject}
+        await self._context.do("reading", partial(load, **how), self._changed)
 
     async def _look(self) -> None:
-        robot = self._bench.robot
+        robot, editor = self._context.robot, self._editor
         assert robot is not None
-        desk, hands = self._desk, self._bench.hands
 
         def work() -> None:
-            desk.check_free()  # a run looks by itself
-            desk.see(seen(robot), robot.eye.name)
+            editor.check_free()  # a run looks by itself
+            editor.see(seen(robot), robot.eye.name)
 
-        await self._bench.guard("looking", work, self._changed, hands)
+        await self._context.do("looking", work, self._changed, self._context.robot_thread)
 
     async def _save(self) -> None:
-        folder, saved = self._bench.out / "desk", []
-
-        def work() -> None:
-            self._desk.save(folder, overwrite=True)
-            saved.append(folder)
-
-        await self._bench.guard("saving", work)
-        if saved:
+        folder = self._context.saved
+        work = partial(self._editor.save, folder, overwrite=True)
+        if await self._context.do("saving", work):
             ui.notify(f"bed, goal and plan: {folder}")

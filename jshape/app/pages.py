@@ -8,10 +8,14 @@ from typing import Any
 
 from nicegui import Client, app, ui
 from starlette.datastructures import Headers
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import PlainTextResponse
 
-from jshape.app.ports import FULL, LOCAL, MOST_PAGES, refused, url
+from jshape.app.ports import LOCAL, refused, url
 
+MOST_PAGES = 8
+"""Pages of one server that may be open at once: each holds pictures and a bed in 3-D."""
+FULL = f"{MOST_PAGES} pages are open already; close one, then load this again in a few seconds"
+"""What the next one is told."""
 LOADED_WITHIN = 10.0
 """Seconds after which a page that was fetched and never came alive is given up."""
 KEPT_MESSAGES = 50
@@ -27,36 +31,38 @@ COLUMNS = """
 
 
 def serve_pages(build: Callable[[], None], *, title: str, host: str, port: int, show: bool) -> None:
-    """Serve a page until Ctrl-C or SIGTERM.
-
-    Args:
-      build: builds it, for each browser anew.
-      title: of the page.
-      host: to listen at.
-      port: likewise, free.
-      show: open a browser.
-    """
+    """Serve a page, built for each browser anew, until Ctrl-C or SIGTERM; `show` opens it here."""
 
     def told() -> None:
         if host not in LOCAL:
             print(f"anybody who reaches {host} can use this page", file=sys.stderr)
         print(f"{title} is at {url(host, port)}; Ctrl-C ends it", file=sys.stderr, flush=True)
 
+    def page() -> None:
+        ui.add_css(COLUMNS)
+        build()
+
     app.on_startup(told)
-    app.add_middleware(_Door, host=host, title=title)
+    app.add_middleware(_OriginCheck, host=host, title=title)
     # Any other path gets a line: NiceGUI would build a page for it, and keep it for a minute.
     app.add_exception_handler(404, lambda request, problem: PlainTextResponse("not here", 404))
     # What is loaded by now stays.  Python's collector, which holds up all threads, looks through
     # the pages only from now on, and so finds those that were closed sooner.
     gc.collect()
     gc.freeze()
-    ui.page("/")(build)
+    ui.page("/")(page)
     before = signal.signal(signal.SIGTERM, _interrupt)
     try:
         ui.run(
-            host=host, port=port, show=show, reload=False, title=title, favicon="🏖",
-            show_welcome_message=False, message_history_length=KEPT_MESSAGES,
-        )  # fmt: skip
+            host=host,
+            port=port,
+            show=show,
+            reload=False,
+            title=title,
+            favicon="🏖",
+            show_welcome_message=False,
+            message_history_length=KEPT_MESSAGES,
+        )
     except KeyboardInterrupt:
         pass  # how people end it
     finally:
@@ -67,7 +73,7 @@ def _interrupt(number: int, frame: Any) -> None:
     raise KeyboardInterrupt
 
 
-class _Door:
+class _OriginCheck:
     """Lets in the program's own pages, typed addresses and programs, and only so many pages."""
 
     def __init__(self, app: Any, host: str, title: str):
@@ -84,9 +90,7 @@ class _Door:
         if why is None:
             return await self._app(scope, receive, _unframed(send))
         # A socket that is refused is closed before it opens.
-        await Response(f"{self._title}: {why}\n", status, media_type="text/plain")(
-            scope, receive, send
-        )
+        await PlainTextResponse(f"{self._title}: {why}\n", status)(scope, receive, send)
 
 
 def _unframed(send: Any) -> Any:

@@ -1,7 +1,7 @@
 """Images of the page: shaded heights, differences, boxes.  Arrays in, data URLs and SVG out."""
 
 import base64
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -46,7 +46,8 @@ class Scale(NamedTuple):
 
 def height_scale(*heights_mm: Float[np.ndarray, "H W"]) -> Scale:
     """One for all of them: a colour means the same height in bed, goal and prediction."""
-    ends = np.array([np.percentile(height, (0.5, 99.5)) for height in heights_mm])
+    known = [height[np.isfinite(height)] for height in heights_mm]
+    ends = np.array([np.percentile(h, (0.5, 99.5)) for h in known if h.size] or [(0.0, 0.0)])
     low, high = float(ends.min()), float(ends.max())
     more = max(LEAST_SPAN_MM - (high - low), 0.0) / 2
     return Scale(low - more, high + more, HEIGHTS)
@@ -54,8 +55,9 @@ def height_scale(*heights_mm: Float[np.ndarray, "H W"]) -> Scale:
 
 def difference_scale(change_mm: Float[np.ndarray, "H W"]) -> Scale:
     """White in its middle, where all is as wanted."""
-    reach = max(float(np.percentile(np.abs(change_mm), 99)), LEAST_SPAN_MM / 2)
-    return Scale(-reach, reach, DIFFERENCES)
+    known = np.abs(change_mm[np.isfinite(change_mm)])
+    most = max(float(np.percentile(known, 99)) if known.size else 0.0, LEAST_SPAN_MM / 2)
+    return Scale(-most, most, DIFFERENCES)
 
 
 def shaded(height_mm: Float[np.ndarray, "H W"], scale: Scale) -> Num[np.ndarray, "H W 3"]:
@@ -79,15 +81,24 @@ def data_url(rgb: Num[np.ndarray, "H W 3"]) -> str:
     return "data:image/png;base64," + base64.b64encode(content.tobytes()).decode()
 
 
-def boxes(acts: Iterable[tuple[str, np.ndarray]], chosen: int | None) -> str:
+def outline(
+    position: Sequence[float] | np.ndarray, roi: Sequence[int] | np.ndarray, yaw: float
+) -> Float[np.ndarray, "4 2"]:
+    """Corners (u, v) of the turned ROI (w, h) of an action on the image."""
+    half = np.asarray(roi) * [[-1, -1], [1, -1], [1, 1], [-1, 1]] / 2
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return half @ np.array([[cos, sin], [-sin, cos]]) + position
+
+
+def boxes(actions: Iterable[tuple[str, np.ndarray]], chosen: int | None) -> str:
     """Numbered boxes of actions: name and corners (4, 2) of (u, v); the one `chosen` is thick."""
     drawn = []
-    for k, (name, corners) in enumerate(acts):
+    for k, (name, corners) in enumerate(actions):
         colour, width = colour_of(name), 3.0 if k == chosen else 1.2
-        way = " ".join(f"{u:.1f},{v:.1f}" for u, v in corners)
         u, v = corners.mean(0)
         drawn.append(
-            f'<polygon points="{way}" fill="none" stroke="{colour}" stroke-width="{width}"/>'
+            f'<polygon points="{_path(corners)}" fill="none" stroke="{colour}" '
+            f'stroke-width="{width}"/>'
             f'<circle cx="{u:.1f}" cy="{v:.1f}" r="9" fill="{colour}" stroke="white"/>'
             f'<text x="{u:.1f}" y="{v + 4:.1f}" font-size="12" text-anchor="middle" '
             f'fill="white" font-weight="bold">{k + 1}</text>'
@@ -95,11 +106,10 @@ def boxes(acts: Iterable[tuple[str, np.ndarray]], chosen: int | None) -> str:
     return "".join(drawn)
 
 
-def boxes_of(plan: Plan) -> Iterator[tuple[str, np.ndarray]]:
-    """Actions of a plan for `boxes`."""
-    firsts = plan.positions - plan.rois // 2
-    for name, first, size in zip(plan.actions, firsts, plan.rois, strict=True):
-        yield name, first + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * size
+def plan_boxes(plan: Plan, chosen: int | None) -> str:
+    """Those of a plan's actions."""
+    places = zip(plan.exact_positions, plan.rois, plan.yaws, strict=True)
+    return boxes(zip(plan.actions, (outline(*place) for place in places), strict=True), chosen)
 
 
 def colour_of(action: str) -> str:
@@ -109,21 +119,21 @@ def colour_of(action: str) -> str:
 
 def box(corners: tuple[int, int, int, int], colour: str) -> str:
     """One box (left, top, width, height)."""
-    return _box(corners, colour, 2.0)
-
-
-def line(points: Sequence[tuple[float, float]], width: float, colour: str) -> str:
-    """A brush's way."""
-    way = " ".join(f"{u:.1f},{v:.1f}" for u, v in (*points, points[-1]))
-    return (
-        f'<polyline points="{way}" fill="none" stroke="{colour}" stroke-opacity="0.5" '
-        f'stroke-width="{width:.1f}" stroke-linecap="round" stroke-linejoin="round"/>'
-    )
-
-
-def _box(corners: tuple[int, int, int, int], colour: str, width: float) -> str:
     left, top, w, h = corners
     return (
         f'<rect x="{left}" y="{top}" width="{w}" height="{h}" fill="none" stroke="{colour}" '
-        f'stroke-width="{width}"/>'
+        f'stroke-width="2"/>'
     )
+
+
+def line(points: Sequence[tuple[float, float]], width: float, colour: str) -> str:
+    """A brush's path."""
+    return (
+        f'<polyline points="{_path((*points, points[-1]))}" fill="none" stroke="{colour}" '
+        f'stroke-opacity="0.5" stroke-width="{width:.1f}" stroke-linecap="round" '
+        f'stroke-linejoin="round"/>'
+    )
+
+
+def _path(points: Iterable[Sequence[float] | np.ndarray]) -> str:
+    return " ".join(f"{u:.1f},{v:.1f}" for u, v in points)

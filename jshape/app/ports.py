@@ -11,11 +11,6 @@ from jshape.errors import JShapeError, quoted
 LOCAL = ("127.0.0.1", "localhost")
 """Hosts that only this computer reaches, of those that a server can check requests against."""
 
-MOST_PAGES = 8
-"""Pages of one server that may be open at once: each holds pictures and a bed in 3-D."""
-FULL = f"{MOST_PAGES} pages are open already; close one, then load this again in a few seconds"
-"""What the next one is told."""
-
 
 def refused(headers: Mapping[str, str], host: str) -> str | None:
     """Why a request must not be answered; None: it may be.
@@ -63,14 +58,9 @@ def _hostname(address: str) -> str | None:
 
 
 def free_port(host: str, port: int) -> int:
-    """The port, or a free one for 0; a server would take another if it is taken, or wait forever.
+    """The port, or a free one for 0; a JShapeError says why nothing can listen there.
 
-    Args:
-      host: to listen at.
-      port: likewise.
-
-    Raises:
-      JShapeError: nothing can listen there; with what the system says.
+    A server would take another one if it is taken, or wait forever.
     """
     try:
         kind, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]

@@ -48,33 +48,33 @@ def studio(
       options: how.
     """
     try:
-        from jshape.app.server import serve
+        from jshape.app.studio_page import serve_studio
     except ModuleNotFoundError as problem:
         raise JShapeError(
             f"the studio needs {problem.name}: pip install 'jshape[studio]'"
         ) from None
     from jshape.app.annotation import Annotation
-    from jshape.app.bench import Bench
-    from jshape.app.desk import Desk
+    from jshape.app.context import AppContext
+    from jshape.app.editor_state import EditorState
 
-    desk = Desk(options.bank or DEFAULT_BANK, material=options.material)
+    editor = EditorState(options.bank or DEFAULT_BANK, material=options.material)
     described = None if options.camera_file is None else str(options.camera_file)
     if initial is not None:
-        desk.load_bed(initial, described, reproject=options.reproject)
+        editor.load_bed(initial, described, reproject=options.reproject)
     elif options.arm is None and options.dataset is None:
         depth = levelled_world().look()
-        desk.see(image_of_depth(depth, desk.camera, where="simulated bed").image, "simulated")
+        editor.see(image_of_depth(depth, editor.camera, where="simulated bed").image, "simulated")
     if desired is not None:
-        desk.load_goal(desired, described, reproject=options.reproject)
+        editor.load_goal(desired, described, reproject=options.reproject)
     port = free_port(options.host, options.port)
     boxes = None if options.dataset is None else Annotation(options.dataset)
-    bench = Bench(None, "", options.out, described, options.reproject)
+    context = AppContext(None, "", options.out, described, options.reproject)
     opened: Any = nullcontext()
     if options.arm is not None:
-        out = bench.next_run()  # that it can be written shows before the arm is opened
-        opened = robot_of(options, out, desk.bank, lambda line: print(line, flush=True))
+        out = context.next_run()  # that it can be written shows before the arm is opened
+        opened = robot_of(options, out, editor.bank, lambda line: print(line, flush=True))
     with opened as robot:
-        bench.robot, bench.arm = robot, options.arm or ""
-        serve(desk, bench, boxes, host=options.host, port=port, show=not options.no_open)
-        bench.end()
-    return {"out": str(bench.out)}
+        context.robot, context.arm = robot, options.arm or ""
+        serve_studio(editor, context, boxes, host=options.host, port=port, show=not options.no_open)
+        context.end()
+    return {"out": str(context.out)}

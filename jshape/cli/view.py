@@ -29,42 +29,42 @@ class ViewOptions(Writes):
 
 
 def view(run: Path, /, options: ViewOptions = ViewOptions()) -> dict[str, Any]:
-    """Read the story; write it, or show it until Ctrl-C.
+    """Read the episode; write it, or show it until Ctrl-C.
 
     Args:
       run: A run's or a plan's folder, or plan.json.
       options: how.
     """
-    from jshape.app.view.read import read_story
+    from jshape.app.view.read import read_episode
     from jshape.app.view.recording import check_target, write_recording
 
     if options.save is not None:
         check_target(options.save, options.overwrite)
     camera = None if options.camera_file is None else read_camera(options.camera_file, 1.0)[0]
-    story = read_story(run, camera=camera)
+    episode = read_episode(run, camera=camera)
     if not options.json:
-        print("\n".join([story.title, *story.notes]), flush=True)
+        print("\n".join([episode.title, *episode.notes]), flush=True)
     result = {
-        "title": story.title,
-        "steps": [moment.words for moment in story.moments],
-        "notes": list(story.notes),
+        "title": episode.title,
+        "steps": [step.words for step in episode.steps],
+        "notes": list(episode.notes),
     }
     if options.save is None:
-        return result | {"url": _show(story, options)}
-    out = write_recording(options.save, story, overwrite=options.overwrite)
+        return result | {"url": _show(episode, options)}
+    out = write_recording(options.save, episode, overwrite=options.overwrite)
     if not options.json:
         print(f"Rerun recording: {out}")
     return result | {"recording": str(out)}
 
 
-def _show(story: Any, options: ViewOptions) -> str:
-    """Serve the story until Ctrl-C; returns where it was."""
+def _show(episode: Any, options: ViewOptions) -> str:
+    """Serve the episode until Ctrl-C; returns where it was."""
     try:
-        from jshape.app.view.page import serve_story
+        from jshape.app.view.page import serve_episode
     except ModuleNotFoundError as problem:
         raise JShapeError(
             f"the viewer needs {problem.name}: pip install 'jshape[studio]'"
         ) from None
     port = free_port(options.host, options.port)
-    serve_story(story, host=options.host, port=port, show=not options.no_open)
+    serve_episode(episode, host=options.host, port=port, show=not options.no_open)
     return url(options.host, port)

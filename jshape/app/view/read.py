@@ -1,13 +1,14 @@
-"""Stories from disk: a plan's file or folder, a run of `jshape demo`, `mold` or `execute`."""
+"""Episodes from disk: a plan's file or folder, a run of `jshape demo`, `mold` or `execute`."""
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from jshape import metric
-from jshape.app.view.steps import Done, begun, done_of, near, same
-from jshape.app.view.story import Act, Moment, Story
+from jshape.app.view.episode import Episode, EpisodeAction, EpisodeStep
+from jshape.app.view.records import ActionRecord, begun, near, record_of, same
 from jshape.camera import Camera
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
@@ -19,61 +20,49 @@ from jshape.robot.loop import Stop
 from jshape.robot.session import GOAL, PLAN, START, SUMMARY
 
 MOST_ACTIONS = 500
-"""Of a story: each keeps up to two images, 0.8 GB at the paper's size."""
+"""Of an episode: each keeps up to two images, 0.8 GB at the paper's size."""
 
 
-def read_story(path: str | os.PathLike, *, camera: Camera | None = None) -> Story:
-    """The story of a plan (its file or its folder) or of a run (its folder).
+def read_episode(path: str | os.PathLike, *, camera: Camera | None = None) -> Episode:
+    """The episode of a plan or of a run.
 
     Args:
       path: `plan.json`, or a folder that holds it or `run.json`.
       camera: of the frames of a run that holds no plan and whose bank is not here.
 
     Raises:
-      BadFile: neither is there, or something of it is damaged.
-      BadCamera: nothing says what camera the frames are of.
-      BadImage: a frame that is not of that camera.
-      JShapeError: the plan was stored without its images.
+      JShapeError: neither is there, or it is damaged, or nothing says what camera a run is of.
     """
     path = Path(path)
     if path.is_file():
-        return story_of_plan(Plan.from_json(path), str(path))
+        return episode_of_plan(Plan.from_json(path), str(path))
     if not path.is_dir():
         raise BadFile(f"{path}: no such file or folder")
     if (path / runs.DESCRIPTION).is_file():
-        return _Reader(path, camera).story()
+        return _Reader(path, camera).episode()
     if (path / PLAN).is_file():
-        return story_of_plan(Plan.from_json(path / PLAN), str(path))
+        return episode_of_plan(Plan.from_json(path / PLAN), str(path))
     raise BadFile(
         f"{path}: neither a run ({runs.DESCRIPTION}) nor a plan ({PLAN}) is in the folder"
     )
 
 
-def story_of_plan(plan: Plan, where: str = "plan") -> Story:
-    """The story that a plan foretells.
-
-    Raises:
-      JShapeError: the plan was stored without its images.
-    """
+def episode_of_plan(plan: Plan, where: str = "plan") -> Episode:
+    """The episode that a plan, stored with its images, predicts."""
     if plan.initial is None:
         raise JShapeError(f"{where}: the plan was stored without its images")
     _check_count(len(plan), where)
     depths = [_depth(image, plan.camera) for image in plan.images]
     d_mm, places = plan.distances_mm.tolist(), plan.exact_positions.tolist()
-    moments = [Moment(seen=depths[0], seen_mm=d_mm[0])]
+    steps = [EpisodeStep(seen=depths[0], seen_mm=d_mm[0])]
     for k, name in enumerate(plan.actions):
         (u, v), (w, h) = places[k], plan.rois[k].tolist()
         strength, yaw = float(plan.strengths[k]), float(plan.yaws[k])
-        act = Act(name, (float(u), float(v)), strength, yaw, (w, h))
-        moments.append(
-            Moment(None, depths[k + 1], act, before_mm=d_mm[k], predicted_mm=d_mm[k + 1])
-        )
-    return Story(
-        title=f"plan, {_many(len(plan))}: {d_mm[0]:.3f} mm now, {d_mm[-1]:.3f} mm predicted",
-        camera=plan.camera,
-        goal=None if plan.goal is None else _depth(plan.goal, plan.camera),
-        moments=tuple(moments),
-    )
+        action = EpisodeAction(name, (u, v), strength, yaw, (w, h))
+        steps.append(EpisodeStep(None, depths[k + 1], action, d_mm[k], d_mm[k + 1]))
+    title = f"plan, {_many(len(plan))}: {d_mm[0]:.3f} mm now, {d_mm[-1]:.3f} mm predicted"
+    goal = None if plan.goal is None else _depth(plan.goal, plan.camera)
+    return Episode(title, plan.camera, goal, tuple(steps))
 
 
 class _Reader:
@@ -87,54 +76,51 @@ class _Reader:
         self._bank = self._find_bank()
         self._camera = self._find_camera(camera)
         self._goal = self._find_goal()
-        self._rois = {} if self._bank is None else self._bank.rois
+        self._rois = {} if self._bank is None else dict(self._bank.rois)
 
-    def story(self) -> Story:
+    def episode(self) -> Episode:
         """All of it."""
         waiting = begun(self._folder / journal.NAME)
-        where, records = self._folder / runs.STEPS, self._run.steps
-        _check_count(len(records) + len(waiting), str(self._folder))
-        steps = [done_of(record, f"{where}: line {k + 1}") for k, record in enumerate(records)]
+        where, rows = self._folder / runs.STEPS, self._run.steps
+        _check_count(len(rows) + len(waiting), str(self._folder))
+        records = [record_of(row, f"{where}: line {k + 1}") for k, row in enumerate(rows)]
         start = self._start()
-        first_mm = next((done.before_mm for done in (*waiting, *steps)), None)
-        moments = [Moment(seen=start, seen_mm=self._start_mm(start, first_mm))]
-        for k, (done, record) in enumerate(zip(steps, records, strict=True)):
+        first_mm = next((done.before_mm for done in (*waiting, *records)), None)
+        steps = [EpisodeStep(seen=start, seen_mm=self._start_mm(start, first_mm))]
+        for k, (done, row) in enumerate(zip(records, rows, strict=True)):
             at = next((j for j, one in enumerate(waiting) if done.is_planned_as(one)), None)
             if at is not None:
-                moments += self._unseen(waiting[:at], moments[-1])
+                steps += self._unseen(waiting[:at], steps[-1])
                 done.position, done.seconds = waiting[at].position, waiting[at].seconds
                 waiting = waiting[at + 1 :]
             depth = None
-            if "frame" in record:
-                depth = self._checked(self._run.depth(k), str(record["frame"]))
-            moments.append(self._moment(done, moments[-1], depth))
-        unseen = self._unseen(waiting, moments[-1])
-        if unseen:
+            if "frame" in row:
+                depth = self._checked(self._run.depth(k), str(row["frame"]))
+            steps.append(self._step(done, steps[-1], depth))
+        if unseen := self._unseen(waiting, steps[-1]):
             self._notes.append("the last action was begun and not looked at")
-        moments += unseen
-        if all(moment.bed is None for moment in moments):
+        steps += unseen
+        if all(step.bed is None for step in steps):
             raise BadFile(f"{self._folder}: the run has no frame yet")
         goal = None if self._goal is None else _depth(self._goal, self._camera)
-        title = self._title(moments)
-        return Story(title, self._camera, goal, tuple(moments), tuple(self._notes))
+        return Episode(self._title(steps), self._camera, goal, tuple(steps), tuple(self._notes))
 
-    def _moment(self, done: Done, before: Moment, depth: np.ndarray | None) -> Moment:
-        act = Act(done.name, done.position, done.strength, done.yaw, self._roi(done.name))
-        return Moment(
-            depth, self._predicted(done, before), act, done.before_mm, done.predicted_mm,
-            done.obtained_mm, done.effort_nm, done.seconds,
-        )  # fmt: skip
+    def _step(self, done: ActionRecord, before: EpisodeStep, depth: Any) -> EpisodeStep:
+        """What an action, and the look after it if there was one, have to tell."""
+        action = EpisodeAction(done.name, done.position, done.strength, done.yaw, self._roi(done))
+        numbers = done.before_mm, done.predicted_mm, done.obtained_mm, done.effort_nm, done.seconds
+        return EpisodeStep(depth, self._predicted(done, before), action, *numbers)
 
-    def _unseen(self, waiting: list[Done], before: Moment) -> list[Moment]:
+    def _unseen(self, waiting: list[ActionRecord], before: EpisodeStep) -> list[EpisodeStep]:
         """Actions that reached the bed, and that nobody looked at."""
-        found: list[Moment] = []
+        found: list[EpisodeStep] = []
         for done in waiting:
             if done.touched:
-                found.append(self._moment(done, before, None))
+                found.append(self._step(done, before, None))
                 before = found[-1]
         return found
 
-    def _predicted(self, done: Done, before: Moment) -> np.ndarray | None:
+    def _predicted(self, done: ActionRecord, before: EpisodeStep) -> np.ndarray | None:
         """(H, W) the depth that was predicted: by the plan, or by the bank from the look before.
 
         None where that look is not known, as after a run was resumed.
@@ -152,17 +138,15 @@ class _Reader:
         if bank is None or goal is None or done.name not in bank.actions:
             return None
         image = image_of_depth(before.seen, bank.camera, max_missing=1.0).image
-        ahead = rollout(
-            image, goal, [done.name], np.array([done.position]), bank=bank,
-            strengths=np.array([done.strength]), yaws=np.array([done.yaw]),
-        )  # fmt: skip
+        how = {"strengths": np.array([done.strength]), "yaws": np.array([done.yaw])}
+        ahead = rollout(image, goal, [done.name], np.array([done.position]), bank=bank, **how)
         return _depth(ahead.images[1], bank.camera)
 
-    def _roi(self, name: str) -> tuple[int, int] | None:
-        if name not in self._rois and self._plan is not None and name in self._plan.actions:
-            w, h = self._plan.rois[self._plan.actions.index(name)].tolist()
-            return w, h
-        return self._rois.get(name)
+    def _roi(self, done: ActionRecord) -> tuple[int, int] | None:
+        if done.name not in self._rois and self._plan is not None:
+            planned = zip(self._plan.actions, self._plan.rois.tolist(), strict=True)
+            self._rois |= {name: (w, h) for name, (w, h) in planned if name not in self._rois}
+        return self._rois.get(done.name)
 
     def _find_bank(self) -> Bank | None:
         """The bank that the run was made with, unless it is gone."""
@@ -204,9 +188,8 @@ class _Reader:
         if path.is_file():
             depth = images.read_depth(path, depth_unit=self._run.depth_unit)
             return self._checked(depth, START)
-        if self._plan is None or self._plan.initial is None:
-            return None
-        return _depth(self._plan.initial, self._camera)
+        initial = None if self._plan is None else self._plan.initial
+        return None if initial is None else _depth(initial, self._camera)
 
     def _checked(self, depth: np.ndarray, name: str) -> np.ndarray:
         if depth.shape != self._camera.shape:
@@ -217,23 +200,20 @@ class _Reader:
         return depth
 
     def _start_mm(self, depth: np.ndarray | None, noted_mm: float | None) -> float | None:
-        """Distance of the first look to the goal: as the run noted it, if that is of this look.
-
-        The look was kept in whole counts, so that its distance is off by at most one of them.
-        """
+        """Distance of the first look to the goal: as the run noted it, if that is of this look."""
         if depth is None or self._goal is None:
             return noted_mm
         image = image_of_depth(depth, self._camera, max_missing=1.0).image
         measured = float(metric.to_mm(metric.distance(image, self._goal), self._camera))
-        count_mm = 1000.0 * self._run.depth_unit
+        count_mm = 1000.0 * self._run.depth_unit  # the look was kept in whole counts
         noted = noted_mm is not None and abs(noted_mm - measured) < count_mm
         return noted_mm if noted else measured
 
-    def _title(self, moments: list[Moment]) -> str:
+    def _title(self, steps: list[EpisodeStep]) -> str:
         what = self._run.meta.get("what")
         what = one_line(what, 40) if isinstance(what, str) and what else "run"
-        told = f"{what}, {_many(len(moments) - 1)}"
-        measured = [moment.seen_mm for moment in moments if moment.seen_mm is not None]
+        told = f"{what}, {_many(len(steps) - 1)}"
+        measured = [step.seen_mm for step in steps if step.seen_mm is not None]
         if not measured:
             return told
         return f"{told}: {measured[0]:.3f} mm at the start, {measured[-1]:.3f} mm obtained"

@@ -1,4 +1,7 @@
-"""A bed and the goal that is drawn on it, in the image of one camera.  No browser here."""
+"""A bed and the goal that is drawn on it, in the image of one camera.  No browser here.
+
+Methods raise a JShapeError, in one line for people, and then have changed nothing.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -12,14 +15,14 @@ from jshape.app.drawing import Mark, check_mark, wanted
 from jshape.camera import Camera
 from jshape.errors import JShapeError
 from jshape.goals import Limits, bed_map, make_goal, report
-from jshape.sim import MATERIALS, Material
+from jshape.sim import MATERIALS
 
 MOST_MARKS = 500
 """Of a drawing."""
 
 
 @dataclass(kw_only=True)
-class Canvas:
+class GoalState:
     """What is there and what is wanted."""
 
     material: str = "flour"
@@ -46,10 +49,7 @@ class Canvas:
     def see(
         self, image: Float[np.ndarray, "H W"], came_from: str, *, same_goal: bool = False
     ) -> None:
-        """Take an image I of the bank's camera for the bed.
-
-        What was drawn is drawn on it; with `same_goal` the goal is what it was before.
-        """
+        """Take an image I for the bed; the drawing goes onto it, or `same_goal` stays as it was."""
         if same_goal and self.goal is not None:
             self._base, self.marks = self.goal, ()
         self.bed, self.came_from = image, came_from
@@ -65,10 +65,12 @@ class Canvas:
             self._goal = self.bed if self._base is None else self._base
             if self.marks:
                 below = bed_map(self.depth_of(self._goal), self.camera)
-                limits = Limits(math.tan(float(self._material.repose)))  # as loose material lies
+                material = MATERIALS[self.material]
+                limits = Limits(math.tan(float(material.repose)))  # as loose material lies
                 made = make_goal(below, wanted(below, self.marks), limits)
-                self._told = report(made, self._material)
-                self._goal = self._image(made.depth)
+                self._told = report(made, material)
+                level = self.camera.luminance(made.depth, quantize=False)
+                self._goal = np.asarray(metric.weigh(level, self.camera))
         return self._goal
 
     @property
@@ -85,21 +87,13 @@ class Canvas:
             return 1.0
         return float(self.camera.fx) / (1e3 * float(np.median(self.depth_of(self.bed))))
 
-    @property
-    def _material(self) -> Material:
-        return MATERIALS[self.material]
-
     def want(self, image: Float[np.ndarray, "H W"]) -> None:
         """Take an image I of the bank's camera for the goal; what was drawn is dropped."""
         self._base, self.marks = image, ()
         self._changed()
 
     def draw(self, mark: Mark) -> None:
-        """Draw on the goal.
-
-        Raises:
-          JShapeError: a mark that makes no sense, no bed yet, or more than `MOST_MARKS`.
-        """
+        """Draw on the goal."""
         self.check_free()
         if self.bed is None:
             raise JShapeError("there is no bed to draw on yet")
@@ -115,11 +109,7 @@ class Canvas:
             raise
 
     def undo(self) -> None:
-        """Take the last mark back; without any, the loaded goal.
-
-        Raises:
-          JShapeError: there is nothing to take back.
-        """
+        """Take the last mark back; without any, the loaded goal."""
         self._check_drawn()
         if self.marks:
             self.marks = self.marks[:-1]
@@ -128,39 +118,41 @@ class Canvas:
         self._changed()
 
     def clear(self) -> None:
-        """The goal is the bed as it is.
-
-        Raises:
-          JShapeError: it is already.
-        """
+        """The goal is the bed as it is."""
         self._check_drawn()
         self._base, self.marks = None, ()
         self._changed()
 
+    def both(self) -> tuple[np.ndarray, np.ndarray]:
+        """The bed and the goal."""
+        bed, goal = self.bed, self.goal
+        if bed is None or goal is None:
+            raise JShapeError("there is no bed yet: load one, or look with a camera")
+        return bed, goal
+
     @property
     def changed(self) -> bool:
         """Whether the goal asks for anything."""
-        bed, goal = self.bed, self.goal
-        return bed is not None and goal is not None and not np.array_equal(bed, goal)
+        return self.bed is not None and not np.array_equal(*self.both())
+
+    def check_changed(self) -> None:
+        """Refuse to work towards a goal that asks for nothing."""
+        self.both()
+        if not self.changed:
+            raise JShapeError("the goal is the bed as it is: draw, write or load one first")
 
     @property
     def to_move_cm3(self) -> tuple[float, float]:
         """Volume that the goal takes away, and that it brings, cm3."""
-        if self.bed is None or self.goal is None:
-            return 0.0, 0.0
-        before, after = self.depth_of(self.bed), self.depth_of(self.goal)
+        before, after = (self.depth_of(image) for image in self.both())
         area = before**2 / (float(self.camera.fx) * float(self.camera.fy))  # of a pixel, m2
         change = (after - before) * area * 1e6
         return float(change.clip(0).sum()), float((-change).clip(0).sum())
 
     @property
     def distance_mm(self) -> float:
-        """Between the bed and the goal; 0 without a bed."""
-        if self.bed is None or self.goal is None:
-            return 0.0
-        return float(metric.to_mm(metric.distance(self.bed, self.goal), self.camera))
-
-    # Helpers.
+        """Between the bed and the goal."""
+        return float(metric.to_mm(metric.distance(*self.both()), self.camera))
 
     def lock(self, why: str) -> None:
         """Allow no change, or all of them again: ""."""
@@ -169,11 +161,7 @@ class Canvas:
             self.version += 1
 
     def check_free(self) -> None:
-        """Whether the desk may be changed.
-
-        Raises:
-          JShapeError: a run goes on.
-        """
+        """Refuse a change while a run goes on."""
         if self.locked:
             raise JShapeError(self.locked)
 
@@ -185,10 +173,6 @@ class Canvas:
     def depth_of(self, image: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "H W"]:
         """Metres, of an image I."""
         return np.asarray(self.camera.depth(metric.unweigh(image, self.camera)))
-
-    def _image(self, depth: np.ndarray) -> np.ndarray:
-        level = self.camera.luminance(depth, quantize=False)
-        return np.asarray(metric.weigh(level, self.camera))
 
     def _changed(self) -> None:
         """The bed or the goal is another."""

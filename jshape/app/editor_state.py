@@ -1,7 +1,6 @@
-"""What lies on the table: a bed, a goal that is drawn, a plan that is edited.
+"""What is edited: a bed, a goal that is drawn, a plan; all in the image of the bank's camera.
 
-Everything is in the image of the bank's camera.  No browser here: the page calls these methods and
-draws what they leave.
+No browser here: the page calls these methods and draws what they leave.
 """
 
 from dataclasses import dataclass, field
@@ -10,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jshape.app.canvas import Canvas
-from jshape.app.search import Search
+from jshape.app.goal_state import GoalState
+from jshape.app.plan_job import PlanJob
 from jshape.camera import Camera, check_camera
 from jshape.data.view import View, image_of_depth, view_beside, view_of
 from jshape.errors import JShapeError, quoted
@@ -26,10 +25,10 @@ from jshape.planning.plan import Plan
 DEPTH_UNIT = 0.0001
 """Metres per count of a goal that is written."""
 CONTENTS = ("now.png", "goal.png", "camera.json", "plan.json")
-"""What `Desk.save` writes."""
+"""What `EditorState.save` writes."""
 
 
-class _Act(NamedTuple):
+class _Planned(NamedTuple):
     """One action of the plan."""
 
     action: str
@@ -40,7 +39,7 @@ class _Act(NamedTuple):
 
 
 @dataclass
-class Desk(Canvas):
+class EditorState(GoalState):
     """One person's work."""
 
     bank_name: str = DEFAULT_BANK
@@ -49,7 +48,7 @@ class Desk(Canvas):
     """From the bed to the goal."""
     yaws: int = YAWS
     """Yaw angles of the hand that are tried where the bank can turn it."""
-    search: Search | None = None
+    search: PlanJob | None = None
     """The search for a plan that goes on now."""
     advice: str = ""
     """Why the last plan is empty."""
@@ -66,37 +65,27 @@ class Desk(Canvas):
         return self.bank.camera
 
     def use_bank(self, name: str) -> None:
-        """Plan with another bank; the bed and the goal stay if its camera is the same.
-
-        Raises:
-          JShapeError: no such bank, or one for another camera while a bed is on the table.
-        """
+        """Plan with another bank, which must be for the same camera if there is a bed."""
         self.check_free()
         bank = banks.load_bank(name)
         if self.bed is not None and bank.camera != self.camera:
             raise JShapeError(
                 f"bank {quoted(name)} is for another camera ({bank.camera.width}x"
-                f"{bank.camera.height} pixels) than the bed on the table ({self.camera.width}x"
+                f"{bank.camera.height} pixels) than the bed ({self.camera.width}x"
                 f"{self.camera.height}): start with jshape studio --bank {quoted(name)}"
             )
         self.bank, self.bank_name = bank, name
         self._no_plan()
 
-    # The bed.
-
     def load_bed(self, path: Path, camera: str | None = None, *, reproject: bool = False) -> None:
-        """Take a depth image file for the bed.
-
-        Raises:
-          JShapeError: as for `jshape plan`.
-        """
+        """Take a depth image file for the bed."""
         self.check_free()
         image, view = self._read(path, camera, reproject)
         self.see(image, str(path))
         self._view = view
 
     def see(self, image: np.ndarray, came_from: str, *, same_goal: bool = False) -> None:
-        """As `Canvas.see`; how an earlier bed was seen says nothing of this one."""
+        """As `GoalState.see`; how an earlier bed was seen says nothing of this one."""
         self._view = None
         super().see(image, came_from, same_goal=same_goal)
 
@@ -118,31 +107,18 @@ class Desk(Canvas):
             )
         return image_of_depth(depth, self.camera, view=view, where=str(path)).image, view
 
-    # The goal.
-
     def load_goal(self, path: Path, camera: str | None = None, *, reproject: bool = False) -> None:
-        """Take a depth image, PLY or PCD file for the goal; what was drawn is dropped.
-
-        Raises:
-          JShapeError: as for `jshape plan`.
-        """
+        """Take a depth image, PLY or PCD file for the goal; what was drawn is dropped."""
         self.check_free()
         self.want(self._read(path, camera, reproject, self._view)[0])
 
-    # The plan.
-
     def make_plan(self, **fields: Any) -> Plan:
-        """Plan from the bed to the goal; `fields` are those of `jshape.options`.
-
-        Raises:
-          JShapeError: there is no bed, or as for `jshape.plan`.
-        """
+        """Plan from the bed to the goal; `fields` are those of `jshape.options`."""
         self.check_free()
-        bed, goal = self._both()
-        if not self.changed:
-            raise JShapeError("the goal is the bed as it is: draw, write or load one first")
+        self.check_changed()
+        bed, goal = self.both()
         bank, keywords = self.bank, options(self.keywords, **fields)
-        self.search = Search(lambda: plan(bed, goal, bank=bank, **keywords))
+        self.search = PlanJob(lambda: plan(bed, goal, bank=bank, **keywords))
         try:
             self._keep(self.search.result())
         finally:
@@ -157,42 +133,25 @@ class Desk(Canvas):
 
     def drop(self, step: int) -> None:
         """Leave an action out (counted from 0)."""
-        acts = self._acts(step)
-        del acts[step]
-        self._predict(acts, select=min(self.selected, len(acts)))
+        actions = self._actions(step)
+        del actions[step]
+        self._predict(actions, select=min(self.selected, len(actions)))
 
     def move(self, step: int, by: int) -> None:
         """Do an action earlier (-1) or later (1)."""
-        acts = self._acts(step)
-        to = min(max(step + by, 0), len(acts) - 1)
-        acts.insert(to, acts.pop(step))
-        self._predict(acts, select=to + 1)
+        actions = self._actions(step)
+        to = min(max(step + by, 0), len(actions) - 1)
+        actions.insert(to, actions.pop(step))
+        self._predict(actions, select=to + 1)
 
-    def put(self, step: int, position: tuple[float, float]) -> None:
-        """Move the place of an action to pixel (u, v)."""
-        acts = self._acts(step)
-        inside = np.clip(position, 0.0, (self.camera.width - 1, self.camera.height - 1))
-        acts[step] = acts[step]._replace(position=inside)
-        self._predict(acts, select=step + 1)
-
-    def deepen(self, step: int, strength: float) -> None:
-        """Do an action so many times as deep as trained.
-
-        Raises:
-          JShapeError: no strength that a plan may have.
-        """
-        acts = self._acts(step)
-        acts[step] = acts[step]._replace(strength=strength)
-        self._predict(acts, select=step + 1)
-
-    def add(self, action: str, position: tuple[float, float], strength: float = 1.0) -> None:
-        """Append an action.
-
-        Raises:
-          JShapeError: no such action, place or strength.
-        """
-        acts = [*self._acts(), _Act(action, position, strength, 0.0)]
-        self._predict(acts, select=len(acts))
+    def change(self, step: int, **fields: Any) -> None:
+        """Do an action elsewhere, at pixel `position` (u, v), or at another `strength`."""
+        actions = self._actions(step)
+        if "position" in fields:
+            most = self.camera.width - 1, self.camera.height - 1
+            fields["position"] = np.clip(fields["position"], 0.0, most)
+        actions[step] = actions[step]._replace(**fields)
+        self._predict(actions, select=step + 1)
 
     def select(self, done: int) -> None:
         """Look at the image after so many actions of the plan."""
@@ -200,13 +159,8 @@ class Desk(Canvas):
         self.version += 1
 
     def save(self, folder: Path, *, overwrite: bool = False) -> None:
-        """Write bed, goal, camera and plan, as `jshape plan` and `jshape mold` read them.
-
-        Raises:
-          BadFile: the folder holds something else, or cannot be written.
-          JShapeError: there is no bed.
-        """
-        bed, goal = self._both()
+        """Write bed, goal, camera and plan, as `jshape plan` and `jshape mold` read them."""
+        bed, goal = self.both()
         with folders.atomic_folder(folder, overwrite, contents=CONTENTS) as temp:
             for name, image in (("now.png", bed), ("goal.png", goal)):
                 images.write_depth_png(temp / name, self.depth_of(image), DEPTH_UNIT)
@@ -219,35 +173,21 @@ class Desk(Canvas):
         self.plan, self.selected = ahead, min(1, len(ahead))
         self.version += 1
 
-    # Helpers.
-
-    def _both(self) -> tuple[np.ndarray, np.ndarray]:
-        bed, goal = self.bed, self.goal
-        if bed is None or goal is None:
-            raise JShapeError("there is no bed yet: load one, or look with a camera")
-        return bed, goal
-
-    def _acts(self, step: int | None = None) -> list["_Act"]:
-        """The plan's actions, to be changed; `step` must be one of them.
-
-        Raises:
-          JShapeError: it is not, or a run goes on.
-        """
+    def _actions(self, step: int | None = None) -> list[_Planned]:
+        """The plan's actions, to be changed; `step` must be one of them."""
         self.check_free()
-        found = self.plan
-        columns = (
-            () if found is None else
-            (found.actions, found.exact_positions, found.strengths.tolist(), found.yaws.tolist())
-        )  # fmt: skip
-        acts = [_Act(*row) for row in zip(*columns, strict=True)]
-        if step is not None and not 0 <= step < len(acts):
-            raise JShapeError(f"there is no action {step + 1} of a plan of {len(acts)}")
-        return acts
+        actions = []
+        if (plan := self.plan) is not None:
+            columns = plan.exact_positions, plan.strengths.tolist(), plan.yaws.tolist()
+            actions = [_Planned(*row) for row in zip(plan.actions, *columns, strict=True)]
+        if step is not None and not 0 <= step < len(actions):
+            raise JShapeError(f"there is no action {step + 1} of a plan of {len(actions)}")
+        return actions
 
-    def _predict(self, acts: list["_Act"], *, select: int) -> None:
+    def _predict(self, actions: list[_Planned], *, select: int) -> None:
         """The plan is these actions, with what they are predicted to bring."""
-        bed, goal = self._both()
-        names, positions, strengths, yaws = zip(*acts, strict=True) if acts else [()] * 4
+        bed, goal = self.both()
+        names, positions, strengths, yaws = zip(*actions, strict=True) if actions else [()] * 4
         self._keep(
             rollout(bed, goal, names, positions, strengths=strengths, yaws=yaws, bank=self.bank)
         )

@@ -1,4 +1,4 @@
-"""What a plan or a run tells, step by step, whatever it was read from."""
+"""A plan or a run as an episode: what was seen and predicted, step by step."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,16 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape._typing import Float
+from jshape.app import pictures
+from jshape.app.pictures import Scale
 from jshape.camera import Camera
 from jshape.data.missing import missing
 
 MARGIN_MM = 1.0
 """A box reaches so far above and below the surface that it holds."""
-LEAST_REACH_MM = 1.0
-"""Least difference to the goal that is drawn in full colour: noise is no relief."""
 
 
-class Act(NamedTuple):
+class EpisodeAction(NamedTuple):
     """One action."""
 
     name: str
@@ -33,6 +33,11 @@ class Act(NamedTuple):
         u, v = self.position
         turned = f", turned {np.degrees(self.yaw):.0f}°" if self.yaw else ""
         return f"{self.name} x{self.strength:.2f} at ({u:.0f}, {v:.0f}){turned}"
+
+    @property
+    def outline(self) -> Float[np.ndarray, "4 2"] | None:
+        """Corners (u, v) of what it changes on the image; None if its ROI is not known."""
+        return None if self.roi is None else pictures.outline(self.position, self.roi, self.yaw)
 
 
 class Box(NamedTuple):
@@ -55,14 +60,14 @@ class Box(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class EpisodeStep:
     """The bed at the start, or after an action."""
 
     seen: np.ndarray | None = None
     """(H, W) depth that the camera saw, metres, NaN = no reading; None: it did not look."""
     predicted: np.ndarray | None = None
     """(H, W) depth predicted, metres; None: not known."""
-    act: Act | None = None
+    action: EpisodeAction | None = None
     """The action before it; None at the start."""
     before_mm: float | None = None
     """Distance to the goal before the action."""
@@ -83,77 +88,75 @@ class Moment:
     @property
     def words(self) -> str:
         """What happened and what came of it."""
-        told = ["the start" if self.act is None else str(self.act)]
-        if self.act is not None and self.before_mm is not None:
-            told.append(f"{self.before_mm:.3f} mm before")
-        if self.predicted_mm is not None:
-            told.append(f"{self.predicted_mm:.3f} mm predicted")
-        if self.seen_mm is not None:
-            told.append(f"{self.seen_mm:.3f} mm {'obtained' if self.act else 'to the goal'}")
-        elif self.act is not None and self.predicted_mm is None:
+        acted = self.action is not None
+        numbers = (
+            (self.before_mm if acted else None, "{:.3f} mm before"),
+            (self.predicted_mm, "{:.3f} mm predicted"),
+            (self.seen_mm, "{:.3f} mm obtained" if acted else "{:.3f} mm to the goal"),
+            (self.effort_nm, "at most {:.1f} Nm"),
+            (self.seconds, "after {:.1f} s"),
+        )
+        told = [words.format(number) for number, words in numbers if number is not None]
+        if acted and self.predicted_mm is None and self.seen_mm is None:
             told.append("not looked at")
-        if self.effort_nm is not None:
-            told.append(f"at most {self.effort_nm:.1f} Nm")
-        if self.seconds is not None:
-            told.append(f"after {self.seconds:.1f} s")
-        return f"{told[0]}: {', '.join(told[1:])}" if told[1:] else told[0]
+        name = str(self.action) if acted else "the start"
+        return f"{name}: {', '.join(told)}" if told else name
 
 
 @dataclass(frozen=True, eq=False)
-class Story:
+class Episode:
     """A plan or a run: where it was seen from, what was wanted, and what happened."""
 
     title: str
     camera: Camera
     goal: np.ndarray | None
     """(H, W) depth wanted, metres; None: not known."""
-    moments: tuple[Moment, ...]
+    steps: tuple[EpisodeStep, ...]
     """The start, and one after each action."""
     notes: tuple[str, ...] = ()
     """Why it ended, and what could not be shown."""
 
     def __len__(self) -> int:
         """How many actions there are."""
-        return len(self.moments) - 1
+        return len(self.steps) - 1
 
     @property
-    def acts(self) -> tuple[Act, ...]:
+    def actions(self) -> tuple[EpisodeAction, ...]:
         """All actions, in their order."""
-        return tuple(moment.act for moment in self.moments if moment.act is not None)
+        return tuple(step.action for step in self.steps if step.action is not None)
 
     @property
     def is_run(self) -> bool:
         """Something was seen after an action: predicted and obtained can be compared."""
-        return any(moment.seen is not None for moment in self.moments[1:])
+        return any(step.seen is not None for step in self.steps[1:])
 
     def last(self, step: int) -> np.ndarray | None:
         """(H, W) depth of the bed at a step, or the latest before it that is known."""
-        known = (moment.bed for moment in reversed(self.moments[: step + 1]))
+        known = (one.bed for one in reversed(self.steps[: step + 1]))
         return next((depth for depth in known if depth is not None), None)
 
     @cached_property
     def level(self) -> float:
         """Depth of the bed, metres: the median of the first look."""
-        depths = [d for d in (*(m.bed for m in self.moments), self.goal) if d is not None]
+        depths = [d for d in (*(step.bed for step in self.steps), self.goal) if d is not None]
         seen = [d[~missing(d)] for d in depths]
         return float(np.median(next(d for d in seen if d.size)))
 
-    @cached_property
-    def range_m(self) -> tuple[float, float]:
-        """Nearest and farthest depth to colour, metres: all but outliers."""
-        depths = [m.bed for m in (self.moments[0], self.moments[-1])] + [self.goal]
-        known = np.concatenate([d[~missing(d)] for d in depths if d is not None] or [np.zeros(0)])
-        near, far = np.percentile(known, (0.5, 99.5)) if known.size else (self.level, self.level)
-        more = max(LEAST_REACH_MM / 1000 - (far - near), 0.0) / 2
-        return float(near - more), float(far + more)
+    def heights_mm(self, depth: np.ndarray) -> Float[np.ndarray, "H W"]:
+        """Above the bed's level; NaN where there is no reading."""
+        return 1e3 * (self.level - np.where(missing(depth), np.nan, depth))
 
     @cached_property
-    def reach_mm(self) -> float:
-        """Difference to the goal that is drawn in full colour."""
+    def heights(self) -> Scale:
+        """Colours of heights: of the start, the end and the goal."""
+        depths = [self.steps[0].bed, self.steps[-1].bed, self.goal]
+        return pictures.height_scale(*(self.heights_mm(d) for d in depths if d is not None))
+
+    @cached_property
+    def differences(self) -> Scale:
+        """Colours of differences to the goal: those of the start."""
         gap = self.too_high_mm(self.last(0), self.goal)
-        known = np.zeros(0) if gap is None else np.abs(gap[np.isfinite(gap)])
-        most = float(np.percentile(known, 99.5)) if known.size else 0.0
-        return max(most, LEAST_REACH_MM)
+        return pictures.difference_scale(np.zeros((1, 1)) if gap is None else gap)
 
     @staticmethod
     def too_high_mm(depth: np.ndarray | None, wanted: np.ndarray | None) -> np.ndarray | None:
@@ -163,33 +166,24 @@ class Story:
         gap = 1000.0 * (wanted - depth)
         return np.where(missing(depth) | missing(wanted), np.nan, gap).astype(np.float32)
 
-    def outline(self, act: Act) -> Float[np.ndarray, "4 2"] | None:
-        """Corners (u, v) of what an action changes on the image; None if its ROI is not known."""
-        if act.roi is None:
-            return None
-        w, h = act.roi
-        corners = np.array([[-w, -h], [w, -h], [w, h], [-w, h]]) / 2
-        cos, sin = np.cos(act.yaw), np.sin(act.yaw)
-        return corners @ np.array([[cos, sin], [-sin, cos]]) + act.position
-
     def box(self, step: int) -> Box | None:
         """The box around what the action of a step met and left; None if its ROI is not known."""
-        act = self.moments[step].act
-        corners = None if act is None else self.outline(act)
-        if act is None or act.roi is None or corners is None:
+        action = self.steps[step].action
+        corners = None if action is None else action.outline
+        if action is None or action.roi is None or corners is None:
             return None
         camera = self.camera
         left, top = np.clip(np.floor(corners.min(0)), 0, [camera.width - 1, camera.height - 1])
         right, bottom = np.clip(np.ceil(corners.max(0)), [left + 1, top + 1], camera.shape[::-1])
         window = np.s_[int(top) : int(bottom), int(left) : int(right)]
-        depths = [self.last(step - 1), self.moments[step].bed]
+        depths = [self.last(step - 1), self.steps[step].bed]
         inside = [d[window][~missing(d[window])] for d in depths if d is not None]
         known = np.concatenate([*inside, np.zeros(0)])
         near, far = (known.min(), known.max()) if known.size else (self.level, self.level)
         near, far = near - MARGIN_MM / 1000, far + MARGIN_MM / 1000
         middle = (near + far) / 2
         focal = np.array([float(camera.fx), float(camera.fy)])
-        at = (np.array(act.position) - [float(camera.u0), float(camera.v0)]) / focal * middle
-        size = np.array(act.roi) / focal * middle
+        at = (np.array(action.position) - [float(camera.u0), float(camera.v0)]) / focal * middle
+        size = np.array(action.roi) / focal * middle
         half = np.array([*size / 2, (far - near) / 2])
-        return Box(np.array([*at, middle]), half, act.yaw)
+        return Box(np.array([*at, middle]), half, action.yaw)

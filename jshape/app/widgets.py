@@ -1,4 +1,4 @@
-"""What the panels of the local web page share: work beside it, errors as one line, uploads."""
+"""What the panels of the local pages share: buttons, work beside the page, errors, uploads."""
 
 import asyncio
 import tempfile
@@ -15,31 +15,46 @@ LARGEST_UPLOAD = 64 * 2**20
 """Bytes of a file that may be sent to the page."""
 PATIENCE = 0.4
 """Seconds after which the page says that it is at work."""
+FIELDS: list[Any] = ["input", "select", "textarea"]
+"""Elements whose keys are their own."""
+POINTER = ["pointerdown", "pointermove", "pointerup", "pointerleave", "pointercancel"]
+"""What mouse, pen and finger do alike."""
+
+for _element in (ui.number, ui.input, ui.select, ui.checkbox, ui.radio, ui.expansion):
+    _element.default_props("dense")
+for _element in (ui.button, ui.toggle, ui.tabs):
+    _element.default_props("dense no-caps")
 
 
-class Guard:
-    """Does what people ask, one thing at a time, beside the page; errors become one line on it.
+def buttons(*rows: tuple[str, Callable[[], Any], str], props: str = "") -> list[ui.button]:
+    """Buttons: what each says, does, and tells of itself."""
+    made = [ui.button(words, on_click=act) for words, act, _ in rows]
+    for button, (_, _, said) in zip(made, rows, strict=True):
+        button.props(props).tooltip(said)
+    return made
+
+
+def small(text: str = "", name: str = "", colour: str = "text-gray-600") -> ui.label:
+    """A line in small letters."""
+    return ui.label(text).classes(f"text-xs {colour}").props(f"data-name={name}" if name else "")
+
+
+class OneAtATime:
+    """Does what people ask in another thread, one thing at a time; errors become one line.
 
     Nothing that computes runs where the page is served: STOP must not wait behind it.
     """
 
-    def __init__(self) -> None:
-        self._busy = ""
+    _busy = ""
 
     async def __call__(
         self,
         what: str,
         work: Callable[[], Any],
         then: Callable[[], Any] = lambda: None,
-        hands: Executor | None = None,
-    ) -> None:
-        """Do something in another thread, then draw.
-
-        Args:
-          what: it does, for people.
-          work: touches no element of the page.
-          then: draws what has changed.
-          hands: where the work has to be done; None: in any thread.
+        thread: Executor | None = None,
+    ) -> bool:
+        """Do `work`, which touches no element of the page, then draw; returns whether it was done.
 
         Raises:
           CancelledError: the page was closed meanwhile, so that its caller draws nothing either.
@@ -47,16 +62,17 @@ class Guard:
         page = ui.context.client
         if self._busy:
             ui.notify(f"still {self._busy}", type="warning")
-            return
+            return False
         self._busy = what
-        doing = asyncio.get_running_loop().run_in_executor(hands, work)
-        waiting = None
+        doing = asyncio.get_running_loop().run_in_executor(thread, work)
+        waiting, succeeded = None, False
         try:
             done, _ = await asyncio.wait([doing], timeout=PATIENCE)
             if not done and not page.is_deleted:
                 with page:
                     waiting = ui.notification(f"{what} ...", spinner=True, timeout=None)
             await doing
+            succeeded = True
         except Exception as problem:  # whatever it is, the person at the page must hear of it
             kind = "" if isinstance(problem, JShapeError) else f"{type(problem).__name__}: "
             said = one_line(f"{kind}{problem}", 500)
@@ -71,14 +87,15 @@ class Guard:
             if waiting is not None:
                 waiting.dismiss()
             then()
+        return succeeded
 
 
-def upload(label: str, take: Callable[[Path], Awaitable[None]], accept: str) -> ui.upload:
+def upload(label: str, take: Callable[[Path], Awaitable[None]], accept: str) -> None:
     """A place where a file can be dropped; `take` gets where it was put, under its own name."""
     # FastAPI keeps the route of every upload for good (fastapi/dependencies/models.py), and with it
     # what its handler holds: of a page that is closed, pictures and a bed in 3-D, 7 MB.
     takes = [take]
-    ui.context.client.on_delete(lambda: takes.clear())
+    ui.context.client.on_delete(takes.clear)
 
     async def arrived(event: events.UploadEventArguments) -> None:
         given = Path(event.file.name.replace("\\", "/"))
@@ -89,16 +106,13 @@ def upload(label: str, take: Callable[[Path], Awaitable[None]], accept: str) -> 
             await takes[0](path)
         element.reset()
 
-    def refused() -> None:
-        ui.notify(
-            f"{label}: allowed are {accept.replace(',', ' ')}, one file of at most "
-            f"{LARGEST_UPLOAD >> 20} MiB", type="negative",
-        )  # fmt: skip
-
+    allowed = f"{accept.replace(',', ' ')}, one file of at most {LARGEST_UPLOAD >> 20} MiB"
     element = ui.upload(
-        label=label, auto_upload=True, max_file_size=LARGEST_UPLOAD, on_upload=arrived,
-        on_rejected=refused,
-    ).props(f'accept="{accept}" flat bordered dense').classes(
-        "w-full"
-    ).style("max-height: 76px; overflow: hidden")  # fmt: skip
-    return element
+        label=label,
+        auto_upload=True,
+        max_file_size=LARGEST_UPLOAD,
+        on_upload=arrived,
+        on_rejected=lambda: ui.notify(f"{label}: allowed are {allowed}", type="negative"),
+    )
+    element.props(f'accept="{accept}" flat bordered dense').classes("w-full")
+    element.style("max-height: 76px; overflow: hidden")

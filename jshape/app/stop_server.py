@@ -7,7 +7,6 @@ import secrets
 import socket
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -18,39 +17,36 @@ PATIENCE = 2.0
 """Seconds in which a request must have come whole."""
 
 
-class StopServer(AbstractContextManager):
+class StopServer(ThreadingHTTPServer):
     """Stops the arm for whoever knows the path, which only the studio's own pages are told."""
 
+    daemon_threads = True
+    request_queue_size = 256  # of the usual 5, a browser's waiting requests fill it
+
     def __init__(self, stop: Callable[[], str], host: str, page_port: int):
-        """Begin to listen.
+        """Listen at the port after the page's, or at any if that is not free.
 
-        Args:
-          stop: stops the arm, from any thread, and says what came of it.
-          host: to listen at.
-          page_port: of the page; the next one is taken, or any if that is not free.
-
-        Raises:
-          JShapeError: nothing can listen there.
+        `stop` is called in any thread and says what came of it.
         """
+        self.stop, self.host = stop, host
         self.path = "/stop/" + secrets.token_urlsafe(16)
         """Post to it to stop; get it to see whether that would be heard."""
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
-            self._server = _Server(stop, self.path, host, page_port + 1)
+            super().__init__((host, page_port + 1), _Handler)
         except (OSError, OverflowError):
             try:
-                self._server = _Server(stop, self.path, host, 0)
+                super().__init__((host, 0), _Handler)
             except OSError as problem:
                 raise JShapeError(f"STOP cannot listen at {host}: {problem}") from None
-        self.port = int(self._server.server_address[1])
-        threading.Thread(target=self._server.serve_forever, name="STOP", daemon=True).start()
+        threading.Thread(target=self.serve_forever, name="STOP", daemon=True).start()
 
-    def close(self) -> None:
-        """Listen no longer."""
-        self._server.shutdown()
-        self._server.server_close()
+    def __exit__(self, *problem: Any) -> None:
+        self.shutdown()
+        super().__exit__(*problem)
 
-    def __exit__(self, *problem: object) -> None:
-        self.close()
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Nothing is said of a connection that breaks off."""
 
     @property
     def script(self) -> str:
@@ -58,24 +54,12 @@ class StopServer(AbstractContextManager):
 
         Both also go the page's own way, since this one may be barred: a tunnel carries one port.
         """
-        return _SCRIPT.replace("PORT", str(self.port)).replace("PATH", self.path)
-
-
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-    request_queue_size = 256  # of the usual 5, a browser's waiting requests fill it
-
-    def __init__(self, stop: Callable[[], str], path: str, host: str, port: int):
-        self.stop, self.path, self.host = stop, path, host
-        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        super().__init__((host, port), _Handler)
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Nothing is said of a connection that breaks off."""
+        port = str(self.server_address[1])
+        return _SCRIPT.replace("PORT", port).replace("PATH", self.path)
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _Server
+    server: StopServer
     timeout = PATIENCE
 
     def do_POST(self) -> None:
@@ -115,12 +99,8 @@ _SCRIPT = """
       Quasar.Notify.create({message, type: "warning"});
     } catch { bar("slow way"); }
   };
-  addEventListener("keydown", event => {
-    if (event.key === "Escape" && !event.repeat) stop();
-  }, true);
-  addEventListener("click", event => {
-    if (event.target.closest?.("[data-name=stop]")) stop();
-  }, true);
+  addEventListener("keydown", event => event.key === "Escape" && !event.repeat && stop(), true);
+  addEventListener("click", event => event.target.closest?.("[data-name=stop]") && stop(), true);
 })();
 </script>
 <style>

@@ -1,4 +1,4 @@
-"""A run beside the page: it asks before each action and waits for the answer."""
+"""Runs a session beside the page: it asks before each action and waits for the answer."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -39,23 +39,18 @@ class State(StrEnum):
 def simulated_robot(depth: np.ndarray, bank: Bank, material: str, seed: int = 0) -> Robot:
     """A simulated arm over the bed of a depth image (H, W), with the bank's camera above it."""
     for_world, for_eye = jax.random.split(jax.random.key(seed))
-    world = SimulatedWorld(
-        for_world, bed_of_depth(depth, bank.camera), material=material, camera=bank.camera
-    )
+    bed = bed_of_depth(depth, bank.camera)
+    world = SimulatedWorld(for_world, bed, material=material, camera=bank.camera)
     eye = simulated_camera(world, for_eye)
     return Robot(eye, SimulatedArm(world), load_hand(None), bank.camera)
 
 
 def seen(robot: Robot) -> np.ndarray:
-    """(H, W) image I of a look.
-
-    Raises:
-      JShapeError: as for `Robot.look`.
-    """
+    """(H, W) image I of a look."""
     return image_of_depth(robot.look(), robot.camera, where=robot.eye.name).image
 
 
-class Molder:
+class RunController:
     """One run, in the thread that is the robot's own."""
 
     def __init__(
@@ -70,7 +65,7 @@ class Molder:
         search: Mapping[str, Any] | None = None,
         ask_first: bool = False,
         on_look: Callable[[np.ndarray], None] = lambda image: None,
-        hands: Executor | None = None,
+        thread: Executor | None = None,
     ):
         """Start it.
 
@@ -84,11 +79,7 @@ class Molder:
           search: keywords of `mold` where plans are made anew.
           ask_first: ask before the arm goes home, too.
           on_look: called in the run's thread with each image I that was seen.
-          hands: one thread that all looks and motions of this robot are made in, since cameras and
-            renderers belong to the thread that opened them; None: a new one.
-
-        Raises:
-          BadFile: the folder cannot be written, or holds something.
+          thread: the robot's own, of one worker; None: a new one.
         """
         self.folder = folder
         self.state = State.ACTING
@@ -116,8 +107,7 @@ class Molder:
         self._session = Session.start(folder, goal, meta, say=self.lines.append)
         self._session.seen = self._look
         self.lines.append(HEAD)
-        hands = hands or ThreadPoolExecutor(1, "molding")
-        self._done = hands.submit(self._run)
+        self._done = (thread or ThreadPoolExecutor(1, "molding")).submit(self._run)
 
     @property
     def running(self) -> bool:
@@ -125,10 +115,7 @@ class Molder:
         return not self._done.done()
 
     def answer(self, act: bool, number: int | None = None) -> None:
-        """Do the next action, or end the run.
-
-        Nothing happens while it does not ask, or if `number` is another question's.
-        """
+        """Do the next action, or end the run; nothing, unless it asks question `number`."""
         with self._answers:
             if self.state is State.ASKING and number in (None, self.number):
                 self._answer = act
@@ -137,9 +124,8 @@ class Molder:
     def stop(self) -> None:
         """Stop the arm at once, and end the run.
 
-        From any thread, as often as one likes, before, during, between and after motions and the
-        run itself.  Returns within milliseconds, whatever the arm does; `trouble` says later what
-        went wrong.
+        From any thread, at any time, as often as one likes.  Returns within milliseconds, whatever
+        the arm does; `trouble` says later what went wrong.
         """
         self._arm.interrupt()
         with self._answers:
@@ -156,11 +142,7 @@ class Molder:
         wait([self._done], seconds)
 
     def _ask(self, question: str, ahead: Plan | None) -> bool:
-        """What a person answers.
-
-        Raises:
-          ArmError: the run was stopped.
-        """
+        """What a person answers; an ArmError if the run was stopped."""
         with self._answers:
             self._answer, self.question, self.ahead = None, question, ahead
             self.number += 1
@@ -191,10 +173,10 @@ class Molder:
             if self._ask_first and not self._ask(home, None):
                 self.why, self.state = "the arm was not to move", State.FINISHED
                 return
+            draw, how = molding_pictures(self._bank.rois), self._search
             summary = self._session.mold(
-                self._robot, self._bank, plan=self._plan, confirm=self._ask_about,
-                draw=molding_pictures(self._bank.rois), **self._search,
-            )  # fmt: skip
+                self._robot, self._bank, plan=self._plan, confirm=self._ask_about, draw=draw, **how
+            )
         except Exception as problem:  # nobody else would hear of it
             why = one_line(problem, 1000)
             if not isinstance(problem, JShapeError):

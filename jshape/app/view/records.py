@@ -20,7 +20,7 @@ LARGEST = 1e6
 
 
 @dataclass
-class Done:
+class ActionRecord:
     """One action, done or begun."""
 
     name: str
@@ -48,7 +48,7 @@ class Done:
         """The bed may have changed."""
         return any(row.get("operation") in AT_THE_BED for row in self.operations)
 
-    def is_planned_as(self, other: "Done") -> bool:
+    def is_planned_as(self, other: "ActionRecord") -> bool:
         """Both are one action, one of them perhaps with its place rounded to a pixel."""
         return (
             self.name == other.name
@@ -69,12 +69,8 @@ def same(one: float | None, other: float | None) -> bool:
     return math.isclose(one, other, rel_tol=SAME, abs_tol=1e-6)
 
 
-def done_of(record: dict[str, Any], where: str) -> Done:
-    """The action of a line of `steps.jsonl`, or of what a journal says was planned.
-
-    Raises:
-      BadFile: it is none; `where` names it.
-    """
+def record_of(record: dict[str, Any], where: str) -> ActionRecord:
+    """The action of a line of `steps.jsonl`, or of what a journal says was planned."""
     name, position = record.get("action"), record.get("position")
     if not is_name(name):
         raise BadFile(f"{where}: action is {quoted(name)}; expected a line of text")
@@ -85,18 +81,13 @@ def done_of(record: dict[str, Any], where: str) -> Done:
     keys = ("strength", "yaw", "before_mm", "predicted_mm", "obtained_mm")
     known = {key: _number(record[key], where, key) for key in keys if record.get(key) is not None}
     operations = record.get("operations")
-    return Done(
-        name, (u, v), operations=operations if isinstance(operations, list) else [], **known
-    )
+    operations = operations if isinstance(operations, list) else []
+    return ActionRecord(name, (u, v), operations=operations, **known)
 
 
-def begun(path: Path) -> list[Done]:
-    """The actions that a journal says were begun; none if there is no journal.
-
-    Raises:
-      BadFile: the journal is damaged.
-    """
-    found: list[Done] = []
+def begun(path: Path) -> list[ActionRecord]:
+    """The actions that a journal says were begun; none if there is no journal."""
+    found: list[ActionRecord] = []
     planned: dict[str, Any] = {}
     start: float | None = None
     for number, event in enumerate(journal.events(path) if path.is_file() else []):
@@ -105,7 +96,7 @@ def begun(path: Path) -> list[Done]:
         if what == "planned":
             planned = event
         elif what == "acting" and planned:
-            found.append(done_of(planned, f"{path}: line {number + 1}"))
+            found.append(record_of(planned, f"{path}: line {number + 1}"))
             planned = {}
         elif what == "operation" and found:
             found[-1].operations.append(event)
@@ -116,7 +107,7 @@ def begun(path: Path) -> list[Done]:
     return found
 
 
-def _ended(done: Done) -> bool:
+def _ended(done: ActionRecord) -> bool:
     """The run ended, or was begun again, before anybody looked."""
     return any("event" in row and "operation" not in row for row in done.operations)
 

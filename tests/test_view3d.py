@@ -77,7 +77,7 @@ def test_a_run_of_a_robot_tells_what_was_seen_and_predicted(session, bank, molde
         for name in parts:
             (folder / name).unlink(missing_ok=True)
         episode = read_episode(folder)
-        assert sorted(act[:1] + act.position for act in episode.actions) == sorted(applied)
+        assert sorted(act[:1] + act.position for _, act in episode.actions()) == sorted(applied)
         assert len(episode) == 3 and episode.is_run
         for k, (shown, step) in enumerate(zip(episode.steps[1:], summary["steps"], strict=True)):
             seen = runs.Run.open(folder).depth(k)
@@ -147,7 +147,7 @@ def test_an_action_that_nobody_looked_at_is_told_of_and_a_resumed_run_too(sessio
     with robot_of(bank, robot.eye.image) as fresh:
         mold(again, fresh, bank)
     later = read_episode(folder)
-    assert later.actions[:2] == episode.actions and len(later) == 2 + len(fresh.arm.acted)
+    assert later.actions()[:2] == episode.actions() and len(later) == 2 + len(fresh.arm.acted)
     assert [m.seen is None for m in later.steps] == [False, False, True, False]
     # The look after the run was resumed was not kept: no guess of what it showed.
     (folder / "plan.json").unlink()
@@ -167,7 +167,7 @@ def test_a_run_whose_bank_is_gone_is_shown_as_far_as_it_goes(session, bank, mold
         read_episode(folder)
     episode = read_episode(folder, camera=PAPER_BOX)
     assert len(episode) == 3 and episode.steps[1].predicted is None
-    assert episode.box(1) is None and episode.actions[0].outline is None
+    assert episode.box(1) is None and episode.actions()[0][1].outline is None
     with pytest.raises(BadImage, match="480x395"):
         (folder / "goal.npy").unlink()
         read_episode(folder, camera=PAPER_BOX.crop(0, 0, 100, 100))

@@ -120,10 +120,10 @@ class Episode:
         """How many actions there are."""
         return len(self.steps) - 1
 
-    @property
-    def actions(self) -> tuple[EpisodeAction, ...]:
-        """All actions, in their order."""
-        return tuple(step.action for step in self.steps if step.action is not None)
+    def actions(self, step: int = 0) -> list[tuple[int, EpisodeAction]]:
+        """The actions up to a step with their numbers; at the start, all of them."""
+        steps = enumerate(self.steps[: (step or len(self)) + 1])
+        return [(k, one.action) for k, one in steps if one.action is not None]
 
     @property
     def is_run(self) -> bool:

@@ -9,7 +9,7 @@ from jshape.app import pictures
 from jshape.app.bed_scene import BedScene
 from jshape.app.curve import Curve
 from jshape.app.pages import serve_pages
-from jshape.app.view.episode import Episode, EpisodeAction
+from jshape.app.view.episode import Episode
 from jshape.app.widgets import FIELDS, buttons, small
 
 PERIOD = 1.0
@@ -151,7 +151,7 @@ class EpisodePage:
             rgb = pictures.shaded(episode.heights_mm(shown), scale)
             said = f"dark to bright: {scale.low:+.1f} to {scale.high:+.1f} mm from the bed's level"
         self._under.text = said
-        actions = self._actions(step) if self._boxes.value else []
+        actions = episode.actions(step) if self._boxes.value else []
         outlines = [(action.name, action.outline) for _, action in actions]
         flat = [(name, corners) for name, corners in outlines if corners is not None]
         self._image.set_source(pictures.data_url(rgb))
@@ -167,11 +167,6 @@ class EpisodePage:
         )
         for chart, values in self._charts:
             chart.show(values, step)
-
-    def _actions(self, step: int) -> list[tuple[int, EpisodeAction]]:
-        """Actions so far with their numbers; at the start, all of them."""
-        steps = self._episode.steps[: (step or len(self._episode)) + 1]
-        return [(k, one.action) for k, one in enumerate(steps) if one.action is not None]
 
     def _solid(self, k: int, name: str, chosen: bool) -> list[dict[str, Any]]:
         """The box of an action in 3-D, if it is known."""

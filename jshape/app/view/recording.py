@@ -135,9 +135,8 @@ def _picture(rr: Any, episode: Episode, gap_mm: np.ndarray) -> Any:
 
 def _log_boxes(rr: Any, recording: Any, episode: Episode, step: int) -> None:
     """Numbered boxes of the actions so far, the last one thick; at the start, of all of them."""
-    last = step or len(episode)
-    steps = [(k, episode.steps[k].action, episode.box(k)) for k in range(1, last + 1)]
-    rows = [(k, action, box) for k, action, box in steps if action is not None and box is not None]
+    known = [(k, action, episode.box(k)) for k, action in episode.actions(step)]
+    rows = [(k, action, box) for k, action, box in known if box is not None]
     if not rows:
         return
     boxes, thick = [box for *_, box in rows], np.array([k == step for k, *_ in rows])

@@ -46,9 +46,9 @@ def why_empty(editor: EditorState) -> str:
 
     "" where the plan has actions.
     """
-    bed, goal = editor.bed, editor.goal
-    if editor.plan is None or len(editor.plan) or bed is None or goal is None or not editor.changed:
+    if editor.plan is None or len(editor.plan) or not editor.changed:
         return ""
+    bed, goal = editor.both()
     bank, before = editor.bank, editor.depth_of(bed)
     asked = 1e3 * np.abs(editor.depth_of(goal) - before)
     name = min(bank.actions, key=lambda action: int(np.prod(bank.roi(action))))

@@ -44,7 +44,8 @@ class EpisodePage:
         self._episode, self._ready = episode, False
         with ui.row().classes("w-full no-wrap items-stretch max-md:flex-wrap"):
             self._scene = BedScene(episode.camera).props("data-name=scene")
-            self._scene.classes("grow w-full md:w-auto h-[80vw] md:h-[calc(100vh-32px)]")
+            self._scene.classes("grow h-[80vw] md:h-[calc(100vh-32px)]")
+            self._scene.style("min-width: min(100%, 340px)")
             with ui.column().classes("gap-1 w-full md:w-[400px] md:shrink-0"):
                 self._build_controls()
         ui.keyboard(on_key=self._key, ignore=FIELDS)

@@ -6,10 +6,13 @@ A depth of 0, NaN or infinity means "no reading" and becomes a luminance of NaN,
 """
 
 from dataclasses import dataclass, field, replace
+from types import ModuleType
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.scipy.ndimage import map_coordinates
 
 from jshape._typing import Array, ArrayLike, Float
@@ -34,17 +37,17 @@ class Camera:
     """Columns, pixels."""
     height: int = field(metadata=STATIC)
     """Rows, pixels."""
-    fx: float | Array
+    fx: float | Array | np.ndarray
     """Focal length along u, pixels."""
-    fy: float | Array
+    fy: float | Array | np.ndarray
     """Focal length along v, pixels."""
-    u0: float | Array
+    u0: float | Array | np.ndarray
     """Column of the principal point, pixels (may lie outside a cropped window)."""
-    v0: float | Array
+    v0: float | Array | np.ndarray
     """Row of the principal point, pixels."""
-    z_min: float | Array
+    z_min: float | Array | np.ndarray
     """Depth that becomes white (2^bits - 1), metres."""
-    z_max: float | Array
+    z_max: float | Array | np.ndarray
     """Depth that becomes black (0), metres."""
     bits: int = field(default=8, metadata=STATIC)
     """Bits of a luminance."""
@@ -62,7 +65,7 @@ class Camera:
     def depth(self, luminance: ArrayLike) -> Float[Array, "..."]:
         """Depth in metres of a luminance.  Eq. depth."""
         scale = single((self.z_min - self.z_max) / self.top)
-        return scale * single(unmasked(luminance)) + single(self.z_max)
+        return jnp.asarray(scale * single(unmasked(luminance)) + single(self.z_max))
 
     def luminance(self, depth: ArrayLike, *, quantize: bool = True) -> Float[Array, "..."]:
         """Luminance of a depth in metres, clipped to [0, 2^b - 1].  Inverse of Eq. depth.
@@ -74,18 +77,19 @@ class Camera:
         Returns:
           float32 of the same shape; NaN where there was no reading.
         """
-        depth = single(unmasked(depth))
-        level = self.top * (single(self.z_max) - depth) / single(self.z_max - self.z_min)
-        level = jnp.clip(level, 0.0, float(self.top))
+        metres = single(unmasked(depth))
+        xp = namespace(self, metres)
+        level = self.top * (single(self.z_max) - metres) / single(self.z_max - self.z_min)
+        level = xp.clip(level, 0.0, float(self.top))
         if quantize:
-            level = jnp.round(level)
-        return jnp.where(jnp.isfinite(depth) & (depth > 0), level, jnp.nan)
+            level = xp.round(level)
+        return jnp.asarray(xp.where(xp.isfinite(metres) & (metres > 0), level, np.nan), jnp.float32)
 
     def rays(self) -> tuple[Float[Array, "1 W"], Float[Array, "H 1"]]:
         """Normalised pixel coordinates x (1, W) and y (H, 1).  Eq. camCoord."""
-        x = (jnp.arange(self.width, dtype=jnp.float32) - single(self.u0)) / single(self.fx)
-        y = (jnp.arange(self.height, dtype=jnp.float32) - single(self.v0)) / single(self.fy)
-        return x[None, :], y[:, None]
+        x = (np.arange(self.width, dtype=np.float32) - single(self.u0)) / single(self.fx)
+        y = (np.arange(self.height, dtype=np.float32) - single(self.v0)) / single(self.fy)
+        return jnp.asarray(x[None, :]), jnp.asarray(y[:, None])
 
     def points(self, luminance: ArrayLike) -> Float[Array, "H W 3"]:
         """The visible point cloud of a luminance image, metres: the mapping m.  Eq. pinhole2."""
@@ -132,9 +136,23 @@ class Camera:
         return replace(self, width=width, height=height, u0=self.u0 - left, v0=self.v0 - top)
 
 
-def single(value: ArrayLike) -> Array:
+def namespace(*trees: Any) -> ModuleType:
+    """NumPy for numbers that are known, `jax.numpy` for those that are traced.
+
+    What is computed once per plan or step takes NumPy milliseconds, and a compiler seconds.
+    """
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+    return jnp if traced else np
+
+
+def single(value: Any) -> Any:
     """As float32, whatever JAX's default is: NumPy's float64 would promote what it meets."""
-    return jnp.asarray(value, jnp.float32)
+    return namespace(value).asarray(value, np.float32)
+
+
+def in_memory(tree: Any) -> Any:
+    """A pytree of numbers as float32 arrays of NumPy."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf, np.float32), tree)
 
 
 def unmasked(values: ArrayLike) -> ArrayLike:

@@ -5,6 +5,8 @@ every other function takes such I.  Distances are unitless in [0, 1] unless the 
 Every function takes NumPy or JAX arrays, works under `jit` and returns JAX arrays of float32.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +14,7 @@ from jax.core import Tracer
 from scipy.linalg.blas import sasum  # pyright: ignore[reportAttributeAccessIssue]
 
 from jshape._typing import Array, ArrayLike, Float, Int
-from jshape.camera import Camera, single, unmasked
+from jshape.camera import Camera, namespace, single, unmasked
 from jshape.errors import BadImage
 
 # Pixels compared at once: two inputs and a buffer of 60k floats are 720 kB, which stay in a core's
@@ -22,35 +24,48 @@ _HOST_BLOCK = 60_000
 
 def ray_lengths(camera: Camera) -> Float[Array, "H W"]:
     """R_uv: length of each pixel's ray per metre of depth; 1 on the axis.  Eq. distPix."""
-    x, y = camera.rays()
-    return jnp.sqrt(1.0 + x**2 + y**2)
+    return jnp.asarray(_ray_lengths(camera))
+
+
+def _ray_lengths(camera: Camera) -> Float[Any, "H W"]:
+    x = (np.arange(camera.width, dtype=np.float32) - single(camera.u0)) / single(camera.fx)
+    y = (np.arange(camera.height, dtype=np.float32) - single(camera.v0)) / single(camera.fy)
+    return namespace(camera).sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)
 
 
 def max_ray_length(camera: Camera) -> Float[Array, ""]:
     """R̄, the largest R_uv.  R is convex over the image, so a corner has it: 4 pixels, not H·W."""
-    x = (jnp.array([0.0, camera.width - 1.0], jnp.float32) - single(camera.u0)) / single(camera.fx)
-    y = (jnp.array([0.0, camera.height - 1.0], jnp.float32) - single(camera.v0)) / single(camera.fy)
-    return jnp.sqrt(1.0 + jnp.max(x**2) + jnp.max(y**2))
+    return jnp.asarray(_longest(camera))
+
+
+def _longest(camera: Camera) -> Float[Any, ""]:
+    xp = namespace(camera)
+    x = (np.array([0.0, camera.width - 1.0], np.float32) - single(camera.u0)) / single(camera.fx)
+    y = (np.array([0.0, camera.height - 1.0], np.float32) - single(camera.v0)) / single(camera.fy)
+    return xp.sqrt(1.0 + xp.max(x**2) + xp.max(y**2))
 
 
 def r_matrix(camera: Camera) -> Float[Array, "H W"]:
     """R, the weight of each luminance: R_uv / ((2^b - 1) R̄).  Eq. radMatrix."""
-    return ray_lengths(camera) / (camera.top * max_ray_length(camera))
+    return jnp.asarray(_r_matrix(camera))
 
 
-def roi_weight(
-    camera: Camera, corner: Int[Array, "2"], size: tuple[int, int]
-) -> Float[Array, "h w"]:
+def _r_matrix(camera: Camera) -> Float[Any, "H W"]:
+    return _ray_lengths(camera) / (camera.top * _longest(camera))
+
+
+def roi_weight(camera: Camera, corner: Int[Any, "2"], size: tuple[int, int]) -> Float[Array, "h w"]:
     """R_uv / R̄ of the ROI of `size` (w, h) whose first pixel is `corner` (u, v): R of L in [0, 1].
 
     I of a ROI divided by it is the share of the depth range above Zmax.  From the ROI's own rays,
     so nothing of image size is made.
     """
     corner = single(corner)
-    u, v = (first + jnp.arange(n, dtype=jnp.float32) for first, n in zip(corner, size, strict=True))
+    u, v = (corner[k] + np.arange(size[k], dtype=np.float32) for k in (0, 1))
     x = (u - single(camera.u0)) / single(camera.fx)
     y = (v - single(camera.v0)) / single(camera.fy)
-    return jnp.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2) / max_ray_length(camera)
+    xp = namespace(camera, corner)
+    return jnp.asarray(xp.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2) / _longest(camera))
 
 
 def weigh(luminance: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
@@ -66,12 +81,7 @@ def weigh(luminance: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
             f"luminance has shape {np.shape(luminance)}; this camera makes {camera.shape} "
             "(rows, columns)"
         )
-    return _weigh(single(unmasked(luminance)), camera)
-
-
-@jax.jit
-def _weigh(luminance, camera):
-    return luminance * r_matrix(camera)
+    return jnp.asarray(single(unmasked(luminance)) * _r_matrix(camera))
 
 
 def unweigh(image: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
@@ -113,7 +123,7 @@ def distance(a: ArrayLike, b: ArrayLike) -> Float[Array, "*B"]:
         raise BadImage("distance of complex numbers: images are real")
     if _in_memory(a) and _in_memory(b):
         return jnp.asarray(_distance_in_memory(np.asarray(a), np.asarray(b)))
-    return jnp.abs(single(a) - single(b)).mean((-2, -1))
+    return jnp.abs(jnp.asarray(a, jnp.float32) - jnp.asarray(b, jnp.float32)).mean((-2, -1))
 
 
 def _in_memory(x: ArrayLike) -> bool:
@@ -159,18 +169,4 @@ def to_mm(d: ArrayLike, camera: Camera) -> Float[Array, "..."]:
     Exact where no pixel is clipped: d * R̄ * (Zmax - Zmin), in mm.
     """
     span_mm = single(1e3 * (camera.z_max - camera.z_min))
-    return single(d) * max_ray_length(camera) * span_mm
-
-
-def roi_change(
-    before: Float[Array, "h w"], after: Float[Array, "h w"], goal: Float[Array, "h w"]
-) -> Float[Array, ""]:
-    """How much the sum of |I - I*| grows when one ROI goes from `before` to `after`.
-
-    Divide by H·W for the change of d.  Pixels outside the ROI do not change, so only the ROI is
-    read: this is Eq. distNewImg of Eq. predStep3 minus that of the image before.
-    """
-    change = jnp.abs(after - goal) - jnp.abs(before - goal)
-    # A product with ones sums the rows in the CPU's vector units: 105 ROIs of the paper's box take
-    # 0.6 ms where `sum` over both axes takes 1.5.
-    return jnp.dot(jnp.ones(change.shape[0], change.dtype), change).sum()
+    return jnp.asarray(single(d) * _longest(camera) * span_mm)

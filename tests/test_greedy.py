@@ -14,7 +14,7 @@ from jshape.actions import grid
 from jshape.models.bank import Bank
 from jshape.models.difference import Difference
 from jshape.planning.apply import after_action
-from jshape.planning.evaluate import CandidateCache, candidates_at, empty_cache, refresh, sweep
+from jshape.planning.evaluate import candidates_at, empty_cache, refresh, sweep
 from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchLimits, SearchProblem
 from jshape.planning.search.sequence import measured
@@ -182,7 +182,7 @@ def test_refresh_leaves_fresh_values_alone():
     stale = [np.arange(5) % 3 == number % 3 for number in range(3)]
     cache = empty_cache(candidates)
     waits = jnp.zeros_like(cache.stale).at[:15].set(np.concatenate(stale))
-    cache = CandidateCache(jnp.full_like(cache.changes, 7.0), waits)
+    cache = replace(cache, changes=jnp.full_like(cache.changes, 7.0), stale=waits)
     mixed, spent = refresh(state, state.now, candidates, cache)
     assert int(spent) == sum(mine.sum() for mine in stale)
     for number in range(3):

@@ -46,7 +46,7 @@ def planner(request):
 
 def search(name, problem, budget=None):
     """A search with a budget and a key of its own."""
-    problem = replace(problem, budget=budget or Budget(), key=jax.random.key(3))
+    problem = replace(problem, budget=budget or Budget(), seed=3)
     with jax.debug_key_reuse(False):  # mctx selects between keys, which the check takes for use
         return PLANNERS[name](problem)
 
@@ -78,9 +78,8 @@ def sequence(state, rows):
 
 def kernel_of(state, number):
     """A move's kernel and effect."""
-    move = state.moves[number]
-    kernel = state.kernels[move.kernel]
-    return kernel, kernel.member(move.member)
+    kernel, member = state.moves[number].evaluated
+    return state.kernels[kernel], state.kernels[kernel].member(member)
 
 
 def made_problem(seed=0, count=5):
@@ -371,8 +370,8 @@ def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
     assert (gained >= gains[order]).all() and (gained > gains[order]).any()
     for move, place, depth, gain in zip(moves, places, depths, gained, strict=True):
         place, depth = jnp.asarray(place), jnp.asarray(depth)[None]
-        change = state.change(*kernel_of(state, move), state.now, place, depth, 1)
-        assert float(-change[0]) == pytest.approx(float(gain), rel=1e-5)
+        change = state.change(*kernel_of(state, move), state.now, place[None], depth, 1)
+        assert float(-change[0, 0]) == pytest.approx(float(gain), rel=1e-5)
     # What the evaluations left do not suffice for stays as it was, the best comes first.
     some, none = known(2 * each), known(each - 1)
     assert (int(some[4]), int(none[4])) == (2 * each, 0)

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -27,7 +26,7 @@ def random(problem: SearchProblem) -> SearchResult:
     """
     if problem.start is not None:
         return replace(problem.start, status=jnp.int32(Status.MAX_STEPS))
-    rng = np.random.default_rng(np.asarray(jax.random.key_data(problem.key)))
+    rng = np.random.default_rng(np.array([0, problem.seed], np.uint32))
     counts = np.array(problem.candidates.counts)
     taken = []
     for drawn in rng.integers(counts.sum(), size=problem.max_steps):

@@ -12,7 +12,7 @@ from jax.core import Tracer
 from jshape import metric
 from jshape._typing import Array, ArrayLike, Float
 from jshape.actions import first_pixels, fits
-from jshape.camera import Camera, check_camera
+from jshape.camera import Camera, check_camera, namespace
 from jshape.errors import (
     BadCamera,
     BadImage,
@@ -108,8 +108,10 @@ class Bank:
             return jnp.zeros(len(self.actions), jnp.float32)
         sizes = [self.roi(name) for name in self.actions]
         share = np.array([w * h for w, h in sizes]) / (self.camera.height * self.camera.width)
-        known = jnp.where(jnp.isnan(self.errors_mm), 0.0, self.errors_mm)
-        return known / metric.to_mm(1.0, self.camera) * share.astype(np.float32)
+        xp = namespace(self.errors_mm, self.camera)
+        errors = xp.asarray(self.errors_mm, np.float32)
+        known = xp.where(xp.isnan(errors), 0.0, errors) * share.astype(np.float32)
+        return jnp.asarray(known / xp.asarray(metric.to_mm(1.0, self.camera)), jnp.float32)
 
     def seen_by(self, camera: Camera, depth: float) -> "Bank":
         """The same actions for another camera, of another resolution or height over the bed.

@@ -3,19 +3,18 @@
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 
 from jshape._typing import Array, Float
-from jshape.camera import Camera
+from jshape.camera import Camera, namespace
 from jshape.errors import BadBank
 from jshape.models.orthographic import OrthographicGrid
 
 
-def per_roi(strength: float | Array, roi: Float[Array, "*B h w"]) -> Float[Array, "*B 1 1"]:
+def per_roi(strength: Any, roi: Float[Any, "*B h w"]) -> Float[Any, "*B 1 1"]:
     """Strengths (*B) or one number, in the shape that multiplies ROIs."""
-    strength = jnp.asarray(strength, jnp.float32)
-    return jnp.broadcast_to(strength, roi.shape[:-2])[..., None, None]
+    xp = namespace(strength, roi)
+    return xp.broadcast_to(xp.asarray(strength, np.float32), roi.shape[:-2])[..., None, None]
 
 
 class Predictor(ABC):
@@ -27,6 +26,12 @@ class Predictor(ABC):
 
     turns: ClassVar[bool] = False
     """Whether `turned` works: the search then tries several yaws of the hand."""
+    keeps: ClassVar[float | None] = None
+    """What a change of the bed by 1 leaves after the action, node by node: something from 0 to 1,
+    give or take this share of all changes below the window.  None: not known.  A search that knows
+    it need not evaluate most candidates again after an action (see `evaluate.pending`)."""
+    on_host: ClassVar[bool] = False
+    """Whether it works on NumPy arrays with NumPy alone: then nothing is compiled for it."""
 
     @property
     @abstractmethod
@@ -69,5 +74,9 @@ class Predictor(ABC):
         return None
 
     def on_grid(self) -> Any:
-        """The action there, a pytree: (surface, first node (u, v), strength) -> surface after."""
+        """The action there, a pytree: (surface, first node (u, v), strength) -> surface after.
+
+        Where its maps of the grid's shape are 0 it changes nothing: a search puts zeros around
+        them, so that windows of several sizes share one compiled kernel.
+        """
         raise NotImplementedError

@@ -1,13 +1,14 @@
 """f_D: the effect of an action is its average effect (Eq. DiffImage and Eq. Doutput)."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jshape._typing import Array, Float
+from jshape.camera import namespace
 from jshape.errors import BadDataset
 from jshape.models.base import Predictor, per_roi
 from jshape.models.turn import square, turn
@@ -19,7 +20,9 @@ class Difference(Predictor):
     """f_D of one action: adds the mean change ΔI to a ROI."""
 
     turns: ClassVar[bool] = True
-    delta: Float[Array, "h w"]
+    keeps: ClassVar[float | None] = 0.0
+    on_host: ClassVar[bool] = True
+    delta: Float[Any, "h w"]
     """ΔI, the mean of posterior minus prior over the training pairs, units of I."""
 
     @property
@@ -28,13 +31,14 @@ class Difference(Predictor):
         return self.delta.shape[1], self.delta.shape[0]
 
     def __call__(
-        self, roi: Float[Array, "*B h w"], corner: Array, strength: float | Array = 1.0
-    ) -> Float[Array, "*B h w"]:
+        self, roi: Float[Any, "*B h w"], corner: Any, strength: Any = 1.0
+    ) -> Float[Any, "*B h w"]:
         """ROIs after the action, not yet clipped to [0, 1].  Eq. Doutput.
 
         An action of another strength changes that many times as much: f_D knows no better.
         """
-        return roi + per_roi(strength, roi) * jnp.broadcast_to(self.delta, roi.shape)
+        xp = namespace(self, roi, strength)
+        return roi + per_roi(strength, roi) * xp.broadcast_to(self.delta, roi.shape)
 
     def turned(self, yaw: float | Array | np.floating) -> "Difference":
         """The same change turned by `yaw` radians from u towards v; its ROI becomes a square.
@@ -42,7 +46,7 @@ class Difference(Predictor):
         As seen from straight above: f_D knows nothing of the view from the side.
         """
         w, h = square(self.roi)
-        return replace(self, delta=jnp.asarray(turn(self.delta, yaw, (h, w))))
+        return replace(self, delta=turn(self.delta, yaw, (h, w)))
 
 
 def fit_difference(

@@ -2,7 +2,7 @@
 
 A camera sees a bed from the side wherever it does not stand right above it: a hole of 20 mm moves
 by 8 pixels towards the middle at the edge of the paper's box, so the same action makes another ΔI
-at another place.  On a metric grid fixed to the place it makes the same change everywhere
+at another corner.  On a metric grid fixed to the corner it makes the same change everywhere
 (Hypothesis 4).  Depths in metres, arrays `[v, u]`; the grid's columns run along u, rows along v.
 
 Both ways look for where a line meets the surface: of `LEVELS` planes across the line, the first
@@ -10,15 +10,18 @@ one that is below the surface, and linearly between it and the one before.  On a
 of a ROI are a regular grid again, so each plane costs one separable interpolation.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jshape import metric
 from jshape._typing import Array, Float, Int
-from jshape.camera import STATIC, Camera
+from jshape.camera import STATIC, Camera, namespace
 
 LEVELS = 12
 """Planes across the range of depths: 5 mm apart in the deepest bed that the paper's camera sees."""
@@ -37,9 +40,9 @@ class OrthographicGrid:
 
     camera: Camera
     """That sees the ROIs."""
-    depth: float | Array
+    depth: float | Array | np.ndarray
     """Depth at which places are meant (Hypothesis 3: one for all), metres."""
-    pitch: float | Array
+    pitch: float | Array | np.ndarray
     """Distance between neighbouring nodes, metres."""
     shape: tuple[int, int] = field(metadata=STATIC)
     """Rows and columns of the grid."""
@@ -52,8 +55,8 @@ class OrthographicGrid:
         return cls(camera, 1.0, 1.0, (1, 1), roi)
 
     def from_roi(
-        self, depth: Float[Array, "h w"], corner: Int[Array, "2"]
-    ) -> Float[Array, "rows columns"]:
+        self, depth: Float[Any, "h w"], corner: Int[Any, "2"]
+    ) -> Float[Any, "rows columns"]:
         """The surface below the grid's nodes, metres from the camera along its axis.
 
         Args:
@@ -61,31 +64,31 @@ class OrthographicGrid:
           corner: first pixel (u, v) of the ROI in the image.
         """
         camera, (x, y) = self.camera, self.nodes(corner)
-        corner = jnp.asarray(corner, jnp.float32)
 
         def look(z):
-            u = camera.fx * x / z + camera.u0 - corner[0]
-            v = camera.fy * y / z + camera.v0 - corner[1]
+            u = camera.fx * x / z + camera.u0 - left
+            v = camera.fy * y / z + camera.v0 - top
             return _sample(depth, v, u)
 
+        left, top = namespace(corner).asarray(corner, np.float32)
         return _first_below(look, depth.min(), depth.max())
 
     def to_roi(
-        self, surface: Float[Array, "B rows columns"], corner: Int[Array, "2"]
-    ) -> Float[Array, "B h w"]:
+        self, surface: Float[Any, "B rows columns"], corner: Int[Any, "2"]
+    ) -> Float[Any, "B h w"]:
         """Depth of the ROI's pixels, metres, if the ground has these surfaces.
 
         All are looked at with the same planes, so that what is equal in them is seen equal.
         """
         camera, (x, y) = self.camera, self.nodes(corner)
         w, h = self.roi
-        corner = jnp.asarray(corner, jnp.float32)
-        across = (corner[0] + jnp.arange(w, dtype=jnp.float32) - camera.u0) / camera.fx
-        along = (corner[1] + jnp.arange(h, dtype=jnp.float32) - camera.v0) / camera.fy
+        corner = namespace(corner).asarray(corner, np.float32)
+        across = (corner[0] + np.arange(w, dtype=np.float32) - camera.u0) / camera.fx
+        along = (corner[1] + np.arange(h, dtype=np.float32) - camera.v0) / camera.fy
 
         def look(z):
             columns, rows = (across * z - x[0]) / self.pitch, (along * z - y[0]) / self.pitch
-            return jax.vmap(lambda one: _sample(one, rows, columns))(surface)
+            return _sample(surface, rows, columns)
 
         return _first_below(look, surface.min(), surface.max())
 
@@ -99,45 +102,46 @@ class OrthographicGrid:
         )
         return replace(self, camera=camera, depth=jnp.float32(depth), roi=(max(w, 1), max(h, 1)))
 
-    def per_metre(self, corner: Int[Array, "2"]) -> Float[Array, "h w"]:
+    def per_metre(self, corner: Int[Any, "2"]) -> Float[Any, "h w"]:
         """How much I of a ROI's pixels falls per metre that the ground is lower.  Eq. newMat."""
         camera = self.camera
-        return metric.roi_weight(camera, corner, self.roi) / (camera.z_max - camera.z_min)
+        weight = namespace(camera, corner).asarray(metric.roi_weight(camera, corner, self.roi))
+        return weight / (camera.z_max - camera.z_min)
 
-    def nodes(
-        self, corner: Int[Array, "2"]
-    ) -> tuple[Float[Array, "columns"], Float[Array, "rows"]]:
+    def nodes(self, corner: Int[Any, "2"]) -> tuple[Float[Any, "columns"], Float[Any, "rows"]]:
         """X of the columns and y of the rows in the camera's frame, metres."""
         camera, (w, h), (rows, columns) = self.camera, self.roi, self.shape
-        corner = jnp.asarray(corner, jnp.float32)
+        corner = namespace(corner).asarray(corner, np.float32)
         x = (corner[0] + w // 2 - camera.u0) / camera.fx * self.depth
         y = (corner[1] + h // 2 - camera.v0) / camera.fy * self.depth
         return (
-            x + (jnp.arange(columns, dtype=jnp.float32) - columns // 2) * self.pitch,
-            y + (jnp.arange(rows, dtype=jnp.float32) - rows // 2) * self.pitch,
+            x + (np.arange(columns, dtype=np.float32) - columns // 2) * self.pitch,
+            y + (np.arange(rows, dtype=np.float32) - rows // 2) * self.pitch,
         )
 
 
 def _sample(
-    surface: Float[Array, "n m"], rows: Float[Array, "h"], columns: Float[Array, "w"]
-) -> Float[Array, "h w"]:
+    surface: Float[Any, "*B n m"], rows: Float[Any, "h"], columns: Float[Any, "w"]
+) -> Float[Any, "*B h w"]:
     """Linear interpolation on all crossings of rows and columns; beyond the edge, the edge.
 
     Rows are copied whole, columns are a product with a matrix of hats: on a CPU both run at the
     speed of the vector units, where picking four neighbours a pixel would not.
     """
-    n, m = surface.shape
-    rows = jnp.clip(rows, 0.0, n - 1.0)
-    low = jnp.minimum(rows.astype(jnp.int32), max(n - 2, 0))
-    share = (rows - low.astype(rows.dtype))[:, None]
-    between = (1.0 - share) * surface[low] + share * surface[jnp.minimum(low + 1, n - 1)]
-    columns = jnp.clip(columns, 0.0, m - 1.0)
-    node = jnp.arange(m, dtype=columns.dtype)[:, None]
-    hats = jnp.maximum(1.0 - jnp.abs(node - columns[None, :]), 0.0)
+    xp = namespace(surface, rows, columns)
+    n, m = surface.shape[-2:]
+    rows = xp.clip(rows, 0.0, n - 1.0)
+    low = xp.minimum(rows.astype(np.int32), max(n - 2, 0))
+    share = (rows - low.astype(rows.dtype)).reshape(*[1] * (surface.ndim - 2), -1, 1)
+    high = xp.minimum(low + 1, n - 1)
+    between = (1.0 - share) * surface[..., low, :] + share * surface[..., high, :]
+    columns = xp.clip(columns, 0.0, m - 1.0)
+    node = np.arange(m, dtype=np.float32)[:, None]
+    hats = xp.maximum(1.0 - xp.abs(node - columns[None, :]), 0.0)
     return between @ hats
 
 
-def _first_below(look, nearest: Array, farthest: Array) -> Array:
+def _first_below(look: Callable, nearest: Any, farthest: Any) -> Any:
     """Depth at which each line first meets the surface.
 
     Args:
@@ -147,17 +151,23 @@ def _first_below(look, nearest: Array, farthest: Array) -> Array:
     """
     start = nearest - LEAST_RANGE / 2
     step = (farthest - nearest + LEAST_RANGE) / (LEVELS - 1)
+    gap = look(start) - start
+    xp = namespace(gap)
 
     def descend(level, state):
         gap, met, found = state
-        z = start + jnp.asarray(level, jnp.float32) * step
+        z = start + xp.asarray(level, np.float32) * step
         gap_here = look(z) - z  # positive: the line is still above the surface
-        share = gap / jnp.maximum(gap - gap_here, 1e-9)
+        share = gap / xp.maximum(gap - gap_here, 1e-9)
         through = (gap_here <= 0) & ~met
-        found = jnp.where(through, z - step + share * step, found)
+        found = xp.where(through, z - step + share * step, found)
         return gap_here, met | through, found
 
-    gap = look(start) - start
-    first = (gap, gap <= 0, jnp.full(gap.shape, start))
-    _, met, found = lax.fori_loop(jnp.int32(1), jnp.int32(LEVELS), descend, first)
-    return jnp.where(met, found, farthest)
+    state = gap, gap <= 0, xp.full(gap.shape, start)
+    if xp is np:
+        for level in range(1, LEVELS):
+            state = descend(level, state)
+    else:
+        state = lax.fori_loop(jnp.int32(1), jnp.int32(LEVELS), descend, state)
+    _, met, found = state
+    return xp.where(met, found, farthest)

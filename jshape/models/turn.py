@@ -3,24 +3,12 @@
 Arrays are `[v, u]`; a turn goes from u towards v, as seen by the camera.
 """
 
-from types import ModuleType
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from jshape._typing import Array, Float
-
-
-def namespace(*trees: Any) -> ModuleType:
-    """NumPy for numbers that are known, `jax.numpy` for those that are traced.
-
-    What is prepared once per plan takes NumPy a millisecond, and a compiler seconds.
-    """
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
-    return jnp if traced else np
+from jshape.camera import namespace
 
 
 def turn(

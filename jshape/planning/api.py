@@ -22,6 +22,7 @@ from jshape.models.bank import Bank
 from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
 from jshape.planning.evaluate import ONE_BY_ONE, Execution, candidates_at
+from jshape.planning.kernels import prepared
 from jshape.planning.options import (
     DEFAULT_BANK,
     GROUPS,
@@ -35,7 +36,7 @@ from jshape.planning.plan import Plan
 from jshape.planning.rollout import PlacedAction, placed_actions, predict_sequence
 from jshape.planning.search import PLANNERS
 from jshape.planning.search.base import SearchProblem, SearchResult, Status
-from jshape.planning.state import on_images, prepared
+from jshape.planning.state import on_images
 
 
 @hinted
@@ -96,7 +97,7 @@ def plan(
     free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
     turned = tasks.directions(bank, space.yaws)
     moves = prepared(bank, [(a, np.float32(yaw) if yaw else None) for a, yaw in turned])
-    state = _state(bank, first, goal, *moves)
+    state = on_images(bank, first, goal, *moves)
     stride = places.usual_stride(bank) if space.stride is None else space.stride
     if space.positions is None:
         where = tasks.at_nodes(state, bank, places.dense_positions(bank, stride))
@@ -109,7 +110,7 @@ def plan(
         max_steps=max_steps,
         budget=tasks.budget(budget),
         fine=tasks.rounds(state, stride) if space.positions is None else 0,
-        key=jax.random.key(seed),
+        seed=seed,
         start=None if start is None else tasks.as_found(start, state, bank, max_steps),
         execution=execution,
     )
@@ -173,9 +174,6 @@ def rollout(
     goal = check_image(Istar, bank.camera, "Istar")
     acts = placed_actions(bank, actions, positions, strengths, yaws)
     return predict_sequence(bank, first, goal, acts, Status.PLAN_ENDED)
-
-
-_state = jax.jit(on_images)
 
 
 @hinted

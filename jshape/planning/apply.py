@@ -8,6 +8,7 @@ import numpy as np
 from jax import lax
 
 from jshape._typing import Array, Float, Int
+from jshape.camera import in_memory, namespace
 from jshape.models.bank import Bank
 
 
@@ -22,7 +23,7 @@ def after_action(
     action: int,
     turned: bool = False,
     moved: bool = False,
-) -> tuple[Float[Array, "h w"], Float[Array, ""]]:
+) -> tuple[Float[Any, "h w"], Float[Any, ""]]:
     """The ROI after an action, clipped to [0, 1], and the share of its pixels that was clipped.
 
     Args:
@@ -39,42 +40,57 @@ def after_action(
     predictor = bank.predictors[action]
     if turned:
         predictor = predictor.turned(yaw)
-    by = jnp.asarray(offset, jnp.float32) if moved else None
-    strength = jnp.asarray(strength, jnp.float32)
-    return _after(predictor, jnp.asarray(image), jnp.asarray(corner), strength, by)
+    host = predictor.on_host and namespace(predictor, image, corner, strength, offset) is np
+    xp = np if host else jnp
+    after = _after if host else _compiled
+    return after(
+        in_memory(predictor) if host else predictor,
+        xp.asarray(image),
+        xp.asarray(corner),
+        xp.asarray(strength, np.float32),
+        xp.asarray(offset, np.float32) if moved else None,
+    )
 
 
-@jax.jit
 def _after(
     predictor: Any,
-    image: Float[Array, "H W"],
-    corner: Int[Array, "2"],
-    strength: Float[Array, ""],
-    offset: Float[Array, "2"] | None,
-) -> tuple[Float[Array, "h w"], Float[Array, ""]]:
+    image: Float[Any, "H W"],
+    corner: Int[Any, "2"],
+    strength: Float[Any, ""],
+    offset: Float[Any, "2"] | None,
+) -> tuple[Float[Any, "h w"], Float[Any, ""]]:
+    xp = namespace(predictor, image, corner, strength, offset)
     w, h = predictor.roi
-    roi = lax.dynamic_slice(image, corner[::-1], (h, w))
+    if xp is np:
+        roi = image[corner[1] : corner[1] + h, corner[0] : corner[0] + w]
+    else:
+        roi = lax.dynamic_slice(image, corner[::-1], (h, w))
     if offset is None:
         raw = predictor(roi, corner, strength)
     else:
         # The bed as seen from the exact place, and what changes there put back.
         seen = shift(roi, offset)
         raw = roi + shift(predictor(seen, corner, strength) - seen, -offset)
-    after = jnp.clip(raw, 0.0, 1.0)
-    return after, (raw != after).mean(dtype=jnp.float32)
+    after = xp.clip(raw, 0.0, 1.0)
+    return after, (raw != after).mean(dtype=np.float32)
 
 
-def shift(window: Float[Array, "n m"], by: Array) -> Float[Array, "n m"]:
+_compiled = jax.jit(_after)
+
+
+def shift(window: Float[Any, "n m"], by: Any) -> Float[Any, "n m"]:
     """`window` read `by` (u, v) nodes further, linearly interpolated; beyond the edge, the edge.
 
     By less than one node either way.
     """
+    xp = namespace(window, by)
+    window, by = xp.asarray(window), xp.asarray(by)
     for axis in (0, 1):
         share = by[1 - axis]
         size = window.shape[axis]
-        line = jnp.arange(size, dtype=jnp.int32)
-        ahead = jnp.take(window, jnp.minimum(line + 1, size - 1), axis=axis)
-        behind = jnp.take(window, jnp.maximum(line - 1, 0), axis=axis)
-        rest = 1.0 - jnp.abs(share)
-        window = rest * window + jnp.maximum(share, 0) * ahead + jnp.maximum(-share, 0) * behind
+        line = np.arange(size, dtype=np.int32)
+        ahead = xp.take(window, np.minimum(line + 1, size - 1), axis=axis)
+        behind = xp.take(window, np.maximum(line - 1, 0), axis=axis)
+        rest = 1.0 - xp.abs(share)
+        window = rest * window + xp.maximum(share, 0) * ahead + xp.maximum(-share, 0) * behind
     return window

@@ -26,6 +26,8 @@ PLACES = 256, 16
 """Least storage for places, and how many times as large the next is."""
 STRENGTHS = 8, 8
 """Likewise for strengths."""
+MANY = 2048
+"""Places from which on it pays to keep up what stale ones gain at most."""
 SPARE = 108
 """Places left free at the end: a local search puts its own there."""
 
@@ -65,6 +67,10 @@ class Candidates:
     """How many strengths there are."""
     reachable: Bool[Array, "R C"]
     """Nodes at which a hand may be placed."""
+    low: Int[Array, "A 2"]
+    """Least first node (v, u) of each move's places; 0 where it has none."""
+    high: Int[Array, "A 2"]
+    """Likewise the greatest."""
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -99,6 +105,8 @@ class CandidateCache:
     """Change of d by each place and strength; 0 where not yet evaluated."""
     stale: Bool[Array, "N"]
     """Places whose values are not those of the map as it is."""
+    most: Float[Array, "N"]
+    """What a stale place gains at most."""
 
 
 def candidates_at(
@@ -153,9 +161,15 @@ def candidates_at(
         mode="edge",
     )
     tried = np.int32(len(strengths))
+    first = padded(firsts)
+    bounds = np.zeros((2, len(state.moves), 2), np.int32)
+    for number in range(len(state.moves)):
+        mine = first[usable & (move == number)]
+        if len(mine):
+            bounds[:, number] = mine.min(0), mine.max(0)
     # All in one transfer: one by one they take as long as a small search.
     return Candidates(
-        *jax.device_put((padded(firsts), move, start, usable, where, deep, tried, nodes))
+        *jax.device_put((first, move, start, usable, where, deep, tried, nodes, *bounds))
     )
 
 
@@ -169,17 +183,40 @@ def _storage(count: int, least: int, times: int) -> int:
 def empty_cache(candidates: Candidates) -> CandidateCache:
     """A cache on which nothing is known."""
     sizes = len(candidates.first), len(candidates.strengths)
-    return CandidateCache(jnp.zeros(sizes, jnp.float32), jnp.asarray(candidates.valid))
+    return CandidateCache(
+        jnp.zeros(sizes, jnp.float32),
+        jnp.asarray(candidates.valid),
+        jnp.full(sizes[0], jnp.inf, jnp.float32),
+    )
 
 
 def touch(
-    cache: CandidateCache, candidates: Candidates, state: SearchState, first: Array, shape: Array
+    cache: CandidateCache,
+    candidates: Candidates,
+    state: SearchState,
+    first: Array,
+    shape: Array,
+    maps: tuple[Array, Array] | None = None,
 ) -> CandidateCache:
-    """The cache after the window at `first` of `shape` has changed: what overlaps it is stale."""
+    """The cache after the window at `first` of `shape` has changed: what overlaps it is stale.
+
+    With the `maps` before and after, what the stale places gain at most is kept up, if the
+    predictors allow that and there are enough places for it to save time.
+    """
     shapes = jnp.asarray(state.shapes)[candidates.move]
-    first, shape = first[None], shape[None]
-    apart = (candidates.first >= first + shape) | (first >= candidates.first + shapes)
-    return replace(cache, stale=cache.stale | (candidates.valid & ~apart.any(-1)))
+    apart = (candidates.first >= (first + shape)[None]) | (first[None] >= candidates.first + shapes)
+    touched = candidates.valid & ~apart.any(-1)
+    most = jnp.full_like(cache.most, jnp.inf)
+    if maps is not None and state.keeps is not None and len(most) >= MANY:
+        tried = jnp.arange(cache.changes.shape[1], dtype=jnp.int32) < candidates.num_strengths
+        known = jnp.where(tried[None], -cache.changes, -jnp.inf).max(1)
+        most = jnp.where(cache.stale, cache.most, known)
+        most += state.rise(*maps, candidates.first, shapes)
+    return replace(
+        cache,
+        stale=cache.stale | touched,
+        most=jnp.where(touched, most, cache.most),
+    )
 
 
 @jax.tree_util.register_dataclass
@@ -205,21 +242,22 @@ def evaluate(
     work: Work,
     changes: Float[Array, "N S"],
     execution: Execution = ONE_BY_ONE,
+    share: tuple[int | Array, int] = (0, 1),
 ) -> Float[Array, "N S"]:
     """`changes` with the rows of `work` computed anew; the others are neither read nor computed.
+
+    Of `share` (k, n), only the k-th of n parts of each move's places is.
 
     A loop over moves and in it one over places: each step is a slice, on a CPU 2.5 times as fast as
     one gather over all places, and the loop's length is what there is to do.
     """
     if execution.mesh is None:
-        return _evaluate(state, now, work, changes, execution.chunk)
+        return _evaluate(state, now, work, changes, execution.chunk, share)
     axis, devices = execution.mesh.axis_names[0], execution.mesh.size
 
     def mine(state, now, work, changes):
-        begin, count = work.start[:-1], jnp.diff(work.start)
-        rank = lax.axis_index(axis).astype(jnp.int32)
-        part = begin + count * rank // devices, begin + count * (rank + 1) // devices
-        new = _evaluate(state, now, work, jnp.zeros_like(changes), execution.chunk, part)
+        share = lax.axis_index(axis).astype(jnp.int32), devices
+        new = _evaluate(state, now, work, jnp.zeros_like(changes), execution.chunk, share)
         new = lax.psum(new, axis)
         row = jnp.arange(len(changes), dtype=jnp.int32)
         done = jnp.zeros(len(changes), bool)
@@ -233,24 +271,32 @@ def evaluate(
                          check_vma=False)(state, now, work, changes)  # fmt: skip
 
 
-def _evaluate(state, now, work, changes, chunk, part=None):
-    begins, ends = part or (work.start[:-1], work.start[1:])
+def _evaluate(state, now, work, changes, chunk, share):
+    rank, parts = share
+    begins, counts = work.start[:-1], jnp.diff(work.start)
+    begins, ends = begins + counts * rank // parts, begins + counts * (rank + 1) // parts
 
     def of_move(number, changes):
-        def of_kernel(kernel, effect, changes, begin, end, strengths):
-            def one(first):
+        def of_kernel(kernel, effect, before, changes, begin, end, strengths):
+            def several(first):
                 return state.change(kernel, effect, now, first, strengths, work.count)
 
-            def some(i, changes):
-                if chunk == 1:
-                    row = work.order[begin + i]
-                    return changes.at[row].set(one(work.first[row]))
-                at = begin + i * chunk + jnp.arange(chunk, dtype=jnp.int32)
-                row = work.order[jnp.minimum(at, len(work.order) - 1)]
-                new = jax.vmap(one)(work.first[row])
-                return changes.at[jnp.where(at < end, row, len(changes))].set(new, mode="drop")
+            def one(first):
+                return several(first[None])[0]
 
-            return lax.fori_loop(0, -(-(end - begin) // chunk), some, changes)
+            count = state.together(kernel) if chunk == 1 else chunk
+
+            def some(i, changes):
+                at = begin + i * count
+                row = lax.dynamic_slice(work.order, (at,), (count,))
+                first = work.first[row] - before[None]
+                new = jax.vmap(one)(first) if chunk > 1 else several(first)
+                if count == 1:
+                    return changes.at[row[0]].set(new[0])
+                done = jnp.minimum(end - at, count)
+                return lax.fori_loop(0, done, lambda k, c: c.at[row[k]].set(new[k]), changes)
+
+            return lax.fori_loop(0, -(-(end - begin) // count), some, changes)
 
         operands = changes, begins[number], ends[number], work.strengths[number]
         return state.with_kernel(number, of_kernel, *operands)
@@ -258,27 +304,26 @@ def _evaluate(state, now, work, changes, chunk, part=None):
     return lax.fori_loop(0, len(state.moves), of_move, changes)
 
 
-def stale_work(
+def work_of(
     state: SearchState,
     candidates: Candidates,
-    cache: CandidateCache,
+    due: Bool[Array, "N"],
     room: int | Array | None = None,
 ) -> tuple[Work, Bool[Array, "N"]]:
-    """The stale places of a cache as work; and which they are.
+    """Places as work; and which of them.
 
     Args:
       state: the moves.
       candidates: where.
-      cache: what is known.
+      due: the places.
       room: at most about this many candidates are evaluated, of each move in proportion; None is
         all.
     """
     moves, places = len(state.moves), len(candidates.first)
     number = jnp.arange(places, dtype=jnp.int32)
-    before = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(cache.stale, dtype=jnp.int32)])
-    until = before[candidates.start]  # stale places before each move's first
-    due = cache.stale
     if room is not None:
+        before = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(due, dtype=jnp.int32)])
+        until = before[candidates.start]  # due before each move's first
         waiting = until[-1]
         room, waiting, tried = (
             jnp.asarray(n, jnp.float32) for n in (room, waiting, candidates.num_strengths)
@@ -304,14 +349,16 @@ def refresh(
     room: int | Array | None = None,
     execution: Execution = ONE_BY_ONE,
 ) -> tuple[CandidateCache, Int[Array, ""]]:
-    """The cache with stale candidates computed anew.  See `stale_work`.
+    """The cache with stale candidates computed anew.  See `work_of`.
 
     Returns:
       The cache, in which places for which there was no room are still stale, and the evaluations.
     """
-    work, due = stale_work(state, candidates, cache, room)
+    work, due = work_of(state, candidates, cache.stale, room)
     changes = evaluate(state, now, work, cache.changes, execution)
-    return CandidateCache(changes, cache.stale & ~due), work.start[-1] * candidates.num_strengths
+    return replace(cache, changes=changes, stale=cache.stale & ~due), work.start[
+        -1
+    ] * candidates.num_strengths
 
 
 @jax.jit(static_argnames=["execution"])

@@ -61,7 +61,7 @@ def at_nodes(
 
 def rounds(state: SearchState, stride: int) -> int:
     """Rounds of local search that lead from a stride of pixels down to one node."""
-    return max(math.ceil(math.log2(max(stride / float(min(state.pitch)), 1.0))), 0)
+    return max(math.ceil(math.log2(max(stride / float(np.min(state.pitch)), 1.0))), 0)
 
 
 def strengths(strengths: Sequence[float | int]) -> list[float]:

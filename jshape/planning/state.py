@@ -4,14 +4,11 @@ Banks of f_D and networks are searched on the image itself: a node is a pixel.  
 searched on the ground seen from above, which is looked at once instead of once per candidate: what
 a move does there is the same at every place, and a window has a quarter of the pixels.  Arrays are
 `[v, u]`; places are (v, u) here, since they index arrays.
-
-Moves with one window size share one compiled kernel: their effects are stacked along a leading
-axis, and the kernel gathers the one it needs.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -21,64 +18,15 @@ from jax import lax
 
 from jshape import metric
 from jshape._typing import Array, Float, Int
-from jshape.camera import STATIC, Camera
+from jshape.camera import STATIC, Camera, in_memory, namespace
 from jshape.models.bank import Bank
 from jshape.models.orthographic import OrthographicGrid
-from jshape.models.turn import namespace
+from jshape.planning.kernels import Kernel, Move, grid_of, prepared
 
+TOGETHER = 65_536
+"""Nodes of windows that are evaluated together."""
 MARGIN = 4
 """Nodes beyond the image's edge: windows of the ground are up to a node larger than their ROI."""
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class Move:
-    """One action with one direction of the hand."""
-
-    yaw: float | Array | np.floating
-    """Turn of the hand from u towards v, radians."""
-    action: int = field(metadata=STATIC)
-    """Number of the action in the bank."""
-    shape: tuple[int, int] = field(metadata=STATIC)
-    """Rows and columns of its window; the place is node (rows // 2, columns // 2) of it."""
-    roi: tuple[int, int] = field(metadata=STATIC)
-    """ROI (w, h) in the image, pixels."""
-    kernel: int = field(metadata=STATIC)
-    """Number of its kernel among the state's."""
-    member: int = field(metadata=STATIC)
-    """Number of its effect in the kernel's stack."""
-
-    @property
-    def middle(self) -> np.ndarray:
-        """(2,) the place's node in the window."""
-        return np.array(self.shape, np.int32) // 2
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class Kernel:
-    """What the moves of one window size do: called on a window, once a member is gathered."""
-
-    numbers: Float[Array, "G P"]
-    """All numbers of each move's effect in one row: gathered with one copy."""
-    form: tuple[Any, str, tuple[tuple[int, ...], ...]] = field(metadata=STATIC)
-    """The effects' tree, the same in words, and the shapes of its leaves.
-
-    In words too: for JAX 0.10 the trees of two dataclasses with as many fields are equal.
-    """
-    shape: tuple[int, int] = field(metadata=STATIC)
-    """Rows and columns of the window."""
-
-    def member(self, number: int | Int[Array, ""]) -> Any:
-        """The effect of one move: (window, first node (u, v), strength) -> window after."""
-        row = lax.dynamic_index_in_dim(self.numbers, number, 0, False)
-        structure, _, shapes = self.form
-        ends = np.cumsum([math.prod(shape) for shape in shapes])
-        parts = [
-            row[end - math.prod(shape) : end].reshape(shape)
-            for shape, end in zip(shapes, ends.tolist(), strict=True)
-        ]
-        return jax.tree.unflatten(structure, parts)
 
 
 @jax.tree_util.register_dataclass
@@ -98,6 +46,8 @@ class SearchState:
     """Pixel (v, u) of the node (0, 0)."""
     pitch: Float[Array, "2"]
     """Pixels per node along v and u."""
+    keeps: float | None = field(default=None, metadata=STATIC)
+    """The predictors' own (see `Predictor.keeps`), the greatest."""
 
     @property
     def distance(self) -> Float[Array, ""]:
@@ -124,16 +74,26 @@ class SearchState:
         """Every move's action."""
         return np.array([move.action for move in self.moves], np.int32)
 
-    def with_kernel(self, number: int | Int[Array, ""], function, *operands: Any) -> Any:
-        """`function(kernel, effect, *operands)` of one move: a branch per kernel, not per move."""
-        kernels = np.array([move.kernel for move in self.moves], np.int32)
-        member = jnp.asarray([move.member for move in self.moves], jnp.int32)[number]
+    def with_kernel(
+        self, number: int | Int[Array, ""], function, *operands: Any, apply: bool = False
+    ) -> Any:
+        """`function(kernel, effect, before, *operands)` of one move: a branch per kernel.
 
-        def branch(kernel: Kernel):
+        `before` is how many nodes its kernel's window begins before the move's own.  Kernels are
+        those that evaluate moves, or those that apply them.
+        """
+        places = [move.applied if apply else move.evaluated for move in self.moves]
+        kernels = sorted({kernel for kernel, _ in places})
+        chosen = np.array([[kernels.index(kernel), member] for kernel, member in places], np.int32)
+        windows = np.array([self.kernels[kernel].shape for kernel, _ in places], np.int32)
+        branch, member = jnp.asarray(chosen)[number]
+        before = jnp.asarray(windows // 2 - self.shapes // 2)[number]
+
+        def of(kernel: Kernel):
             return lambda member, *rest: function(kernel, kernel.member(member), *rest)
 
-        branches = [branch(kernel) for kernel in self.kernels]
-        return lax.switch(jnp.asarray(kernels)[number], branches, member, *operands)
+        branches = [of(self.kernels[kernel]) for kernel in kernels]
+        return lax.switch(branch, branches, member, before, *operands)
 
     def act(
         self,
@@ -144,15 +104,15 @@ class SearchState:
     ) -> Float[Array, "R C"]:
         """The map after a move, as the camera can see it.  Eq. predStep2 and predStep3."""
 
-        def one(kernel, effect, now, first, strength):
-            window = lax.dynamic_slice(now, first, kernel.shape)
+        def one(kernel, effect, before, now, first, strength):
+            window = lax.dynamic_slice(now, first - before, kernel.shape)
             after = self.seen(effect(window, first[::-1], strength))
-            return lax.dynamic_update_slice(now, after, first)
+            return lax.dynamic_update_slice(now, after, first - before)
 
         strength = jnp.asarray(strength, jnp.float32)
-        return self.with_kernel(number, one, now, jnp.asarray(first), strength)
+        return self.with_kernel(number, one, now, jnp.asarray(first), strength, apply=True)
 
-    def seen(self, window: Float[Array, "n m"]) -> Float[Array, "n m"]:
+    def seen(self, window: Float[Array, "*B n m"]) -> Float[Array, "*B n m"]:
         """A window limited to what the camera can see."""
         return jnp.clip(window, self.limits[0], self.limits[1])
 
@@ -161,29 +121,73 @@ class SearchState:
         kernel: Kernel,
         effect: Any,
         now: Float[Array, "R C"],
-        first: Int[Array, "2"],
+        first: Int[Array, "K 2"],
         strengths: Float[Array, "S"],
         count: int | Int[Array, ""],
-    ) -> Float[Array, "S"]:
-        """Change of d by an effect at one place, for the first `count` strengths; 0 for the rest.
+    ) -> Float[Array, "K S"]:
+        """Change of d by an effect at a few places, for the first `count` strengths; else 0.
 
-        From its window alone.
+        From the windows alone, whose first nodes are given.
         """
-        before = lax.dynamic_slice(now, first, kernel.shape)
-        goal = lax.dynamic_slice(self.goal, first, kernel.shape)
+        one = len(first) == 1  # an axis of length 1 would cost time
+        maps = [now, self.goal] if self.weight is None else [now, self.goal, self.weight]
 
-        def one(s, changes):
-            after = self.seen(effect(before, first[::-1], strengths[s]))
-            if self.weight is None:
-                return changes.at[s].set(metric.roi_change(before, after, goal))
+        def cut(k: int | Array) -> list[Array]:
+            return [lax.dynamic_slice(whole, first[k], kernel.shape) for whole in maps]
+
+        def cut_next(k: Array, windows: list[Array]) -> list[Array]:
+            return [some.at[k].set(new) for some, new in zip(windows, cut(k), strict=True)]
+
+        if one:
+            windows = cut(0)
+        else:
+            none = jnp.zeros((len(first), *kernel.shape), now.dtype)
+            windows = lax.fori_loop(0, len(first), cut_next, [none] * len(maps))
+        before, goal, *weight = windows
+        at = first[0, ::-1] if one else first[:, ::-1]
+
+        def with_strength(s, changes):
+            after = self.seen(effect(before, at, strengths[s]))
             closer = jnp.abs(after - goal) - jnp.abs(before - goal)
-            weight = lax.dynamic_slice(self.weight, first, kernel.shape)
-            # A product with ones sums the rows in the CPU's vector units.
-            ones = jnp.ones(kernel.shape[0], closer.dtype)
-            return changes.at[s].set(jnp.dot(ones, closer * weight).sum())
+            closer = closer * weight[0] if weight else closer
+            return changes.at[:, s].set(_sums(closer))
 
-        changes = lax.fori_loop(0, count, one, jnp.zeros(strengths.shape, now.dtype))
+        zero = jnp.zeros((len(first), len(strengths)), now.dtype)
+        changes = lax.fori_loop(0, count, with_strength, zero)
         return changes / jnp.asarray(self.size, now.dtype)
+
+    def together(self, kernel: Kernel) -> int:
+        """How many places are evaluated together on a CPU: as many as stay in its caches.
+
+        On images one: a window of f_D is read once, and larger.
+        """
+        if self.weight is None:
+            return 1
+        return int(np.clip(TOGETHER // math.prod(kernel.shape), 1, 8))
+
+    def rise(
+        self,
+        before: Float[Array, "R C"],
+        after: Float[Array, "R C"],
+        first: Int[Array, "N 2"],
+        shapes: Int[Array, "N 2"],
+    ) -> Float[Array, "N"]:
+        """By how much windows' gains can grow at most when the map changes.
+
+        A gain is Σ weight·(|e| - |f|) with e = now - goal before the action and f after it.  If e
+        becomes e + x, and f becomes f + s·x with s in [0, 1], no node's term grows by more than
+        |e + x| - |e| + |x|: by nothing where the map came nearer to the goal without passing it.
+        """
+        near = jnp.abs(after - self.goal) - jnp.abs(before - self.goal)
+        more = near + (1.0 + (self.keeps or 0.0)) * jnp.abs(after - before)
+        more = (more if self.weight is None else more * self.weight) / self.size
+        # Sums of windows as differences of sums from the corner, by products with triangles.
+        rows, columns = (np.tri(n + 1, n, k=-1, dtype=np.float32) for n in more.shape)
+        table = jnp.matmul(rows, more, precision="highest")
+        table = jnp.matmul(table, columns.T, precision="highest")
+        (top, left), (bottom, right) = first.T, (first + shapes).T
+        sums = table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left]
+        return jnp.maximum(sums, 0.0) + 1e-5 * table[-1, -1]  # rounding
 
     def node(self, pixel: np.ndarray) -> np.ndarray:
         """Nodes (N, 2) nearest to pixels (N, 2), both (v, u) (host)."""
@@ -222,9 +226,12 @@ def on_images(
     kernels: tuple[Kernel, ...],
 ) -> SearchState:
     """The field with moves that are already prepared."""
-    grid = _grid_of(bank)
+    known = [predictor.keeps for predictor in bank.predictors]
+    keeps = None if None in known else max(known, default=None)
+    grid = grid_of(bank)
     if grid is not None:
-        return _on_grid(bank.camera, grid, image, goal, moves, kernels)
+        state = _on_grid(bank.camera, grid, image, goal, moves, kernels)
+        return replace(state, keeps=keeps)
     return SearchState(
         now=jnp.asarray(image, jnp.float32),
         goal=jnp.asarray(goal, jnp.float32),
@@ -234,54 +241,24 @@ def on_images(
         limits=jnp.array([0.0, 1.0], jnp.float32),
         origin=jnp.zeros(2, jnp.float32),
         pitch=jnp.ones(2, jnp.float32),
+        keeps=keeps,
     )
 
 
-def prepared(
-    bank: Bank, moves: Sequence[tuple[int, float | Array | np.floating | None]]
-) -> tuple[tuple[Move, ...], tuple[Kernel, ...]]:
-    """The moves, and kernels that hold the effects of all with one window size.
-
-    Called outside of `jit`, as in a plan, it compiles nothing.
-    """
-    on_grid = _grid_of(bank) is not None
-    stacks: dict[Any, list[Array]] = {}
-    made = []
-    for action, yaw in moves:
-        hand = bank.predictors[action]
-        hand = hand if yaw is None else hand.turned(yaw)
-        grid = hand.search_grid() if on_grid else None
-        shape = hand.roi[::-1] if grid is None else grid.shape
-        leaves, structure = jax.tree.flatten(hand if grid is None else hand.on_grid())
-        key = (structure, str(structure), tuple(np.shape(leaf) for leaf in leaves)), shape
-        xp = namespace(leaves)
-        row = xp.concatenate([xp.asarray(leaf, np.float32).reshape(-1) for leaf in leaves])
-        stack = stacks.setdefault(key, [])
-        made.append(
-            Move(
-                yaw=0.0 if yaw is None else yaw, action=action, shape=shape, roi=hand.roi,
-                kernel=list(stacks).index(key), member=len(stack),
-            )
-        )  # fmt: skip
-        stack.append(row)
-    kernels = tuple(
-        Kernel(jnp.asarray(namespace(stack).stack(stack)), form, shape)
-        for (form, shape), stack in stacks.items()
-    )
-    return tuple(made), kernels
-
-
-def _grid_of(bank: Bank) -> OrthographicGrid | None:
-    """The grid of the ground that the bank works on; None: on the image."""
-    grids = [predictor.search_grid() for predictor in bank.predictors]
-    return grids[0] if grids and all(g is not None for g in grids) else None
+def _sums(windows: Float[Array, "*B n m"]) -> Float[Array, "K"]:
+    """The sum of each window, as products with ones: a CPU computes those in its vector units."""
+    if windows.ndim == 2:
+        ones = np.ones((1, len(windows)), np.float32)
+        return jnp.matmul(ones, windows, precision="highest").sum(-1)
+    flat = windows.reshape(len(windows), -1)
+    return jnp.matmul(flat, np.ones(flat.shape[1], np.float32), precision="highest")
 
 
 def _on_grid(
     camera: Camera,
     grid: OrthographicGrid,
-    image: Array,
-    goal: Array,
+    image: Any,
+    goal: Any,
     moves: tuple[Move, ...],
     kernels: tuple[Kernel, ...],
 ) -> SearchState:
@@ -292,35 +269,48 @@ def _on_grid(
         round(n * g / r) + 2 * MARGIN
         for n, g, r in zip(camera.shape, grid.shape, grid.roi[::-1], strict=True)
     )
+    xp = namespace(camera, grid, image, goal)
+    if xp is np:
+        camera, grid, image, goal = in_memory((camera, grid, image, goal))
     whole = OrthographicGrid(camera, grid.depth, grid.pitch, (rows, columns), (width, height))
-    first = jnp.zeros(2, jnp.int32)
+    first = np.zeros(2, np.int32)
     per_metre = whole.per_metre(first)
-    depths = camera.z_max - jnp.stack([image, goal]) / per_metre[None]
-    now, wanted = jax.vmap(lambda depth: whole.from_roi(depth, first))(depths)
-    pitch = grid.pitch * jnp.stack([jnp.asarray(f, jnp.float32) for f in (camera.fy, camera.fx)])
-    pitch = pitch / grid.depth
-    middle = [jnp.array(size, jnp.float32) // 2 for size in ((height, width), (rows, columns))]
-    origin = middle[0] - middle[1] * pitch
-    return SearchState(
-        now=now,
-        goal=wanted,
-        weight=_weight(camera, whole, (now + wanted) / 2),
-        moves=moves,
-        kernels=kernels,
-        limits=jnp.stack([jnp.asarray(z, jnp.float32) for z in (camera.z_min, camera.z_max)]),
-        origin=origin,
-        pitch=pitch,
+    now, wanted = (whole.from_roi(camera.z_max - one / per_metre, first) for one in (image, goal))
+    weight = _weight(camera, whole, (now + wanted) / 2)
+    pitch = xp.stack([xp.asarray(f, np.float32) for f in (camera.fy, camera.fx)])
+    pitch = pitch * (grid.pitch / grid.depth)
+    # Windows of kernels may reach beyond the map: by nodes that count for nothing.
+    far = max(
+        (
+            (w - n + 1) // 2
+            for move in moves
+            for w, n in zip(kernels[move.applied[0]].shape, move.shape, strict=True)
+        ),
+        default=0,
     )
+    middle = np.array([height // 2, width // 2], np.float32)
+    origin = middle - np.array([rows // 2 + far, columns // 2 + far], np.float32) * pitch
+    numbers = {
+        "now": xp.pad(now, far, mode="edge"),
+        "goal": xp.pad(wanted, far, mode="edge"),
+        "weight": xp.pad(weight, far),
+        "limits": xp.stack([xp.asarray(z, np.float32) for z in (camera.z_min, camera.z_max)]),
+        "origin": origin,
+        "pitch": pitch,
+    }
+    numbers = {name: jnp.asarray(one, jnp.float32) for name, one in numbers.items()}
+    return SearchState(**numbers, moves=moves, kernels=kernels)
 
 
-def _weight(camera: Camera, whole: OrthographicGrid, depth: Array) -> Array:
+def _weight(camera: Camera, whole: OrthographicGrid, depth: Any) -> Any:
     """By how much d changes per metre at each node: how many pixels see it, and their weight."""
-    x, y = whole.nodes(jnp.zeros(2, jnp.int32))
+    xp = namespace(camera, whole, depth)
+    x, y = whole.nodes(np.zeros(2, np.int32))
     x, y = x[None, :], y[:, None]
     u, v = camera.fx * x / depth + camera.u0, camera.fy * y / depth + camera.v0
     height, width = camera.shape
     seen = (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
     pixels = camera.fx * camera.fy * (whole.pitch / depth) ** 2
-    ray = jnp.sqrt(1.0 + (x**2 + y**2) / depth**2) / metric.max_ray_length(camera)
+    ray = xp.sqrt(1.0 + (x**2 + y**2) / depth**2) / xp.asarray(metric.max_ray_length(camera))
     unit = (camera.z_max - camera.z_min) * height * width
-    return jnp.where(seen, pixels * ray, 0.0) / unit
+    return xp.where(seen, pixels * ray, 0.0) / unit

@@ -222,7 +222,7 @@ class SearchProblem:
     budget: Budget = field(default_factory=Budget)
     fine: int = 0
     """Rounds of local search: the neighbours of the best candidates, at ever smaller steps."""
-    key: Array = field(default_factory=lambda: jax.random.key(0))
+    seed: int = 0
     """For searches that draw."""
     start: SearchResult | None = None
     """A sequence to begin with, such as what is left of an earlier plan."""

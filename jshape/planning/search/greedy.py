@@ -1,22 +1,28 @@
 """Algorithm 1: take the action that brings the image nearest to the goal, as long as one does."""
 
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
-from jshape._typing import Array, Float, Int
+from jshape._typing import Array, Bool, Float, Int
+from jshape.planning.devices import cores
 from jshape.planning.evaluate import (
+    MANY,
     ONE_BY_ONE,
     CandidateCache,
     Candidates,
     Execution,
+    Work,
     empty_cache,
     evaluate,
-    stale_work,
     touch,
+    work_of,
 )  # fmt: skip
 from jshape.planning.search.base import (
     UNLIMITED,
@@ -27,8 +33,18 @@ from jshape.planning.search.base import (
     compiled,
     empty_result,
 )
-from jshape.planning.search.local import Local, begin_local, local_work, next_local, no_local
+from jshape.planning.search.local import (
+    Local,
+    begin_local,
+    local_work,
+    next_local,
+    no_local,
+    pending,
+)
 from jshape.planning.state import SearchState
+
+SIDE_BY_SIDE = 4
+"""Calls that evaluate at the same time, at most."""
 
 
 @jax.tree_util.register_dataclass
@@ -54,20 +70,78 @@ def begin(state: SearchState, candidates: Candidates, max_steps: int) -> Carry:
 
 def search(problem: SearchProblem) -> SearchResult:
     """Greedy forward search within a budget.  See `run`."""
-    state, candidates, execution = problem.state, problem.candidates, problem.execution
-    carry, fine = begin(state, candidates, problem.max_steps), jnp.int32(problem.fine)
+    state, candidates, limits = problem.state, problem.candidates, problem.limits
+    budget, fine = problem.budget, jnp.int32(problem.fine)
+    carry = begin(state, candidates, problem.max_steps)
+    advanced = _in_turns(problem, carry) if len(candidates.first) >= MANY else None
     while True:
         before = int(carry.result.evaluations)
-        room, left = jnp.int32(problem.budget.room()), jnp.int32(problem.budget.left)
-        carry = problem.budget.call(
-            advance, carry, state, candidates, problem.limits, room, left, fine, execution=execution
-        )
-        problem.budget.spend(int(carry.result.evaluations) - before)
+        if advanced is not None:
+            carry = next(advanced)
+        else:
+            carry = budget.call(
+                advance, carry, state, candidates, limits, jnp.int32(budget.room()),
+                jnp.int32(budget.left), fine, execution=problem.execution,
+            )  # fmt: skip
+        budget.spend(int(carry.result.evaluations) - before)
         if int(carry.result.status) >= 0:
             return carry.result
-        if problem.budget.over:
+        if budget.over and int(carry.local.round) < 0:
             # Of what is known, take the best without looking further: an answer at any time.
-            return last(carry, state, candidates, problem.limits)
+            return last(carry, state, candidates, limits)
+
+
+def _in_turns(problem: SearchProblem, carry: Carry) -> Iterator[Carry]:
+    """`advance` for many candidates, as two compiled functions that take turns.
+
+    One decides, the other evaluates what that asks for, in several calls side by side.  The two are
+    compiled side by side too.
+    """
+    state, candidates, execution = problem.state, problem.candidates, problem.execution
+    budget, fine = problem.budget, jnp.int32(problem.fine)
+    alone = execution != ONE_BY_ONE or jax.default_backend() != "cpu"
+    parts = 1 if alone else min(cores(), SIDE_BY_SIDE)
+
+    def evaluated(carry: Carry, todo: Todo) -> tuple[Array, ...]:
+        return tuple(
+            evaluate_part(
+                state, carry.now, todo.work, carry.cache.changes, jnp.int32(part), parts=parts,
+                execution=execution,
+            )
+            for part in range(parts)
+        )  # fmt: skip
+
+    def decided(carry: Carry, todo: Todo, changes: tuple[Array, ...]) -> tuple[Carry, Todo]:
+        room, left = jnp.int32(budget.room()), jnp.int32(budget.left)
+        return step(carry, todo, changes, state, candidates, problem.limits, room, left, fine)
+
+    def first(carry: Carry, todo: Todo) -> tuple[Carry, Todo]:
+        with ThreadPoolExecutor(1) as pool:
+            other = pool.submit(evaluated, carry, todo)
+            found = decided(carry, todo, (carry.cache.changes,) * parts)
+            jax.block_until_ready(other.result())
+        return found
+
+    carry, todo = budget.call(first, carry, nothing_due(carry, candidates))
+    while True:
+        changes = budget.call(evaluated, carry, todo)
+        carry, todo = budget.call(decided, carry, todo, changes)
+        yield carry
+
+
+@partial(compiled, static=("parts", "execution"))
+def evaluate_part(
+    state: SearchState,
+    now: Array,
+    work: Work,
+    changes: Array,
+    part: Int[Array, ""],
+    *,
+    parts: int,
+    execution: Execution,
+) -> Array:
+    """`changes` with one of several parts of the work computed anew."""
+    return evaluate(state, now, work, changes, execution, (part, parts))
 
 
 @jax.jit(static_argnames=["max_steps", "execution"])
@@ -84,7 +158,7 @@ def run(
 
     Algorithm 1 with strict decrease and ties to the first candidate.  A candidate whose window the
     last action did not touch keeps its value: neither its own nodes nor the goal's have changed,
-    so it is not evaluated again.
+    so it is not evaluated again.  Nor is one that cannot gain as much any more as others do.
     """
     carry = begin(state, candidates, max_steps)
     limits = replace(limits, max_steps=max_steps)
@@ -104,78 +178,168 @@ def advance(
     *,
     execution: Execution = ONE_BY_ONE,
 ) -> Carry:
-    """Go on until the search ends or about `room` candidates were evaluated, of `left` at most.
-
-    Looking at the stale candidates and the rounds of a local search are evaluated by one loop
-    body: what a move does is traced and compiled once.
-    """
-    began = carry.result.evaluations
+    """Go on until the search ends or about `room` candidates were evaluated, of `left` at most."""
     if not state.moves:
         near = carry.result.distance <= limits.tolerance
         status = jnp.where(near, Status.CONVERGED, Status.NO_IMPROVEMENT).astype(jnp.int32)
         return replace(carry, result=replace(carry.result, status=status))
+    began = carry.result.evaluations
 
-    def go_on(carry: Carry) -> Array:
-        in_room = carry.result.evaluations - began < room
-        return (carry.result.status < 0) & (in_room | (carry.local.round >= 0))
+    def rest(carry: Carry, whole: Array) -> Array:
+        return whole - (carry.result.evaluations - began)
 
-    def step(carry: Carry) -> Carry:
-        looking = carry.local.round < 0
-        rest = room - (carry.result.evaluations - began)
-        nothing_due = jnp.zeros_like(carry.cache.stale)
-        work, due = lax.cond(
-            looking,
-            lambda s: stale_work(state, candidates, s.cache, rest),
-            lambda s: (local_work(state, candidates, s.local, fine), nothing_due),
-            carry,
-        )
-        changes = evaluate(state, carry.now, work, carry.cache.changes, execution)
-        carry = replace(carry, cache=CandidateCache(changes, carry.cache.stale & ~due))
-        spent = jnp.where(looking, work.start[-1] * candidates.num_strengths, 0)
-        local, more = lax.cond(looking, looked, moved, carry, left - spent)
-        evaluations = carry.result.evaluations + spent + more
-        carry = replace(carry, result=replace(carry.result, evaluations=evaluations), local=local)
-        return lax.cond(local.round == fine, decide, lambda s: s, carry)
+    def go_on(now: tuple[Carry, Todo]) -> Array:
+        carry, _ = now
+        return (carry.result.status < 0) & ((rest(carry, room) > 0) | (carry.local.round >= 0))
 
-    def looked(carry: Carry, left: Array) -> tuple[Local, Array]:
-        """A local search begins when nothing is stale any more."""
-        left = left - (carry.result.evaluations - began)
+    def one(now: tuple[Carry, Todo]) -> tuple[Carry, Todo]:
+        carry, todo = now
+        changes = evaluate(state, carry.now, todo.work, carry.cache.changes, execution)
+        return _step(
+            carry, todo, (changes,), state, candidates, limits, rest(carry, room),
+            rest(carry, left), fine,
+        )  # fmt: skip
 
-        def begin_one(carry):
-            return begin_local(state, candidates, carry.cache, carry.used, limits, fine, left=left)
+    todo = _next(carry, state, candidates, limits, room, fine)
+    return lax.while_loop(go_on, one, (carry, todo))[0]
 
-        return lax.cond(
-            carry.cache.stale.any(), lambda s: (s.local, jnp.int32(0)), begin_one, carry
-        )
 
-    def moved(carry: Carry, left: Array) -> tuple[Local, Array]:
-        changes = carry.cache.changes
-        local = next_local(state, candidates, carry.local, changes, limits, fine)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Todo:
+    """What is to be evaluated next."""
+
+    work: Work
+    due: Bool[Array, "N"]
+    """Candidates that are then known; none while a local search is in progress."""
+
+
+def nothing_due(carry: Carry, candidates: Candidates) -> Todo:
+    """Nothing (host)."""
+    places, strengths = carry.cache.changes.shape
+    moves = len(candidates.start) - 1
+    due, order = np.zeros(places, bool), np.zeros(places, np.int32)
+    start, tried = np.zeros(moves + 1, np.int32), np.zeros((moves, strengths), np.float32)
+    due, order, start, tried = jax.device_put((due, order, start, tried))
+    return Todo(Work(candidates.first, order, start, tried, candidates.num_strengths), due)
+
+
+def _next(
+    carry: Carry,
+    state: SearchState,
+    candidates: Candidates,
+    limits: SearchLimits,
+    room: Array,
+    fine: int | Array,
+) -> Todo:
+    """Stale candidates, as far as there is room, or the next round of a local search."""
+
+    def look(carry: Carry) -> tuple[Work, Array]:
+        due = pending(state, candidates, carry.cache, carry.used, limits)
+        return work_of(state, candidates, due, room)
+
+    def move(carry: Carry) -> tuple[Work, Array]:
+        nothing = jnp.zeros_like(carry.cache.stale)
+        return local_work(state, candidates, carry.local, fine), nothing
+
+    return Todo(*lax.cond(carry.local.round < 0, look, move, carry))
+
+
+def _step(
+    carry: Carry,
+    todo: Todo,
+    changes: tuple[Array, ...],
+    state: SearchState,
+    candidates: Candidates,
+    limits: SearchLimits,
+    room: Array,
+    left: Array,
+    fine: int | Array,
+) -> tuple[Carry, Todo]:
+    """What follows from candidates that were evaluated, in parts; and what to evaluate next.
+
+    At most `left` evaluations are made, with those, and about `room` before the next look at the
+    clock.
+    """
+    known_before, began = carry.cache.changes, carry.result.evaluations
+    whole = changes[0]
+    for part in changes[1:]:  # each part left the others' rows as they were
+        whole = jnp.where(part == known_before, whole, part)
+    cache = replace(carry.cache, changes=whole, stale=carry.cache.stale & ~todo.due)
+    carry = replace(carry, cache=cache)
+    looking = carry.local.round < 0
+    spent = jnp.where(looking, todo.work.start[-1] * candidates.num_strengths, 0)
+
+    def looked(carry: Carry) -> tuple[Local, Array]:
+        """A local search begins when nothing is pending any more."""
+        waiting = pending(state, candidates, carry.cache, carry.used, limits).any()
+        return lax.cond(waiting, lambda s: (s.local, jnp.int32(0)), begun, carry)
+
+    def begun(carry: Carry) -> tuple[Local, Array]:
+        cache = known(carry.cache)
+        return begin_local(state, candidates, cache, carry.used, limits, fine, left=left - spent)
+
+    def moved(carry: Carry) -> tuple[Local, Array]:
+        local = next_local(state, candidates, carry.local, whole, limits, fine)
         return local, jnp.int32(0)
 
-    def decide(carry: Carry) -> Carry:
-        best = jnp.argmax(carry.local.gain)
-        result = carry.result
-        near = result.distance <= limits.tolerance
-        full = result.steps >= limits.max_steps
-        worth = carry.local.gain[best] > 0
-        status = jnp.where(
-            near,
-            Status.CONVERGED,
-            jnp.where(~worth, Status.NO_IMPROVEMENT, jnp.where(full, Status.MAX_STEPS, -1)),
-        ).astype(jnp.int32)
-        local = replace(carry.local, round=jnp.int32(-1))
-        carry = replace(carry, result=replace(result, status=status), local=local)
-        return lax.cond(
-            status < 0,
-            lambda s: _take(
-                s, state, candidates, local.move[best], local.first[best], local.strength[best]
-            ),
-            lambda s: s,
-            carry,
-        )
+    local, more = lax.cond(looking, looked, moved, carry)
+    result = replace(carry.result, evaluations=began + spent + more)
+    carry = replace(carry, result=result, local=local)
+    carry = lax.cond(
+        local.round == fine, lambda s: _decided(s, state, candidates, limits), lambda s: s, carry
+    )
+    rest = jnp.minimum(room, left) - spent - more
+    return carry, _next(carry, state, candidates, limits, jnp.maximum(rest, 0), fine)
 
-    return lax.while_loop(go_on, step, carry)
+
+@compiled
+def step(
+    carry: Carry,
+    todo: Todo,
+    changes: tuple[Array, ...],
+    state: SearchState,
+    candidates: Candidates,
+    limits: SearchLimits,
+    room: Array,
+    left: Array,
+    fine: int | Array,
+) -> tuple[Carry, Todo]:
+    """`_step` where `room` is that for what comes next alone."""
+    done = todo.work.start[-1] * candidates.num_strengths
+    room = jnp.minimum(room, UNLIMITED - done) + done
+    return _step(carry, todo, changes, state, candidates, limits, room, left, fine)
+
+
+def _decided(
+    carry: Carry, state: SearchState, candidates: Candidates, limits: SearchLimits
+) -> Carry:
+    """The end, or the best action taken."""
+    best = jnp.argmax(carry.local.gain)
+    result = carry.result
+    near = result.distance <= limits.tolerance
+    full = result.steps >= limits.max_steps
+    worth = carry.local.gain[best] > 0
+    status = jnp.where(
+        near,
+        Status.CONVERGED,
+        jnp.where(~worth, Status.NO_IMPROVEMENT, jnp.where(full, Status.MAX_STEPS, -1)),
+    ).astype(jnp.int32)
+    local = replace(carry.local, round=jnp.int32(-1))
+    carry = replace(carry, result=replace(result, status=status), local=local)
+    return lax.cond(
+        status < 0,
+        lambda s: _take(
+            s, state, candidates, local.move[best], local.first[best], local.strength[best]
+        ),
+        lambda s: s,
+        carry,
+    )
+
+
+def known(cache: CandidateCache) -> CandidateCache:
+    """The cache with stale values set to 0."""
+    return replace(cache, changes=jnp.where(cache.stale[:, None], 0.0, cache.changes))
 
 
 def _take(carry: Carry, state: SearchState, candidates: Candidates, move, first, strength) -> Carry:
@@ -185,7 +349,7 @@ def _take(carry: Carry, state: SearchState, candidates: Candidates, move, first,
     return replace(
         carry,
         now=now,
-        cache=touch(carry.cache, candidates, state, first, shape),
+        cache=touch(carry.cache, candidates, state, first, shape, (carry.now, now)),
         used=carry.used.at[jnp.asarray(state.actions)[move]].add(1),
         result=replace(
             result,
@@ -214,9 +378,7 @@ def last(
     """One more action out of what is known, where it helps; then the budget is over."""
     if not state.moves:
         return replace(carry.result, status=jnp.int32(Status.BUDGET))
-    fresh = jnp.where(carry.cache.stale[:, None], 0.0, carry.cache.changes)
-    cache = replace(carry.cache, changes=fresh)
-    best, _ = begin_local(state, candidates, cache, carry.used, limits, 0, width=1)
+    best, _ = begin_local(state, candidates, known(carry.cache), carry.used, limits, 0, width=1)
     room = carry.result.steps < limits.max_steps
     carry = lax.cond(
         (best.gain[0] > 0) & room & (carry.result.distance > limits.tolerance),

@@ -69,10 +69,7 @@ def begin_local(
     Returns:
       The entries, and how many evaluations all rounds of them take.
     """
-    actions = jnp.asarray(state.actions)[candidates.move]
-    needed = limits.needed(actions, candidates.strengths)
-    gains = jnp.where(-cache.changes > needed, -cache.changes, 0.0)
-    gains = jnp.where((candidates.valid & limits.allowed(actions, used))[:, None], gains, 0.0)
+    gains, _ = _worth(state, candidates, cache, used, limits)
     deepest, gain = jnp.argmax(gains, 1), gains.max(1)
 
     def next_best(gain, _):
@@ -91,6 +88,45 @@ def begin_local(
     return Local(began, move, first, strength, gain, worth), worth.sum(dtype=jnp.int32) * each
 
 
+def _worth(
+    state: SearchState,
+    candidates: Candidates,
+    cache: CandidateCache,
+    used: Int[Array, "A"],
+    limits: SearchLimits,
+) -> tuple[Float[Array, "N S"], Float[Array, "N"]]:
+    """Known gains, 0 where not worth it; and what each place must gain at least."""
+    actions = jnp.asarray(state.actions)[candidates.move]
+    needed = limits.needed(actions, candidates.strengths)
+    allowed = candidates.valid & limits.allowed(actions, used)
+    worth = (-cache.changes > needed) & allowed[:, None]
+    return jnp.where(worth, -cache.changes, 0.0), jnp.where(allowed, needed.min(1), jnp.inf)
+
+
+def pending(
+    state: SearchState,
+    candidates: Candidates,
+    cache: CandidateCache,
+    used: Int[Array, "A"],
+    limits: SearchLimits,
+    width: int = WIDTH,
+) -> Bool[Array, "N"]:
+    """Stale places that may hold the best candidate of one of the best `width` moves.
+
+    Those come first that may gain the most: once they are known, few others remain.
+    """
+    gains, needed = _worth(state, candidates, cache, used, limits)
+    gain = jnp.where(cache.stale, 0.0, gains.max(1))
+
+    def next_best(gain, _):
+        row = jnp.argmax(gain)
+        return jnp.where(candidates.move == candidates.move[row], 0.0, gain), gain[row]
+
+    _, best = lax.scan(next_best, gain, length=width)
+    due = cache.stale & (cache.most > needed) & (cache.most >= best[-1])
+    return due & (cache.most >= jnp.where(due, cache.most, 0.0).max() / 2)
+
+
 def local_work(
     state: SearchState, candidates: Candidates, local: Local, rounds: int | Array
 ) -> Work:
@@ -101,7 +137,7 @@ def local_work(
     between the candidates' own, inside their range.  The candidates' own boundaries are kept;
     where there is one strength it stays.
     """
-    around, trial = _trials(state, candidates, local, rounds)
+    around, trial = _trials(candidates, local, rounds)
     places, tried = len(candidates.first), len(AROUND) * len(local.move)
     assert tried <= SPARE
     moves = jnp.arange(len(state.moves) + 1, dtype=jnp.int32)
@@ -128,7 +164,7 @@ def next_local(
     rounds: int | Array,
 ) -> Local:
     """The entries after a round whose work was evaluated."""
-    around, trial = _trials(state, candidates, local, rounds)
+    around, trial = _trials(candidates, local, rounds)
     count, tried = len(local.move), len(AROUND) * len(local.move)
     change = changes[-tried:, : len(DEEPER)].reshape(count, len(AROUND), len(DEEPER))
     needed = limits.needed(jnp.asarray(state.actions)[local.move], trial)
@@ -156,14 +192,14 @@ def _strengths(candidates: Candidates) -> Int[Array, ""]:
 
 
 def _trials(
-    state: SearchState, candidates: Candidates, local: Local, rounds: int | Array
+    candidates: Candidates, local: Local, rounds: int | Array
 ) -> tuple[Int[Array, "E P 2"], Float[Array, "E D"]]:
     """First nodes of the places, and the strengths, that a round tries."""
-    low, high = bounds(state, candidates)
     coarser = jnp.maximum(jnp.asarray(rounds, jnp.int32) - 1 - local.round, 0)
     step = jnp.left_shift(jnp.int32(1), coarser)
     around = local.first[:, None] + jnp.asarray(AROUND[None], jnp.int32) * step
-    around = jnp.clip(around, low[local.move][:, None], high[local.move][:, None])
+    low, high = (bound[local.move][:, None] for bound in (candidates.low, candidates.high))
+    around = jnp.clip(around, low, high)
     known = candidates.strengths
     spacing = (known.max() - known.min()) / jnp.maximum(candidates.num_strengths - 1, 1).astype(
         known.dtype
@@ -172,18 +208,6 @@ def _trials(
         jnp.float32(2.0) ** local.round.astype(jnp.float32)
     )
     return around, jnp.clip(trial, known.min(), known.max())
-
-
-def bounds(
-    state: SearchState, candidates: Candidates
-) -> tuple[Int[Array, "A 2"], Int[Array, "A 2"]]:
-    """Least and greatest first node (v, u) of each move's candidates; 0 where it has none."""
-    count = len(state.moves)
-    move = jnp.where(candidates.valid, candidates.move, count)
-    low = jax.ops.segment_min(candidates.first, move, count + 1)[:count]
-    high = jax.ops.segment_max(candidates.first, move, count + 1)[:count]
-    some = high >= low
-    return jnp.where(some, low, 0), jnp.where(some, high, 0)
 
 
 def improved_locally(

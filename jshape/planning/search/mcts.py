@@ -40,7 +40,7 @@ def search(problem: SearchProblem) -> SearchResult:
     _mctx()
     best = greedy.search(problem)
     carry = greedy.begin(problem.state, problem.candidates, problem.max_steps)
-    key = problem.key
+    key = jax.random.key(problem.seed)
     while int(carry.result.steps) < problem.max_steps:
         listed, carry = _list(problem, carry)
         if listed is None:
@@ -102,8 +102,9 @@ def _policy(
         return state.act(moves[k], m, firsts[k], strengths[k])
 
     def gain(m: Array, k: Array) -> Array:
-        def one(kernel, effect, m, first, strength):
-            return state.change(kernel, effect, m, first, strength[None], jnp.int32(1))[0]
+        def one(kernel, effect, before, m, first, strength):
+            first = (first - before)[None]
+            return state.change(kernel, effect, m, first, strength[None], jnp.int32(1))[0, 0]
 
         return -state.with_kernel(moves[k], one, m, firsts[k], strengths[k]) / unit
 

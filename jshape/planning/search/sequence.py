@@ -2,7 +2,6 @@
 
 from collections import Counter
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -12,9 +11,9 @@ from jax import lax
 
 from jshape._typing import Array, Float
 from jshape.planning.evaluate import Candidates
+from jshape.planning.kernels import Kernel
 from jshape.planning.search.base import SearchProblem, SearchResult, compiled, empty_result
-from jshape.planning.search.local import bounds
-from jshape.planning.state import Kernel, SearchState
+from jshape.planning.state import SearchState
 
 
 def act_between(
@@ -66,8 +65,10 @@ def carry_out(state: SearchState, result: SearchResult) -> tuple[Array, Array]:
         move, node, strength = entry
 
         def act(now):
-            between = partial(act_between, state)
-            return state.with_kernel(move, between, now, node, strength)
+            def between(kernel, effect, _, now, node, strength):
+                return act_between(state, kernel, effect, now, node, strength)
+
+            return state.with_kernel(move, between, now, node, strength, apply=True)
 
         now = lax.cond(move >= 0, act, lambda now: now, now)
         return now, state.distance_of(now)
@@ -143,5 +144,5 @@ def without(result: SearchResult, k: int | Array) -> SearchResult:
 def least_and_most(state: SearchState, candidates: Candidates) -> tuple[Array, Array]:
     """Least and greatest place (v, u) of each move's candidates, (moves, 2) each."""
     middle = jnp.asarray(state.shapes // 2)
-    low, high = bounds(state, candidates)
+    low, high = candidates.low, candidates.high
     return (low + middle).astype(jnp.float32), (high + middle).astype(jnp.float32)

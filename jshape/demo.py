@@ -69,36 +69,32 @@ def run_demo(
     for_bed, for_goal, for_world, for_other = jax.random.split(jax.random.key(seed), 4)
     bed = random_bed(for_bed, "irregular", std=0.003)
     material = sim.read_material(material)
-    who = {"material": material, "agent": agent, "camera": bank.camera}
-    world = SimulatedWorld(for_world, bed, **who)
-    other = SimulatedWorld(for_other, bed, **who)
+    world, other = (
+        SimulatedWorld(key, bed, material=material, agent=agent, camera=bank.camera)
+        for key in (for_world, for_other)
+    )
     made = _make_goal(for_goal, other, bank, actions)
     goal = image_of_depth(other.look(), bank.camera, where="goal").image
     say(f"a bed of {material.name}, and a goal made from it by: {', '.join(made)}")
 
-    run = runs.Run.create(
-        out,
-        {"what": "demo", "bank": str(bank_name), "seed": seed, "goal": made,
-         "agent": agent if isinstance(agent, str) else agent.name, "material": material.name,
-         "replan": replan, "planner": planner},
-        overwrite=overwrite,
-        contents=FILES,
-    )  # fmt: skip
+    who = agent if isinstance(agent, str) else agent.name
+    meta = {"what": "demo", "bank": str(bank_name), "seed": seed, "goal": made, "agent": who}
+    meta |= {"material": material.name, "replan": replan, "planner": planner}
+    run = runs.Run.create(out, meta, overwrite=overwrite, contents=FILES)
     say(HEAD)
 
     def report(step: Step, depth: np.ndarray) -> None:
         run.append(step._asdict(), depth)
         say(step.line(len(run)))
 
-    result = mold(
-        world,
-        goal,
-        bank,
-        replan=replan,
-        on_step=report,
-        **search,
-    )
-    summary = _summary(result) | {
+    result = mold(world, goal, bank, replan=replan, on_step=report, **search)
+    measured = result.distances_mm
+    summary: dict[str, Any] = {
+        "before_mm": float(measured[0]),
+        "predicted_mm": float(result.first_plan.distances_mm[-1]),
+        "obtained_mm": float(measured[-1]),
+        "steps": [step._asdict() for step in result.steps],
+        "stop": result.stop.name,
         "goal": made,
         "bank": str(bank_name),
         "loop": "closed" if replan else "open",
@@ -108,10 +104,10 @@ def run_demo(
     _write(out, result, summary, bank.rois)
     say(f"stopped: {result.stop}")
     say(
-        f"distance to the goal: {summary['before_mm']:.3f} mm before, "
-        f"{summary['predicted_mm']:.3f} mm predicted by the first plan "
-        f"({len(result.first_plan)} actions), {summary['obtained_mm']:.3f} mm obtained "
-        f"({len(result.steps)} actions)"
+        "distance to the goal: {before_mm:.3f} mm before, {predicted_mm:.3f} mm predicted by the "
+        "first plan ({} actions), {obtained_mm:.3f} mm obtained ({} actions)".format(
+            len(result.first_plan), len(result.steps), **summary
+        )
     )
     say(f"pictures and report: {out}")
     return summary
@@ -124,31 +120,19 @@ def _make_goal(key: Key[Array, ""], world: SimulatedWorld, bank: Bank, count: in
     """
     names = [name for name in bank.actions if name in sim.actions_of(world.agent)]
     rng = np.random.default_rng(jax.random.bits(key, (4,)).tolist())
-    width, height = bank.camera.width, bank.camera.height
-    columns, rows = 3, 2
-    cells = rng.permutation(columns * rows)
+    grid = np.array([3, 2])
+    cells = rng.permutation(grid.prod())
     made = []
     for k in range(count):
-        action = names[k % len(names)]
-        row, column = divmod(int(cells[k % len(cells)]), columns)
-        centre = np.array([(column + 0.5) * width / columns, (row + 0.5) * height / rows])
+        action, cell = names[k % len(names)], int(cells[k % len(cells)])
+        at = np.array([cell % grid[0], cell // grid[0]]) + 0.5
+        centre = at * (bank.camera.width, bank.camera.height) / grid
         anywhere = np.rint(centre + rng.uniform(-25, 25, 2)).astype(int)
         inside = place(bank.camera, {action: anywhere[None]}, bank.rois, "shift")[action][0]
         u, v = (int(x) for x in inside)
         world.act(action, (u, v))
         made.append(f"{action} at ({u}, {v})")
     return made
-
-
-def _summary(result: Molding) -> dict[str, Any]:
-    measured = result.distances_mm
-    return {
-        "before_mm": float(measured[0]),
-        "predicted_mm": float(result.first_plan.distances_mm[-1]),
-        "obtained_mm": float(measured[-1]),
-        "steps": [step._asdict() for step in result.steps],
-        "stop": result.stop.name,
-    }
 
 
 def _write(
@@ -181,16 +165,9 @@ Stopped: {result.stop}.
 """
     files.write_atomic(out / "report.md", report)
     files.write_json(out / "summary.json", summary)
-    names = ["at the start", *(f"after {k + 1} {s.action}" for k, s in enumerate(result.steps))]
-    images = [*result.images, result.goal]
-    figures = {
-        "result.png": partial(
-            pictures.plan_figure, first, obtained=result.images[-1],
-            obtained_mm=result.distances_mm, rois=rois,
-            title=f"demo: the first plan, and what the {summary['loop']} loop obtained",
-        ),
-        "actions.png": partial(pictures.overlay_figure, first, rois=rois),
-        "steps.png": partial(pictures.strip_figure, images, [*names, "goal"], first.camera),
-    }  # fmt: skip
-    for name, picture in drawn(figures).items():
+    overlay = partial(pictures.overlay_figure, first, rois=rois)
+    for name, picture in {
+        **pictures.molding_pictures(rois)(result),
+        **drawn({"actions.png": overlay}),
+    }.items():
         files.write_atomic(out / name, picture)

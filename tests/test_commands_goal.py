@@ -250,7 +250,7 @@ def test_what_a_phone_turned_comes_in_upright(tmp_path, kind, orientation):
         (["--actions", "stir 1,2"], "unknown action 'stir'"),
         (["--actions", "knock at 3"], "'knock at 3' is not an action like"),
         (["--actions", ";"], "no action is given"),
-        (["--actions", "bad.json"], "action 1: expected"),
+        (["--actions", "bad.json"], "action 1: at is 'here'; expected 2 numbers"),
         (["--actions", "knock 900,2"], "outside"),
         (["--text", "J", "--reachable", "mask.npy"], "the camera makes (395, 480)"),
         (["--mask", "mask.npy", "--size-mm", "50"], "nothing is drawn"),

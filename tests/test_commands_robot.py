@@ -1,9 +1,11 @@
 """`jshape mold` and `jshape execute` at the command line, with the simulated arm."""
 
+import io
 import json
 import signal
 import subprocess
 import sys
+from contextlib import redirect_stdout
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -71,9 +73,9 @@ def test_a_run_goes_on_as_it_began(tmp_path):
     """The command line beats the run, the run beats defaults; older runs say nothing."""
 
     def kept(known, *words):
-        said = []
         options = parse(["mold", "--out", str(tmp_path), *words]).options
-        return keep_on(known, options, said.append), said
+        with redirect_stdout(io.StringIO()) as said:
+            return keep_on(known, options), said
 
     began = {
         "max_steps": 2, "min_gain_mm": 0.2, "tolerance_mm": 0.0, "strengths": [0.5, 1],
@@ -81,11 +83,11 @@ def test_a_run_goes_on_as_it_began(tmp_path):
     }  # fmt: skip
     options, said = kept(began, "--max-steps", "16")
     assert (options.max_steps, options.min_gain_mm, options.strengths) == (16, 0.2, [0.5, 1.0])
-    assert said == ["going on with: --strengths 0.5,1.0 --min-gain-mm 0.2"]
+    assert said.getvalue() == "going on with: --strengths 0.5,1.0 --min-gain-mm 0.2\n"
     assert options.seconds is None
     assert kept(began)[0].max_steps == 2
     options, said = kept({"planner": "greedy"})
-    assert (options.max_steps, options.min_gain_mm, said) == (16, 0.005, [])
+    assert (options.max_steps, options.min_gain_mm, said.getvalue()) == (16, 0.005, "")
     with pytest.raises(BadFile, match="the run's max-steps: 'two' is not a whole number from 0"):
         kept({"max_steps": "two"})
 
@@ -198,11 +200,10 @@ def goal_for(tmp_path, camera, bank, **more):
     robot = blank_robot(eye, bank)
     given = {"camera_file": None, "depth_unit": None, "reproject": False, "window": None,
              "depth_range": None, "max_missing": 0.1} | more  # fmt: skip
-    said = []
-    found = goal_of(
-        tmp_path / "wanted.png", robot, bank, MoldOptions(out=tmp_path, **given), said.append
-    )  # fmt: skip
-    return now, robot, said, *found
+    options = MoldOptions(out=tmp_path, **given)
+    with redirect_stdout(io.StringIO()) as said:
+        found = goal_of(tmp_path / "wanted.png", robot, bank, options)
+    return now, robot, said.getvalue().splitlines(), *found
 
 
 def test_a_goal_of_the_robots_own_camera_is_seen_as_the_bed_is(tmp_path, bank):

@@ -296,7 +296,7 @@ def test_a_mold_looks_through_a_window_as_a_recording_does(monkeypatch, here, ca
     assert main([*words, "--camera", "x.bag"]) == 2 and seen["temporal"] is True
     capsys.readouterr()
     assert main([*words, "--arm", "sim", *look]) == 2
-    assert "--topic goes with --camera; the arm's own camera takes none" in capsys.readouterr().err
+    assert ": only with --camera; the arm's own camera takes none" in capsys.readouterr().err
     write_camera(here / "camera.json", PAPER_BOX, 1e-4)
     assert main([*words, "--camera", "camera.json"]) == 2
     said = capsys.readouterr().err

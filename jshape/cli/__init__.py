@@ -1,6 +1,6 @@
 """What each command does: from parsed options to a result that JSON can hold.
 
-Each prints for people unless `--json` is given; then only the result is printed, by `cli.main`.
+Each prints for people and returns its result; with `--json`, `cli.main` prints only that.
 A command's file is imported when the command is asked for: `jshape --help` must be quick.
 """
 

@@ -10,7 +10,6 @@ from cyclopts import Parameter
 from jshape.cli.names import Preset
 from jshape.cli.options import CameraFile, File, Writes
 from jshape.cli.tables import print_table, warn
-from jshape.errors import BadFile
 from jshape.io.cameras import described
 from jshape.robot import calibration, pose_file
 from jshape.robot.calibration import Calibration
@@ -39,9 +38,8 @@ def calibrate(poses: Path, /, options: CalibrateOptions) -> dict[str, Any]:
 
     Args:
       poses: JSON: pairs of base_gripper and camera_target.
-      options: how.
     """
-    check_new(options.out, options.overwrite)
+    options.check_new(options.out)
     pairs = pose_file.read_pairs(poses)
     found = calibration.calibrate(
         *pairs,
@@ -52,9 +50,8 @@ def calibrate(poses: Path, /, options: CalibrateOptions) -> dict[str, Any]:
     name = options.name or (Path(options.camera_file).name if options.camera_file else "")
     pose = pose_file.pose_of_calibration(found, name)
     pose_file.write_pose(options.out, pose)
-    if not options.json:
-        _print(found)
-        print(f"pose of the camera: {options.out}")
+    _print(found)
+    print(f"pose of the camera: {options.out}")
     return {
         f"T_{pose.parent}_camera": pose.matrix.tolist(),
         "camera": pose.camera,
@@ -62,16 +59,6 @@ def calibrate(poses: Path, /, options: CalibrateOptions) -> dict[str, Any]:
         "residuals": pose.residuals,
         "out": str(options.out),
     }
-
-
-def check_new(path: Path, overwrite: bool) -> None:
-    """Refuse to replace a file unless asked to.
-
-    Raises:
-      BadFile: it exists, and `overwrite` is False.
-    """
-    if path.exists() and not overwrite:
-        raise BadFile(f"{path}: exists; choose another name, or --overwrite")
 
 
 def _print(found: Calibration) -> None:

@@ -18,7 +18,6 @@ from jshape.cli.tables import print_table, progress
 from jshape.data import camera_check
 from jshape.data.missing import said as said_of
 from jshape.data.view import plannable
-from jshape.errors import BadFile
 from jshape.io import files
 from jshape.io.cameras import camera_fields
 from jshape.robot.cameras.base import EndOfFrames, next_frame, still
@@ -44,8 +43,8 @@ def check(
     options: CameraOptions = CameraOptions(),
 ) -> dict[str, Any]:
     """Look at a levelled, resting bed and say whether the set-up is good enough."""
-    if options.out is not None and options.out.exists() and not options.overwrite:
-        raise BadFile(f"{options.out}: exists; choose another name, or --overwrite")
+    if options.out is not None:
+        options.check_new(options.out)
     frames, left_out = [], Counter()
     with closing(cameras.opened(camera, options)) as device:
         try:
@@ -70,8 +69,7 @@ def check(
         "good": good,
         "verdict": [{"good": fine, "says": sentence} for fine, sentence in said],
     }
-    if not options.json:
-        _print(result)
+    _print(result)
     if options.out is not None:
         from jshape.viz.camera_check import check_figure
 
@@ -80,8 +78,7 @@ def check(
         for picture in drawn({name: partial(check_figure, *seen, device.name)}).values():
             files.write_atomic(options.out, picture)
             result["out"] = name
-            if not options.json:
-                print(f"picture: {name}")
+            print(f"picture: {name}")
     return result
 
 
@@ -111,11 +108,10 @@ def list_cameras(*, options: Common = Common()) -> dict[str, Any]:
     from jshape.robot.cameras.realsense import devices
 
     found = devices()
-    if not options.json:
-        if found:
-            print_table(("camera", "name"), [(f"realsense:{d.serial}", d.name) for d in found])
-        else:
-            print("no RealSense camera is connected")
-        print("\nwhat opens as a camera:")
-        print_table(("name", "what it is"), names())
+    if found:
+        print_table(("camera", "name"), [(f"realsense:{d.serial}", d.name) for d in found])
+    else:
+        print("no RealSense camera is connected")
+    print("\nwhat opens as a camera:")
+    print_table(("name", "what it is"), names())
     return {"devices": [{"name": d.name, "serial": d.serial} for d in found]}

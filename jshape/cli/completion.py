@@ -30,11 +30,9 @@ def completion(
 
     Args:
       shell: Whose.
-      options: how.
     """
     script = script_of(shell)
-    if not options.json:
-        print(script)
+    print(script)
     return {"shell": shell, "script": script}
 
 

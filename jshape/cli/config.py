@@ -60,7 +60,6 @@ def config(*command: str, options: ConfigOptions = ConfigOptions()) -> dict[str,
 
     Args:
       command: All options of this one, such as dataset simulate.
-      options: what is asked.
     """
     if options.init:
         named = options.config or os.environ.get(settings.VARIABLE) or settings.NAME
@@ -85,8 +84,7 @@ def config(*command: str, options: ConfigOptions = ConfigOptions()) -> dict[str,
     else:
         rows = _said({spoken[name]: of_one for name, of_one in given.items()}, file)
     result = {"file": None if file is None else str(file), "settings": rows}
-    if not options.json:
-        _print(result, of_one=bool(command))
+    _print(result, of_one=bool(command))
     return result
 
 
@@ -96,8 +94,7 @@ def _init(file: Path, options: ConfigOptions) -> dict[str, Any]:
     if os.path.lexists(file):
         raise BadSetting(f"{file}: exists and is not replaced; edit it, or name another")
     write_atomic(file, EXAMPLE)
-    if not options.json:
-        print(f"an example, all of it behind #: {file}")
+    print(f"an example, all of it behind #: {file}")
     return {"file": str(file)}
 
 

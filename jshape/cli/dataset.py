@@ -30,6 +30,10 @@ for name, where, what in (
     dataset.command(f"jshape.cli.{where}", name=name, help=what)
 
 
+KEPT = ("action", "agent", "material", "prior", "posterior", "strength")
+"""Of a simulated pair."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DatasetOptions(Simulates, Writes):
     """Of `jshape dataset simulate`."""
@@ -56,7 +60,6 @@ def simulate(out: Path, /, options: DatasetOptions = DatasetOptions()) -> dict[s
 
     Args:
       out: Folder of the new data set.
-      options: what of it.
     """
     import jax
 
@@ -77,21 +80,11 @@ def simulate(out: Path, /, options: DatasetOptions = DatasetOptions()) -> dict[s
     )
     with datasets.dataset_writer(out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite) as add:
         for index, pair in enumerate(progress(pairs, total, "simulating")):
-            add(
-                id=f"{pair.action}_{pair.agent}_{index:05d}",
-                action=pair.action,
-                agent=pair.agent,
-                material=pair.material,
-                prior=pair.prior,
-                posterior=pair.posterior,
-                u=pair.position[0],
-                v=pair.position[1],
-                width=pair.roi[0],
-                height=pair.roi[1],
-                strength=pair.strength,
-            )
-    if not options.json:
-        print(f"{total} pairs: {out}")
+            (u, v), (width, height) = pair.position, pair.roi
+            what = {name: getattr(pair, name) for name in KEPT}
+            name = f"{pair.action}_{pair.agent}_{index:05d}"
+            add(id=name, u=u, v=v, width=width, height=height, **what)
+    print(f"{total} pairs: {out}")
     return {"out": str(out), "pairs": total}
 
 
@@ -124,17 +117,16 @@ def info(dataset: Path, /, options: Common = Common()) -> dict[str, Any]:
         "left_out": left_out,
         "groups": rows,
     }
-    if not options.json:
-        _print_camera(pairs.camera, pairs.depth_unit)
-        print(f"without depth: {missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels"
-              f"{said_of(left_out)}")  # fmt: skip
-        several = any(row["strength"] != [1.0, 1.0] for row in rows)
-        print_table(
-            ("action", "agent", "material", "pairs", "ROI (w x h)", "strength")[: 5 + several],
-            [(r["action"], r["agent"], r["material"], r["pairs"], "{}x{}".format(*r["roi"]),
-              "{:.2g} to {:.2g}".format(*r["strength"]))[: 5 + several]
-             for r in rows],
-        )  # fmt: skip
+    _print_camera(pairs.camera, pairs.depth_unit)
+    print(f"without depth: {missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels"
+          f"{said_of(left_out)}")  # fmt: skip
+    several = any(row["strength"] != [1.0, 1.0] for row in rows)
+    print_table(
+        ("action", "agent", "material", "pairs", "ROI (w x h)", "strength")[: 5 + several],
+        [(r["action"], r["agent"], r["material"], r["pairs"], "{}x{}".format(*r["roi"]),
+          "{:.2g} to {:.2g}".format(*r["strength"]))[: 5 + several]
+         for r in rows],
+    )  # fmt: skip
     return result
 
 

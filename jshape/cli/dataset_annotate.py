@@ -39,7 +39,6 @@ def annotate(
     Args:
       dataset: Pairs of frames.
       out: Folder of the new data set; the same as DATASET with --overwrite replaces it.
-      options: how.
     """
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     pairs = datasets.load_pairs(dataset)
@@ -84,13 +83,12 @@ def annotate(
             sheet = partial(sheets.contact_sheet, tiles, colours=colours)
             add.pictures.update(drawn({annotations.sheet_name(number): sheet}, dpi=90))
     rows = _groups(found.select(there), by_hand[there])
-    if not options.json:
-        print_table(("action", "pairs", "by hand", "ROI (w x h)"), rows)
-        for name, why in doubts.items():
-            print(f"look at {name}: {why}")
-        if unseen:
-            print(f"left out, nothing changed: {', '.join(unseen)}")
-        print(f"{len(kept)} pairs, and contact_sheet.png to check: {out}")
+    print_table(("action", "pairs", "by hand", "ROI (w x h)"), rows)
+    for name, why in doubts.items():
+        print(f"look at {name}: {why}")
+    if unseen:
+        print(f"left out, nothing changed: {', '.join(unseen)}")
+    print(f"{len(kept)} pairs, and contact_sheet.png to check: {out}")
     return {
         "out": str(out),
         "pairs": len(kept),

@@ -46,64 +46,68 @@ def import_dataset(
     Args:
       source: camera.json with NAME_before.png and NAME_after.png, or before/ and after/.
       out: Folder of the new data set.
-      options: what of it.
     """
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     found = imports.before_after_files(source)
     camera, unit = imports.before_after_camera(source, options.camera_file)
-    labels = _labels(options, source, list(found))
+    labels = _by_name(options, source, list(found))
     kept = {name: paths for name, paths in found.items() if labels[name].action != LEAVE_OUT}
     still, left_out = [], Counter()
     with annotations.found_writer(out, camera, unit, overwrite=options.overwrite) as add:
         pairs = imports.before_after_pairs(kept, camera, unit, left_out)
         for pair in progress(pairs, len(kept), "importing"):
-            (left, top, w, h), label = pair.box, labels[pair.name]
-            if (w, h) == (camera.width, camera.height):
+            if pair.box[2:] == (camera.width, camera.height):
                 still.append(pair.name)
+            label, place = labels[pair.name], placed(pair.box)
             add(
-                id=pair.name, action=label.action, agent=label.agent, material=label.material,
-                prior=pair.prior, posterior=pair.posterior,
-                u=left + w // 2, v=top + h // 2, width=w, height=h,
-            )  # fmt: skip
+                id=pair.name, prior=pair.prior, posterior=pair.posterior, **label._asdict(), **place
+            )
     said = [f"{len(kept)} pairs"]
     if gaps := sum(left_out.values()):
         said.append(f"{gaps} pixels without depth{said_of(left_out)}")
     if still:
         said.append(f"no single place that changed in {one_line(', '.join(still), 80)}")
     said.append("next: jshape dataset annotate")
-    if not options.json:
-        print("; ".join(said) + f": {out}")
-    return {
-        "out": str(out),
-        "pairs": len(kept),
-        "without_effect": still,
-        "left_out": left_out,
-    }
+    print("; ".join(said) + f": {out}")
+    return {"out": str(out), "pairs": len(kept), "without_effect": still, "left_out": left_out}
 
 
-def _labels(options: DatasetImportOptions, source: Path, names: list[str]) -> dict[str, Label]:
-    """The label of every name, from a file with the columns name and action, or one for all."""
+def labels_of(options: Labelled, file: str, *, named: bool = False) -> dict[str, Label] | Label:
+    """The labels of a file, by name or number; or the one of everything.
+
+    Args:
+      options: that say it.
+      file: what `--labels` could be given, where nothing is said.
+      named: the file names what a row is about.
+    """
     if options.labels is not None:
         if options.action is not None:
             raise BadDataset("--action and --labels are two ways to say it; give one of them")
-        labels = recordings.read_labels(options.labels, options.agent, options.material, named=True)
-        lacking = [name for name in names if name not in labels]
-        unknown = [name for name in labels if name not in names]
-        if lacking or unknown:
-            what = (
-                f"no row for {quoted(lacking[0])}"
-                if lacking
-                else f"no frames for {quoted(unknown[0])}"
-            )
-            raise BadDataset(f"{options.labels}: {what} ({len(names)} names in {source})")
-        return labels
+        return recordings.read_labels(options.labels, options.agent, options.material, named=named)
     one = Label(options.action or "", options.agent or "", options.material or "")
-    for name in ("action", "agent", "material"):
-        if not getattr(one, name).strip():
-            hint = ", or --labels FILE with the columns name and action" * (name == "action")
+    for name, text in one._asdict().items():
+        if not text.strip():
+            hint = f", or --labels {file}" * (name == "action")
             raise BadDataset(f"what was done? give --{name}{hint}")
     check_action(one.action, "--action")
-    return dict.fromkeys(names, one)
+    return one
+
+
+def _by_name(options: DatasetImportOptions, source: Path, names: list[str]) -> dict[str, Label]:
+    labels = labels_of(options, "FILE with the columns name and action", named=True)
+    if isinstance(labels, Label):
+        return dict.fromkeys(names, labels)
+    for whose, known, what in ((names, labels, "row"), (labels, names, "frames")):
+        for name in (name for name in whose if name not in known):
+            what = f"no {what} for {quoted(name)} ({len(names)} names in {source})"
+            raise BadDataset(f"{options.labels}: {what}")
+    return labels
+
+
+def placed(box: tuple[int, int, int, int]) -> dict[str, Any]:
+    """A box (left, top, width, height) as the columns of a data set."""
+    left, top, w, h = box
+    return {"u": left + w // 2, "v": top + h // 2, "width": w, "height": h}
 
 
 def merge(out: Path, dataset: Path, /, *more: Path, options: Writes = Writes()) -> dict[str, Any]:
@@ -113,21 +117,17 @@ def merge(out: Path, dataset: Path, /, *more: Path, options: Writes = Writes()) 
       out: Folder of the new data set.
       dataset: The first to take.
       more: Others.
-      options: how.
     """
     whole = (dataset, *more)
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     parts = [datasets.load_pairs(folder) for folder in whole]
     first = parts[0]
-    for folder, pairs in zip(whole, parts, strict=True):
-        fields = (cameras.camera_fields(p.camera) | {"depth_unit": p.depth_unit}
-                  for p in (first, pairs))  # fmt: skip
-        differs = [(k, a, b) for (k, a), b in zip(*_items(*fields), strict=True) if a != b]
-        if differs:
-            name, ours, theirs = differs[0]
-            raise BadDataset(
-                f"{folder}: another camera: its {name} is {theirs}, that of {dataset} {ours}"
-            )
+    fields = [cameras.camera_fields(p.camera) | {"depth_unit": p.depth_unit} for p in parts]
+    for folder, theirs in zip(whole, fields, strict=True):
+        for name, ours in fields[0].items():
+            if theirs[name] != ours:
+                what = f"its {name} is {theirs[name]}, that of {dataset} {ours}"
+                raise BadDataset(f"{folder}: another camera: {what}")
     seen = set()
     with annotations.found_writer(
         out, first.camera, first.depth_unit, overwrite=options.overwrite
@@ -141,10 +141,5 @@ def merge(out: Path, dataset: Path, /, *more: Path, options: Writes = Writes()) 
                     raise BadDataset(f"{folder}: pair {quoted(name)} is there twice")
                 seen.add(name)
                 add(by_hand=bool(by_hand[k]), **datasets.row_of(pairs, k) | {"id": name})
-    if not options.json:
-        print(f"{len(seen)} pairs of {len(parts)} data sets: {out}")
+    print(f"{len(seen)} pairs of {len(parts)} data sets: {out}")
     return {"out": str(out), "pairs": len(seen)}
-
-
-def _items(ours: dict[str, Any], theirs: dict[str, Any]) -> tuple[list, list]:
-    return list(ours.items()), [theirs[name] for name in ours]

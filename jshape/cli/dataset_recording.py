@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from jshape.cli.dataset_import import Labelled
+from jshape.cli.dataset_import import Labelled, labels_of, placed
 from jshape.cli.names import Action, Agent, Simulates
 from jshape.cli.options import Count, Positive, PositiveCount, Seed, Several, Share, Writes
 from jshape.cli.tables import print_table, progress
@@ -16,7 +16,6 @@ from jshape.errors import BadDataset
 from jshape.io import annotations, folders, recordings
 from jshape.io.recordings import LABELS, LEAVE_OUT, Label, Recording
 from jshape.io.simulated import material_of
-from jshape.io.tables import check_action
 from jshape.viz import sheets
 from jshape.viz.style import drawn
 
@@ -64,7 +63,6 @@ def simulate_recording(out: Path, /, options: Simulated = Simulated()) -> dict[s
 
     Args:
       out: Folder of the new recording.
-      options: what of it.
     """
     import jax
 
@@ -91,8 +89,7 @@ def simulate_recording(out: Path, /, options: Simulated = Simulated()) -> dict[s
             add(counts)
         add.labels = actions
         add.truth = {"still": truth.still, "changes": truth.changes}
-    if not options.json:
-        print(f"{add.count} frames, {len(actions)} actions: {out}")
+    print(f"{add.count} frames, {len(actions)} actions: {out}")
     return {"out": str(out), "frames": add.count, "actions": actions}
 
 
@@ -102,11 +99,11 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     Args:
       folder: camera.json and numbered frames.
       out: Folder of the new data set.
-      options: how.
     """
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     recording = recordings.open_recording(folder, allow_gaps=options.allow_gaps)
-    labels = _labels(folder, options)
+    file = str(folder / LABELS) if (folder / LABELS).is_file() else "FILE with one row per change"
+    labels = labels_of(options, file)
     thumbs = np.stack([
         cutting.thumbnail(counts)
         for counts in progress(recording.frames(), len(recording), "reading")
@@ -129,80 +126,44 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
         raise BadDataset(f"{folder}: no pair is left of {len(changes)} changes: {_story(changes)}")
     name = folder.resolve().name
     texts = iter([label.action if label else "left out" for label in named])
-    story = [next(texts) if c.kind == "action" else c.kind for c in changes]
+    told = [(c, next(texts) if c.kind == "action" else c.kind) for c in changes]
     with annotations.found_writer(
         out, recording.camera, recording.depth_unit, overwrite=options.overwrite
     ) as add:
         for number, (change, label) in enumerate(kept):
-            left, top, w, h = cutting.provisional_box(change.effect, recording.camera.shape)
             add(
                 id=f"{name}_{number:03d}_{label.action}",
-                action=label.action,
-                agent=label.agent,
-                material=label.material,
                 prior=change.before.counts,
                 posterior=change.after.counts,
-                u=left + w // 2,
-                v=top + h // 2,
-                width=w,
-                height=h,
+                **label._asdict(),
+                **placed(cutting.provisional_box(change.effect, recording.camera.shape)),
             )
+        title = f"{name}: {len(cut.open)} open segments, {len(kept)} pairs"
+        marks = [(sum(c.between) / 2, text, _COLOURS[c.kind]) for c, text in told]
+        segments = [(s.start, s.stop, s.state) for s in cut.segments]
         timeline = partial(
-            sheets.timeline_figure,
-            cut.motion,
-            cut.occluded,
-            [(s.start, s.stop, s.state) for s in cut.segments],
-            [
-                ((c.before.segment.stop + c.after.segment.start) / 2, text, _COLOURS[c.kind])
-                for c, text in zip(changes, story, strict=True)
-            ],
-            title=f"{name}: {len(cut.open)} open segments, {len(kept)} pairs",
+            sheets.timeline_figure, cut.motion, cut.occluded, segments, marks, title=title
         )
         add.pictures.update(drawn({annotations.TIMELINE: timeline}))
-    rows = [
-        (f"{c.before.segment} / {c.after.segment}", text, c.why)
-        for c, text in zip(changes, story, strict=True)
-    ]
-    if not options.json:
-        hidden = sum(s.state == "occluded" for s in cut.segments)
-        print(
-            f"{len(recording)} frames: {len(cut.open)} segments with the open bed at rest, "
-            f"{hidden} at rest but hidden; noise {noise:.2f} mm after averaging"
-        )
-        print_table(("frames before / after", "what", "why no pair"), rows)
-        print(f"{len(kept)} pairs, and {annotations.TIMELINE} to check: {out}")
+    rows = [(f"{c.before.segment} / {c.after.segment}", text, c.why) for c, text in told]
+    hidden = sum(s.state == "occluded" for s in cut.segments)
+    print(
+        f"{len(recording)} frames: {len(cut.open)} segments with the open bed at rest, "
+        f"{hidden} at rest but hidden; noise {noise:.2f} mm after averaging"
+    )
+    print_table(("frames before / after", "what", "why no pair"), rows)
+    print(f"{len(kept)} pairs, and {annotations.TIMELINE} to check: {out}")
     return {
         "out": str(out),
         "frames": len(recording),
         "segments": [[s.start, s.stop, s.state] for s in cut.segments],
         "changes": [
-            {"before": c.before.segment.stop - 1, "after": c.after.segment.start, "what": text,
-             "why": c.why}
-            for c, text in zip(changes, story, strict=True)
+            {"before": c.between[0] - 1, "after": c.between[1], "what": text, "why": c.why}
+            for c, text in told
         ],
         "pairs": len(kept),
         "noise_mm": noise,
-    }  # fmt: skip
-
-
-def _labels(folder: Path, options: Segmented) -> list[Label] | None:
-    """The labels of a file, checked before anything is read; None: one action for all changes."""
-    if options.labels is not None:
-        if options.action is not None:
-            raise BadDataset("--action and --labels are two ways to say it; give one of them")
-        return list(
-            recordings.read_labels(options.labels, options.agent, options.material).values()
-        )
-    lacking = [
-        n for n in ("action", "agent", "material") if not (getattr(options, n) or "").strip()
-    ]
-    if lacking:
-        hint = ", or --labels FILE with one row per change" if "action" in lacking else ""
-        if "action" in lacking and (folder / LABELS).is_file():
-            hint = f", or --labels {folder / LABELS}"
-        raise BadDataset(f"what was done? give --{lacking[0]}{hint}")
-    check_action(options.action or "", "--action")
-    return None
+    }
 
 
 def _averages(recording: Recording, cut: cutting.Cut) -> list[cutting.Averaged]:
@@ -215,44 +176,42 @@ def _averages(recording: Recording, cut: cutting.Cut) -> list[cutting.Averaged]:
 
 def _check(recording: Recording, cut: cutting.Cut, least: int) -> None:
     """Refuse a recording without two looks at the open bed; say what was seen instead."""
-    where = f"{recording.folder}: {len(recording)} frames"
     if len(cut.open) >= 2:
         return
-    hidden = [s for s in cut.segments if s.state == "occluded"]
-    short = [s for s in cut.segments if s.state == "short"]
-    if len(cut.open) == 1:
+    where = f"{recording.folder}: {len(recording)} frames: the open bed is"
+    if cut.open:
         raise BadDataset(
-            f"{where}: the open bed is at rest once only (frames {cut.open[0]}); "
-            "a pair needs it before and after an action"
+            f"{where} at rest once only (frames {cut.open[0]}); a pair needs it before and after "
+            "an action"
         )
-    longest = max((s.stop - s.start for s in short), default=0)
+    hidden = sum(s.state == "occluded" for s in cut.segments)
+    longest = max((s.stop - s.start for s in cut.segments if s.state == "short"), default=0)
     raise BadDataset(
-        f"{where}: the open bed is nowhere at rest for {least} frames "
-        f"({len(hidden)} quiet parts are hidden by something, the longest open one has {longest} "
-        "frames); --min-frames and --near-mm change what counts"
+        f"{where} nowhere at rest for {least} frames ({hidden} quiet parts are hidden by "
+        f"something, the longest open one has {longest} frames); --min-frames and --near-mm change "
+        "what counts"
     )
 
 
 def _match(
     options: Segmented,
     recording: Recording,
-    labels: list[Label] | None,
+    labels: dict[str, Label] | Label,
     changes: list[cutting.Change],
 ) -> list[Label | None]:
     """A label, or None to leave it out, for every change that is an action."""
     actions = [c for c in changes if c.kind == "action"]
-    if labels is None:
-        one = Label(options.action or "", options.agent or "", options.material or "")
-        return [one for _ in actions]
+    if isinstance(labels, Label):
+        return [labels] * len(actions)
     if len(labels) != len(actions):
         raise BadDataset(
             f"{options.labels}: has {len(labels)} rows; {recording.folder} shows "
             f"{len(actions)} actions: {_story(changes)} (a row '{LEAVE_OUT}' leaves one out)"
         )
-    return [None if label.action == LEAVE_OUT else label for label in labels]
+    return [None if label.action == LEAVE_OUT else label for label in labels.values()]
 
 
 def _story(changes: list[cutting.Change]) -> str:
     """What was found between which frames, in one line."""
-    parts = [f"{c.kind} at {c.before.segment.stop}-{c.after.segment.start - 1}" for c in changes]
+    parts = [f"{c.kind} at {c.between[0]}-{c.between[1] - 1}" for c in changes]
     return ", ".join(parts[:20]) + (f" and {len(parts) - 20} more" if len(parts) > 20 else "")

@@ -4,20 +4,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jshape.cli.names import Agent, Bank, Simulates
+from jshape.cli.names import Agent, Simulates, Uses
 from jshape.cli.options import Count, Writes
 from jshape.cli.search_options import Searches, search_of
+from jshape.cli.tables import say
 from jshape.io.simulated import agent_of, material_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemoOptions(Searches, Simulates, Writes):
+class DemoOptions(Uses, Searches, Simulates, Writes):
     """Of `jshape demo`."""
 
     out: Path = Path("runs/demo")
     """Folder for the run."""
-    bank: Bank | None = None
-    """Name or folder (default: the bundled one)."""
     actions: Count = 4
     """Actions that make the goal."""
     agent: Agent = "robot"
@@ -41,5 +40,5 @@ def demo(*, options: DemoOptions = DemoOptions()) -> dict[str, Any]:
         replan=not options.open_loop,
         search=search,
         overwrite=options.overwrite,
-        say=(lambda line: None) if options.json else lambda line: print(line, flush=True),
+        say=say,
     )

@@ -6,7 +6,9 @@ import platform
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -17,11 +19,11 @@ from jshape.cli.colours import coloured
 from jshape.cli.options import Common
 from jshape.cli.tables import print_table
 
-CORE = {
-    "jax": "jax", "jaxlib": "jaxlib", "flax": "flax", "optax": "optax",
-    "numpy": "numpy", "scipy": "scipy", "opencv-python-headless": "cv2",
-    "filelock": "filelock", "platformdirs": "platformdirs",
-}  # fmt: skip
+CORE = {name: name for name in ("jax", "jaxlib", "flax", "optax", "numpy", "scipy")} | {
+    "opencv-python-headless": "cv2",
+    "filelock": "filelock",
+    "platformdirs": "platformdirs",
+}
 """What jshape cannot do without: packages, and the module that each brings."""
 BANK = "flour-robot"
 """What the self-test plans with: the bundled bank that compiles quickest."""
@@ -44,7 +46,10 @@ def doctor(*, options: DoctorOptions = DoctorOptions()) -> dict[str, Any]:
     """`jshape doctor`: load everything, check banks, compute something that is known."""
     with ThreadPoolExecutor(2) as pool:  # each is a process of its own
         looked = [pool.submit(extras.look, extra) for extra in extras.EXTRAS]
-        core = [_load(package, module) for package, module in CORE.items()]
+        core = [
+            _tried({"package": package, "version": ""}, partial(_load, package, module))
+            for package, module in CORE.items()
+        ]
         parts = {"devices": _devices, "cache": _cache, "banks": _banks}
         result: dict[str, Any] = {
             "jshape": __version__,
@@ -52,49 +57,36 @@ def doctor(*, options: DoctorOptions = DoctorOptions()) -> dict[str, Any]:
             "system": f"{platform.system()} {platform.machine()}",
             "core": core,
             "memory": _memory(),
-            **{name: _tried(make) for name, make in parts.items()},
-            "selftest": [_timed(name, test) for name, test in SELFTEST.items()],
+            **{name: _tried({}, make) for name, make in parts.items()},
+            "selftest": [
+                _tried({"test": name, "found": ""}, test) for name, test in SELFTEST.items()
+            ],
             "extras": [future.result() for future in looked],
         }
-    bad = [f"{row['package']}: {row['problem']}" for row in core if row["problem"]]
-    bad += [f"{k}: {result[k]['problem']}" for k in parts if "problem" in result[k]]
-    bad += [f"bank {row['name']}: {row['problem']}" for row in result["banks"].get("found", ())
-            if row["problem"]]  # fmt: skip
-    bad += [f"{row['test']}: {row['problem']}" for row in result["selftest"] if row["problem"]]
+    said = {row["package"]: row for row in core} | {name: result[name] for name in parts}
+    said |= {f"bank {row['name']}": row for row in result["banks"].get("found", ())}
+    said |= {row["test"]: row for row in result["selftest"]}
+    bad = [f"{name}: {row['problem']}" for name, row in said.items() if row["problem"]]
     result |= {"good": not bad, "problems": bad}
-    if not options.json:
-        _print(result)
+    _print(result)
     return result
 
 
-def _load(package: str, module: str) -> dict[str, Any]:
-    """A package's version, by importing it."""
-    row: dict[str, Any] = {"package": package, "version": "", "problem": ""}
+def _tried(row: dict[str, Any], make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """The row with what is found, or with what is wrong."""
+    started, made, problem = time.perf_counter(), {}, ""
     try:
-        loaded = importlib.import_module(module)
-        row["version"] = str(getattr(loaded, "__version__", "")) or metadata.version(package)
-    except metadata.PackageNotFoundError:
-        pass  # it works, and does not say who it is
-    except Exception as problem:  # a broken package fails in its own fashion
-        row["problem"] = extras.first_line(problem)
-    return row
+        made = make()
+    except Exception as error:  # what is broken fails in its own fashion
+        problem = extras.first_line(error)
+    return row | made | {"problem": problem, "seconds": time.perf_counter() - started}
 
 
-def _tried(make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    try:
-        return make()
-    except Exception as problem:
-        return {"problem": extras.first_line(problem)}
-
-
-def _timed(name: str, test: Callable[[], str]) -> dict[str, Any]:
-    row: dict[str, Any] = {"test": name, "found": "", "problem": ""}
-    started = time.perf_counter()
-    try:
-        row["found"] = test()
-    except Exception as problem:
-        row["problem"] = extras.first_line(problem)
-    return row | {"seconds": time.perf_counter() - started}
+def _load(package: str, module: str) -> dict[str, str]:
+    loaded = importlib.import_module(module)
+    with suppress(metadata.PackageNotFoundError):  # it works, and does not say who it is
+        return {"version": str(getattr(loaded, "__version__", "")) or metadata.version(package)}
+    return {}
 
 
 def _devices() -> dict[str, Any]:
@@ -134,21 +126,20 @@ def _cache() -> dict[str, Any]:
 def _banks() -> dict[str, Any]:
     from jshape.io.banks import bank_manifest, list_banks
 
-    rows = []
-    for name in list_banks():
-        row: dict[str, Any] = {"name": name, "kind": "", "actions": [], "problem": ""}
-        try:  # reads every file and compares its checksum
-            manifest = bank_manifest(name)
-            row |= {"kind": manifest["kind"], "actions": manifest["actions"]}
-        except Exception as problem:
-            row["problem"] = extras.first_line(problem)
-        rows.append(row)
+    def read(name: str) -> dict[str, Any]:  # every file, and compares its checksum
+        manifest = bank_manifest(name)
+        return {"kind": manifest["kind"], "actions": manifest["actions"]}
+
+    rows = [
+        _tried({"name": name, "kind": "", "actions": []}, partial(read, name))
+        for name in list_banks()
+    ]
     if not rows:
         raise FileNotFoundError("none is bundled")
     return {"found": rows}
 
 
-def _distance() -> str:
+def _distance() -> dict[str, str]:
     import numpy as np
 
     from jshape import PAPER_BOX, distance
@@ -159,10 +150,10 @@ def _distance() -> str:
     expected = float(np.abs(first.astype(float) - second).mean())
     if not abs(found - expected) <= 1e-5 * expected:
         raise ValueError(f"{found:.7f}; NumPy finds {expected:.7f}")
-    return f"{found:.6f}, as NumPy finds"
+    return {"found": f"{found:.6f}, as NumPy finds"}
 
 
-def _plan() -> str:
+def _plan() -> dict[str, str]:
     import jax
     import numpy as np
 
@@ -183,7 +174,7 @@ def _plan() -> str:
     place = tuple(int(x) for x in found.positions[0])
     if np.hypot(*np.subtract(place, PLACE)) > NEAR:
         raise ValueError(f"a knock at {place}; {PLACE} within {NEAR} pixels was expected")
-    return f"knock at {place}, {before:.3f} -> {after:.3f} mm"
+    return {"found": f"knock at {place}, {before:.3f} -> {after:.3f} mm"}
 
 
 SELFTEST = {"distance of two images": _distance, "plan in the simulator": _plan}
@@ -200,27 +191,27 @@ def _print(result: dict[str, Any]) -> None:
     if "folder" in cache:
         size = f"{cache['folder']}, {cache['files']} files, {cache['bytes'] / 2**20:.1f} MiB"
         print(f"compiled code: {size if cache['folder'] else 'not kept'}")
-    print()
-    print_table(("package", "version", "state"),
-                [(r["package"], r["version"], _state(r["problem"])) for r in result["core"]]
-                )  # fmt: skip
-    print()
-    print_table(
-        ("extra", "what for", "state"),
-        [(r["extra"], r["what"], _extra(r)) for r in result["extras"]],
-    )
-    print()
-    print_table(
-        ("bank", "kind", "actions", "checksums"),
-        [(r["name"], r["kind"], ", ".join(r["actions"]), _state(r["problem"]))
-         for r in result["banks"].get("found", ())],
-    )  # fmt: skip
-    print()
-    print_table(
-        ("self-test", "seconds", "found"),
-        [(r["test"], f"{r['seconds']:.1f}", r["found"] or _state(r["problem"]))
-         for r in result["selftest"]],
-    )  # fmt: skip
+    banks, tests = result["banks"].get("found", ()), result["selftest"]
+    for head, rows in (
+        (
+            ("package", "version", "state"),
+            [(r["package"], r["version"], _state(r)) for r in result["core"]],
+        ),
+        (
+            ("extra", "what for", "state"),
+            [(r["extra"], r["what"], _extra(r)) for r in result["extras"]],
+        ),
+        (
+            ("bank", "kind", "actions", "checksums"),
+            [(r["name"], r["kind"], ", ".join(r["actions"]), _state(r)) for r in banks],
+        ),
+        (
+            ("self-test", "seconds", "found"),
+            [(r["test"], f"{r['seconds']:.1f}", r["found"] or _state(r)) for r in tests],
+        ),
+    ):
+        print()
+        print_table(head, rows)
     print()
     for line in result["problems"]:
         print(f"{coloured('BAD', 'error')} {line}")
@@ -228,14 +219,13 @@ def _print(result: dict[str, Any]) -> None:
         print(coloured("all that the core needs works", "good"))
 
 
-def _state(problem: str) -> str:
-    return f"BAD: {problem}" if problem else "ok"
+def _state(row: dict[str, Any]) -> str:
+    return f"BAD: {row['problem']}" if row["problem"] else "ok"
 
 
 def _extra(row: dict[str, Any]) -> str:
-    if row["installed"] and not row["problem"]:
-        return "ok"
-    system = f"; Debian: apt install {row['debian']}" if row["debian"] else ""
     if not row["installed"]:
-        return f"not installed: {row['pip']}{system}"
-    return f"BAD: {row['problem']}{system}"
+        state = f"not installed: {row['pip']}"
+    elif not (state := _state(row)).startswith("BAD"):
+        return state
+    return state + (f"; Debian: apt install {row['debian']}" if row["debian"] else "")

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from jshape.cli.learning import Kind, Trains
 from jshape.cli.names import Bank
 from jshape.cli.options import PositiveCount, Several, Writes
 from jshape.cli.tables import bar, print_table
+from jshape.cli.train import Kind, Trains
 from jshape.errors import JShapeError
 from jshape.io import banks, datasets, files, folders
 
@@ -53,6 +53,7 @@ class EvaluateOptions(Trains, Writes):
 def evaluate(dataset: Path, /, options: EvaluateOptions = EvaluateOptions()) -> dict[str, Any]:
     """`jshape evaluate DATASET`."""
     from jshape.learn import evaluate as evaluation
+    from jshape.learn import report as scored
     from jshape.learn import scores as measure
     from jshape.learn.noise_floor import noise_floor
 
@@ -88,10 +89,26 @@ def evaluate(dataset: Path, /, options: EvaluateOptions = EvaluateOptions()) -> 
     result["comparisons"] = [
         {k: None if v != v else v for k, v in c._asdict().items()} for c in comparisons
     ]
+    tables = {"": scored.scores_table(scores)}
+    if comparisons:
+        tables["Pair by pair"] = scored.comparison_table(comparisons)
+    tables |= {TITLES[name]: scored.sizes_table(found) for name, found in studies.items()}
     if options.out is not None:
-        _write(options.out, options.overwrite, how, scores, studies, comparisons)
-    if not options.json:
-        _print(how, scores, studies, comparisons, notes)
+        _write(options.out, options.overwrite, how, scores, studies, tables)
+    print(how)
+    for title, table in tables.items():
+        if title:
+            print(f"\n{title.lower()}:")
+        print_table(*table)
+    for note in notes:
+        print(f"\n{note}")
+    mine = [s for s in scores if s.trained_on in ("", s.agent)]
+    means = {
+        name: np.mean([s.mean_mm for s in mine if s.predictor == name])
+        for name in dict.fromkeys(s.predictor for s in mine)
+    }
+    listed = ", ".join(f"f_{name} {mean:.3f}" for name, mean in means.items())
+    print(f"\nmean error: {listed if len(means) > 1 else f'{next(iter(means.values())):.3f}'} mm")
     return result
 
 
@@ -118,42 +135,33 @@ def _studies(
 ) -> tuple[Any, dict[str, Any]]:
     """The comparison of kinds, and the other studies that were asked for, by name."""
     from jshape.learn import evaluate as evaluation
-    from jshape.learn.study import Study
+    from jshape.learn.study import Study, fewest
 
     candidates = evaluation.candidates_of(options.kinds or options.kind or "D")
+    learning = {name: getattr(options, name) for name in LEARNING if name in options.given}
     more: dict[str, Any] = {"partitions": options.partitions, "seed": options.seed}
-    more |= {"report": watch, "options": _learning(options)}
+    more |= {"report": watch, "options": learning | {"seed": options.seed}}
     main = Study(pairs, candidates, across=options.across_agents, **more)
     others = {}
     if options.sizes:
         sizes = _sizes(pairs, options.sizes, notes)
         others["sizes"] = Study(pairs, candidates, sizes=sizes, **more)
     if options.start is not None:
-        start, name = banks.load_bank(options.start), Path(options.start).name
-        few = (
-            _sizes(pairs, options.few, notes)
-            if options.few
-            else _sizes_that_fit(pairs, evaluation.FEW)
-        )
+        start, name, least = banks.load_bank(options.start), Path(options.start).name, fewest(pairs)
+        fit = [size for size in evaluation.FEW if size <= least[0]] or [max(1, least[0])]
+        few = _sizes(pairs, options.few, notes) if options.few else fit
         others["transfer"] = evaluation.few_shot(pairs, start, few, name, **more)
     return main, others
 
 
 def _check(options: EvaluateOptions) -> None:
     fitting = ("kind", "kinds", "partitions", "sizes", "start", "few", "across_agents", *LEARNING)
-    given = [name for name in fitting if name in options.given]
-    if options.bank is not None and given:
-        named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise JShapeError(f"{named}: for fitting; with --bank nothing is fitted")
+    if options.bank is not None:
+        options.refuse(fitting, ": for fitting; with --bank nothing is fitted")
     if options.kind and options.kinds:
         raise JShapeError("--kind names one kind and --kinds several; give one of the two options")
     if options.few and options.start is None:
         raise JShapeError("--few needs the bank to start from: --start BANK")
-
-
-def _learning(options: EvaluateOptions) -> dict[str, Any]:
-    given = {name: getattr(options, name) for name in LEARNING if name in options.given}
-    return given | {"seed": options.seed}
 
 
 def _sizes(pairs: Any, wanted: Sequence[int], notes: list[str]) -> list[int]:
@@ -161,23 +169,14 @@ def _sizes(pairs: Any, wanted: Sequence[int], notes: list[str]) -> list[int]:
     from jshape.learn.study import fewest
 
     least, action, agent = fewest(pairs)
-    left_out = sorted(size for size in set(wanted) if size > least)
-    kept = sorted(size for size in set(wanted) if size <= least)
-    text = ", ".join(map(str, left_out))
+    sizes = sorted(set(wanted))
+    text = ", ".join(str(size) for size in sizes if size > least)
     what = f"{action} of {agent} has {least} pairs to fit to beside those for testing"
-    if not kept:
+    if sizes[0] > least:
         raise JShapeError(f"training sets of {text} pairs per action: {what}")
-    if left_out:
+    if text:
         notes.append(f"training sets of {text} pairs are left out: {what}")
-    return kept
-
-
-def _sizes_that_fit(pairs: Any, usual: Sequence[int]) -> list[int]:
-    """The usual ones that every action has; if there is none, the largest that it has."""
-    from jshape.learn.study import fewest
-
-    least = fewest(pairs)[0]
-    return [size for size in usual if size <= least] or [max(1, least)]
+    return [size for size in sizes if size <= least]
 
 
 class _Watch:
@@ -200,21 +199,22 @@ class _Watch:
         return found
 
 
-def _write(out: Path, overwrite: bool, how: str, scores: Any, studies: Any, pairs: Any) -> None:
-    from jshape.learn import report as drawn
+def _write(
+    out: Path, overwrite: bool, how: str, scores: Any, studies: dict[str, Any], tables: Any
+) -> None:
+    from jshape.learn import report as scored
     from jshape.viz import style
 
-    pictures = {"scores.png": partial(drawn.scores_figure, scores)}
+    pictures = {"scores.png": partial(scored.scores_figure, scores)}
+    parts = (
+        f"{title}:\n\n" * bool(title) + scored.markdown(*table) for title, table in tables.items()
+    )
     with folders.atomic_folder(out, overwrite, contents=SCORES) as folder:
-        files.write_atomic(folder / "scores.csv", drawn.scores_csv(scores))
-        text = f"{how}\n\n{drawn.markdown(*drawn.scores_table(scores))}"
-        if pairs:
-            text += f"\nPair by pair:\n\n{drawn.markdown(*drawn.comparison_table(pairs))}"
+        files.write_atomic(folder / "scores.csv", scored.scores_csv(scores))
         for study, found in studies.items():
-            files.write_atomic(folder / f"{study}.csv", drawn.scores_csv(found))
-            pictures[f"{study}.png"] = partial(drawn.sizes_figure, found)
-            text += f"\n{TITLES[study]}:\n\n{drawn.markdown(*drawn.sizes_table(found))}"
-        files.write_atomic(folder / "scores.md", text)
+            files.write_atomic(folder / f"{study}.csv", scored.scores_csv(found))
+            pictures[f"{study}.png"] = partial(scored.sizes_figure, found)
+        files.write_atomic(folder / "scores.md", "\n".join([f"{how}\n", *parts]))
     for name, picture in style.drawn(pictures).items():
         files.write_atomic(out / name, picture)
 
@@ -223,25 +223,3 @@ TITLES = {
     "sizes": "By pairs per action, mean over the actions",
     "transfer": "Adapted with few pairs per action, mean over the actions",
 }
-
-
-def _print(how: str, scores: Any, studies: Any, comparisons: Any, notes: list[str]) -> None:
-    from jshape.learn import report as drawn
-
-    print(how)
-    print_table(*drawn.scores_table(scores))
-    if comparisons:
-        print("\npair by pair:")
-        print_table(*drawn.comparison_table(comparisons))
-    for study, found in studies.items():
-        print(f"\n{TITLES[study].lower()}:")
-        print_table(*drawn.sizes_table(found))
-    for note in notes:
-        print(f"\n{note}")
-    mine = [s for s in scores if s.trained_on in ("", s.agent)]
-    means = {
-        name: np.mean([s.mean_mm for s in mine if s.predictor == name])
-        for name in dict.fromkeys(s.predictor for s in mine)
-    }
-    listed = ", ".join(f"f_{name} {mean:.3f}" for name, mean in means.items())
-    print(f"\nmean error: {listed if len(means) > 1 else f'{next(iter(means.values())):.3f}'} mm")

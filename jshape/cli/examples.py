@@ -7,115 +7,74 @@ GENERAL = (
 )
 """Of `jshape --help`."""
 
-EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
-    "demo": (
-        ("jshape demo --out runs/sand --material sand --bank pressed-sand-robot", "in sand"),
-        ("jshape demo --out runs/blind --open-loop --seed 3", "another bed, and no second look"),
-    ),
-    "samples": (("jshape samples try", "now.png, wanted.png, their camera.json, poses.json"),),
-    "plan": (
-        ("jshape plan now.png wanted.png --out my-plan", "plan.json and pictures"),
-        ("jshape plan now.png wanted.ply --stride 8 --error-margin 0.5", "places 8 pixels apart"),
-        ("jshape plan now.png wanted.png --planner refine --stride 4 --seconds 5s", "search 5 s"),
-        ("jshape plan a.npy b.npy --camera-file camera.json --reproject", "another camera"),
-    ),
-    "goal": (
-        ("jshape goal flat --text J --out my-goal", "a sunk J for a simulated level bed"),
-        ("jshape goal now.png --mask drawn.png --raise-mm 6 --balance --out my-goal", "a drawing"),
-        ("jshape goal now.png --mesh star.stl --size-mm 120 --depth-mm 10 --out my-goal", "a mold"),
-        ("jshape goal now.png --actions 'knock 240,197; press 91,92x1.5' --out my-goal", "actions"),
-    ),
-    "mold": (
-        ("jshape mold wanted.png --arm sim:3 --yes --out runs/first", "everything simulated"),
-        ("jshape mold wanted.png --arm dry --camera realsense --out runs/dry", "your camera"),
-        ("jshape mold --resume --arm sim:3 --out runs/first", "go on with a run"),
-    ),
-    "execute": (
-        ("jshape execute my-plan/plan.json --arm sim:3 --out runs/plan", "asks before each action"),
-        ("jshape execute my-plan --arm dry --camera realsense --out runs/dry", "only says it"),
-    ),
-    "view": (
-        ("jshape view runs/demo", "in the browser, on this computer only"),
-        ("jshape view my-plan --save my-plan.rrd", "for the Rerun viewer"),
-    ),
-    "dataset simulate": (
-        ("jshape dataset simulate pairs", "25 pairs of each action"),
-        ("jshape dataset simulate few --pairs 2 --actions knock poke --frames 2", "a quick look"),
-    ),
-    "dataset info": (("jshape dataset info pairs", "actions, agents, ROIs, missing depth"),),
-    "dataset simulate-recording": (
-        ("jshape dataset simulate-recording recording --actions poke --count 2", "two pokes"),
-        ("jshape dataset simulate-recording mixed --actions knock poke --idle 1", "in turn"),
-    ),
-    "dataset segment": (
-        ("jshape dataset segment recording cut --action poke --agent human --material flour",
-         "one action, again and again"),
-        ("jshape dataset segment recording cut --labels recording/labels.csv --agent human "
-         "--material flour", "a row per action"),
-    ),
-    "dataset annotate": (
-        ("jshape dataset annotate cut pairs", "look at pairs/contact_sheet.png"),
-        ("jshape dataset annotate cut pairs --skip", "leave out what changed nothing"),
-    ),
-    "dataset import": (
-        ("jshape dataset import frames pairs --action poke --agent human "
-         "--material sand", "NAME_before.png and NAME_after.png"),
-    ),
-    "dataset merge": (("jshape dataset merge all monday tuesday", "of one camera"),),
-    "train": (
-        ("jshape train pairs --out my-bank", "kind P, in seconds"),
-        ("jshape train pairs --start pressed-flour-human --out my-bank", "5 to 25 pairs do"),
-        ("jshape train pairs --kind DCR --epochs 100 --out network", "a network of the paper"),
-    ),
-    "evaluate": (
-        ("jshape evaluate pairs --kinds D P --out scores", "kinds side by side"),
-        ("jshape evaluate pairs --bank my-bank", "a bank on data that it has not seen"),
-        ("jshape evaluate pairs --start pressed-flour-human --few 5 10", "adapted with few"),
-    ),
-    "record": (
-        ("jshape record realsense --out recording", "until Ctrl-C"),
-        ("jshape record sim --frames 3 --out simulated", "without a camera"),
-        ("jshape record field.bag --topic /camera/depth --window 181,46,480x395 --out recording",
-         "a part of a ROS bag"),
-    ),
-    "camera check": (
-        ("jshape camera check realsense --out check.png", "noise, holes, tilt, distance"),
-        ("jshape camera check sim:7 --frames 5", "without a camera"),
-    ),
-    "camera list": (("jshape camera list", "RealSense cameras, and what else opens"),),
-    "calibrate": (
-        ("jshape calibrate poses.json --out base.json", "a fixed camera, target in the gripper"),
-        ("jshape calibrate poses.json --eye-in-hand --out hand.json", "a camera in the gripper"),
-    ),
-    "waypoints": (
-        ("jshape waypoints my-plan --base base.json --out waypoints.yaml", "in the arm's frame"),
-        ("jshape waypoints my-plan --out waypoints.json", "in the camera's frame"),
-    ),
-    "studio": (
-        ("jshape studio now.png wanted.png", "draw, plan and look at the plan"),
-        ("jshape studio --arm sim:3", "act on a simulated bed"),
-    ),
-    "doctor": (
-        ("jshape doctor", "all of it, in about ten seconds"),
-        ("jshape doctor --json", "for a program"),
-    ),
-    "config": (
-        ("jshape config --init", "an example of jshape.toml, here"),
-        ("jshape config", "what applies"),
-        ("jshape config plan", "every option of a command, and where its value comes from"),
-    ),
-    "completion": (
-        ("jshape completion bash > ~/.local/share/bash-completion/completions/jshape", "bash"),
-        ("jshape completion zsh > ~/.zfunc/_jshape", "zsh, with ~/.zfunc in fpath"),
-        ("jshape completion fish > ~/.config/fish/completions/jshape.fish", "fish"),
-    ),
-}  # fmt: skip
-"""By the words of the command."""
+_TEXT = """\
+jshape demo --out runs/sand --material sand --bank pressed-sand-robot  # in sand
+jshape demo --out runs/blind --open-loop --seed 3  # another bed, and no second look
+jshape samples try  # now.png, wanted.png, their camera.json, poses.json
+jshape plan now.png wanted.png --out my-plan  # plan.json and pictures
+jshape plan now.png wanted.ply --stride 8 --error-margin 0.5  # places 8 pixels apart
+jshape plan now.png wanted.png --planner refine --stride 4 --seconds 5s  # search 5 s
+jshape plan a.npy b.npy --camera-file camera.json --reproject  # another camera
+jshape goal flat --text J --out my-goal  # a sunk J for a simulated level bed
+jshape goal now.png --mask drawn.png --raise-mm 6 --balance --out my-goal  # a drawing
+jshape goal now.png --mesh star.stl --size-mm 120 --depth-mm 10 --out my-goal  # a mold
+jshape goal now.png --actions 'knock 240,197; press 91,92x1.5' --out my-goal  # actions
+jshape mold wanted.png --arm sim:3 --yes --out runs/first  # everything simulated
+jshape mold wanted.png --arm dry --camera realsense --out runs/dry  # your camera
+jshape mold --resume --arm sim:3 --out runs/first  # go on with a run
+jshape execute my-plan/plan.json --arm sim:3 --out runs/plan  # asks before each action
+jshape execute my-plan --arm dry --camera realsense --out runs/dry  # only says it
+jshape view runs/demo  # in the browser, on this computer only
+jshape view my-plan --save my-plan.rrd  # for the Rerun viewer
+jshape dataset simulate pairs  # 25 pairs of each action
+jshape dataset simulate few --pairs 2 --actions knock poke --frames 2  # a quick look
+jshape dataset info pairs  # actions, agents, ROIs, missing depth
+jshape dataset simulate-recording recording --actions poke --count 2  # two pokes
+jshape dataset simulate-recording mixed --actions knock poke --idle 1  # in turn
+jshape dataset segment recording cut --action poke --agent human \
+--material flour  # one action, again and again
+jshape dataset segment recording cut --labels recording/labels.csv --agent human \
+--material flour  # a row per action
+jshape dataset annotate cut pairs  # look at pairs/contact_sheet.png
+jshape dataset annotate cut pairs --skip  # leave out what changed nothing
+jshape dataset import frames pairs --action poke --agent human \
+--material sand  # NAME_before.png and NAME_after.png
+jshape dataset merge all monday tuesday  # of one camera
+jshape train pairs --out my-bank  # kind P, in seconds
+jshape train pairs --start pressed-flour-human --out my-bank  # 5 to 25 pairs do
+jshape train pairs --kind DCR --epochs 100 --out network  # a network of the paper
+jshape evaluate pairs --kinds D P --out scores  # kinds side by side
+jshape evaluate pairs --bank my-bank  # a bank on data that it has not seen
+jshape evaluate pairs --start pressed-flour-human --few 5 10  # adapted with few
+jshape record realsense --out recording  # until Ctrl-C
+jshape record sim --frames 3 --out simulated  # without a camera
+jshape record field.bag --topic /camera/depth --window 181,46,480x395 \
+--out recording  # a part of a ROS bag
+jshape camera check realsense --out check.png  # noise, holes, tilt, distance
+jshape camera check sim:7 --frames 5  # without a camera
+jshape camera list  # RealSense cameras, and what else opens
+jshape calibrate poses.json --out base.json  # a fixed camera, target in the gripper
+jshape calibrate poses.json --eye-in-hand --out hand.json  # a camera in the gripper
+jshape waypoints my-plan --base base.json --out waypoints.yaml  # in the arm's frame
+jshape waypoints my-plan --out waypoints.json  # in the camera's frame
+jshape studio now.png wanted.png  # draw, plan and look at the plan
+jshape studio --arm sim:3  # act on a simulated bed
+jshape doctor  # all of it, in about ten seconds
+jshape doctor --json  # for a program
+jshape config --init  # an example of jshape.toml, here
+jshape config  # what applies
+jshape config plan  # every option of a command, and where its value comes from
+jshape completion bash > ~/.local/share/bash-completion/completions/jshape  # bash
+jshape completion zsh > ~/.zfunc/_jshape  # zsh, with ~/.zfunc in fpath
+jshape completion fish > ~/.config/fish/completions/jshape.fish  # fish
+"""
+EXAMPLES = tuple(tuple(line.split("  # ")) for line in _TEXT.splitlines())
+"""Of every command: (line, what it is for)."""
 
 
-def of(name: str) -> tuple[tuple[str, str], ...]:
+def of(name: str) -> list[tuple[str, str]]:
     """The examples of a command, by its words."""
-    return EXAMPLES.get(name, ())
+    return [(line, what) for line, what in EXAMPLES if f"{line} ".startswith(f"jshape {name} ")]
 
 
 def text(name: str = "") -> str:

@@ -10,15 +10,12 @@ from jshape import metric
 from jshape.camera import differing, window_of
 from jshape.cli.names import Bank
 from jshape.cli.options import Share, plan_file
-from jshape.cli.robot import Reprojects, Runs, asking, may_move, resumed, robot_of, tell
+from jshape.cli.robot import Reprojects, Runs, asking, begun, molded, resumed, robot_of, tell
 from jshape.data.view import middle_depth
 from jshape.errors import BadFile
 from jshape.io import banks
 from jshape.planning.options import DEFAULT_BANK, Constraints, StopCriteria
 from jshape.planning.plan import Plan
-from jshape.robot.loop import HEAD
-from jshape.robot.session import Session
-from jshape.viz.pictures import molding_pictures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,39 +33,28 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
 
     Args:
       plan: What `jshape plan --out` wrote.
-      options: how.
     """
-    say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
     path = plan_file(plan)
     made = Plan.from_json(path)
     if made.goal is None:
         raise BadFile(f"{path}: holds no images, so nothing says what is wanted")
-    session = resumed(options, say) if options.resume else None
-    bank = banks.load_bank(options.bank or DEFAULT_BANK)
+    session = resumed(options) if options.resume else None
+    bank_name = options.bank or DEFAULT_BANK
+    bank = banks.load_bank(bank_name)
     foreign = window_of(made.camera, bank.camera) is None
     if foreign and made.initial is not None and all(hasattr(p, "seen_by") for p in bank.predictors):
         # Made with --window or --depth-range: on the frames of another camera, as they are.
         first = np.asarray(made.camera.depth(metric.unweigh(made.initial, made.camera)))
         bank = bank.seen_by(made.camera, middle_depth(first))
     confirm = asking(options)
-    with robot_of(options, options.out, bank, say) as robot:
+    with robot_of(options, options.out, bank) as robot:
         if made.view is not None and not differing(made.view.source, robot.eye.camera, ""):
             robot.view = made.view  # the same looks as those it was made for
         if session is None:
-            meta = {
-                "what": "execute", "plan": str(plan), "arm": options.arm,
-                "camera": robot.eye.name, "bank": str(options.bank or DEFAULT_BANK),
-            }  # fmt: skip
-            session = Session.start(
-                options.out, made.goal, meta, overwrite=options.overwrite, say=say
-            )
-        may_move(options)
-        say(HEAD)
-        summary = session.mold(
-            robot, bank, plan=made, confirm=confirm, blind=options.arm == "dry",
-            draw=molding_pictures(bank.rois), stop=StopCriteria(max_steps=max(len(made), 1)),
-            constraints=Constraints(max_missing=options.max_missing),
-        )  # fmt: skip
-    if not options.json:
-        tell(summary)
-    return summary
+            known = {"what": "execute", "plan": str(plan), "bank": str(bank_name)}
+            session = begun(options, made.goal, robot, **known)
+        stop = StopCriteria(max_steps=max(len(made), 1))
+        constraints = Constraints(max_missing=options.max_missing)
+        how = {"plan": made, "confirm": confirm, "stop": stop, "constraints": constraints}
+        summary = molded(session, robot, bank, options, **how)
+    return tell(summary)

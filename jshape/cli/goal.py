@@ -12,12 +12,14 @@ from jshape import sim
 from jshape.camera import Camera, window_of
 from jshape.cli.goal_options import GoalOptions
 from jshape.cli.goal_sources import NAMES, wanted_of
+from jshape.cli.options import spelled
+from jshape.cli.search_options import read_mask
 from jshape.data.intrinsics import within
 from jshape.data.missing import said as said_of
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.errors import BadCamera, BadImage, JShapeError
+from jshape.errors import BadCamera, JShapeError
 from jshape.goals import Goal, Limits, bed_map, make_goal, report
-from jshape.io import banks, cameras, drawings, files, folders, formats, images
+from jshape.io import banks, cameras, files, folders, formats, images
 from jshape.io.frames import Source, frame_of, source_of
 from jshape.io.simulated import material_of
 from jshape.models.bank import Bank
@@ -54,11 +56,9 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
 
     Args:
       bed: Depth image now, or `flat`: a simulated level bed.
-      options: what of it.
     """
     if not set(NAMES) & set(options.given):
-        named = ", ".join(f"--{name.replace('_', '-')}" for name in NAMES)
-        raise JShapeError(f"what is the goal made from? give one of {named}")
+        raise JShapeError(f"what is the goal made from? give one of {spelled(*NAMES)}")
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=CONTENTS)
     material = material_of(options.material)
@@ -70,10 +70,11 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
         now.depth, now.camera, window=window, max_missing=options.max_missing, where=bed
     )
     wanted = wanted_of(options, bed, ground, now.camera, now.source, bank)
+    mask = options.reachable
     limits = Limits(
         steepest=_steepest(options, material, wanted.stands),
         floor=options.floor_mm / 1e3,
-        reach=_reach(options.reachable, now.camera),
+        reach=mask and read_mask(mask, {"the camera": now.camera.shape}),
     )
     made = make_goal(ground, wanted.change, limits, balance=options.balanced, like=wanted.frame)
     result = {
@@ -92,10 +93,9 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
     }
     if options.out is not None:
         result |= _write(options, now, made, result)
-    if not options.json:
-        _print(result)
-        if options.out is not None:
-            print(f"goal, bed and picture: {options.out}; plan for it with\n  {result['next']}")
+    _print(result)
+    if options.out is not None:
+        print(f"goal, bed and picture: {options.out}; plan for it with\n  {result['next']}")
     return result
 
 
@@ -136,18 +136,6 @@ def _steepest(options: GoalOptions, material: Material, stands: bool) -> float:
     if options.slope is not None:
         return math.tan(math.radians(options.slope))
     return float(material.steepest) if stands else math.tan(float(material.repose))
-
-
-def _reach(path: Path | None, camera: Camera) -> np.ndarray | None:
-    """Pixels of the frame that the hand can reach; None: all."""
-    if path is None:
-        return None
-    mask = drawings.read_drawing(path)
-    if mask.shape != camera.shape:
-        raise BadImage(f"{path}: has {mask.shape} (rows, columns); the camera makes {camera.shape}")
-    if mask.dtype.kind == "f" and not np.isfinite(mask).all():
-        raise BadImage(f"{path}: has pixels that are NaN or infinite")
-    return np.ma.filled(mask, 0) != 0
 
 
 def _write(

@@ -4,9 +4,9 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -18,7 +18,7 @@ from jshape.data.intrinsics import within
 from jshape.data.missing import fill_missing
 from jshape.data.missing import said as said_of
 from jshape.data.view import View, image_of_depth, view_of
-from jshape.errors import BadCamera, BadFile, BadPosition, JShapeError, quoted
+from jshape.errors import BadCamera, BadPosition, JShapeError, quoted
 from jshape.goals import (
     BedMap,
     Relief,
@@ -34,6 +34,7 @@ from jshape.goals import (
 from jshape.goals.reliefs import inked
 from jshape.io import drawings, files, points
 from jshape.io.frames import Source, frame_of, goal_source
+from jshape.io.records import OneLine, read_value
 from jshape.models.bank import Bank
 from jshape.planning import plan_file as plans
 from jshape.planning.api import rollout
@@ -75,13 +76,16 @@ class Wanted(NamedTuple):
     """It was seen or pressed: steeper than loose material."""
 
 
-class Acts(NamedTuple):
-    """Actions in their order, places in the bank's image."""
+@dataclass(frozen=True)
+class NamedAct:
+    """An action as a person says it."""
 
-    actions: list[str]
-    positions: np.ndarray
-    strengths: np.ndarray
-    yaws: np.ndarray
+    action: Annotated[str, OneLine()]
+    at: tuple[float, float]
+    """(u, v) in the frame."""
+    strength: float = 1.0
+    turn: float = 0.0
+    """Degrees."""
 
 
 def wanted_of(
@@ -104,10 +108,8 @@ def wanted_of(
         (name, value) for name in NAMES if (value := getattr(options, name)) is not None
     )
     if kind in ("frame", "actions"):
-        for name in ("at", "size_mm", "turn", "raise_mm", "depth_mm"):
-            if getattr(options, name):
-                option = name.replace("_", "-")
-                raise JShapeError(f"--{option} says nothing of --{kind}: its places are its own")
+        places = "at", "size_mm", "turn", "raise_mm", "depth_mm"
+        options.refuse(places, f" says nothing of --{kind}: its places are its own")
     if kind == "frame":
         return _frame(value, options, where, bed, camera, source)
     if kind == "actions":
@@ -128,9 +130,7 @@ def _mask(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
 
 def _height_map(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
     drawn, name = _drawing(path, options), f"height map {Path(path).name}"
-    low: float | None
-    low, high = (0.0 if mm is None else sign * mm / 1e3
-                 for mm, sign in ((options.depth_mm, -1), (options.raise_mm, 1)))  # fmt: skip
+    low, high = -(options.depth_mm or 0.0) / 1e3, (options.raise_mm or 0.0) / 1e3
     if options.raise_mm is None:  # what is bright is what is meant, up or down
         low, high = (None, None) if options.depth_mm is None else (0.0, low)
     relief = relief_of_heights(drawn, low, high, name)
@@ -190,9 +190,7 @@ def _actions(text: str, where: str, bed: BedMap, camera: Camera, bank: Bank) -> 
     view = view_of(camera, bank.camera, bed.frame, reproject=not own)
     now = image_of_depth(bed.frame, bank.camera, view=view, where=where).image
     acts = _acts(text, bank, lambda at: _in_bank(at, view, bed.level))
-    then = rollout(
-        now, now, acts.actions, acts.positions, strengths=acts.strengths, yaws=acts.yaws, bank=bank
-    ).images[-1]
+    then = rollout(now, now, **acts, bank=bank).images[-1]
     before, after = (
         np.asarray(bank.camera.depth(metric.unweigh(image, bank.camera))) for image in (now, then)
     )
@@ -203,7 +201,8 @@ def _actions(text: str, where: str, bed: BedMap, camera: Camera, bank: Bank) -> 
     cells = np.meshgrid(rows, columns, indexing="ij")
     change = ndimage.map_coordinates(change, cells, order=1, mode="constant")
     said = [] if own else ["the bank's camera is another one: seen as it would see the bed"]
-    name = f"{len(acts.actions)} action{'s' * (len(acts.actions) > 1)}"
+    count = len(acts["actions"])
+    name = f"{count} action{'s' * (count > 1)}"
     return Wanted(name, change.astype(np.float32), said, stands=True)
 
 
@@ -216,72 +215,43 @@ def _in_bank(at: np.ndarray, view: View, level: float) -> np.ndarray:
     return np.stack([u, v], -1)
 
 
-def _acts(text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]) -> Acts:
-    """Actions of the command line, of a JSON file or of a plan.
+def _acts(text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
+    """Actions of the command line, of a JSON file or of a plan, as `rollout` takes them.
 
     Raises:
       BadFile, BadPosition, BadCamera: what is there cannot be read, or is of another camera.
     """
-    if Path(text).suffix.lower() != ".json":
-        return _placed_acts([_spoken(part) for part in text.split(";") if part.strip()], in_bank)
-    content = files.read_json(text)
-    if content.get("format") == plans.FORMAT:
-        found = Plan.from_json(text)
-        check_same_camera(bank.camera, found.camera, "the plan's")
-        return Acts(list(found.actions), found.exact_positions, found.strengths, found.yaws)
-    rows = content.get("actions")
-    if not isinstance(rows, list) or not rows:
-        raise BadFile(f'{text}: expected {{"actions": [{{"action": "knock", "at": [u, v]}}, ...]}}')
-    return _placed_acts(
-        [_written(row, f"{text}: action {k + 1}") for k, row in enumerate(rows)], in_bank
-    )
-
-
-def _placed_acts(
-    acts: list[tuple[str, tuple[float, float], float, float]],
-    in_bank: Callable[[np.ndarray], np.ndarray],
-) -> Acts:
+    if Path(text).suffix.lower() == ".json":
+        content = files.read_json(text)
+        if content.get("format") == plans.FORMAT:
+            found = Plan.from_json(text)
+            check_same_camera(bank.camera, found.camera, "the plan's")
+            how = {"strengths": found.strengths, "yaws": found.yaws}
+            return {"actions": list(found.actions), "positions": found.exact_positions, **how}
+        acts = read_value(list[NamedAct], content.get("actions"), f"{text}: actions")
+    else:
+        acts = [_spoken(part.strip()) for part in text.split(";") if part.strip()]
     if not acts:
         raise BadPosition("no action is given; expected some like 'knock 240,197; press 91,92x1.5'")
-    names, at, strengths, turns = zip(*acts, strict=True)
-    where = in_bank(np.array(at, float))
-    return Acts(list(names), where, np.array(strengths), np.radians(turns))
+    return {
+        "actions": [act.action for act in acts],
+        "positions": in_bank(np.array([act.at for act in acts])),
+        "strengths": np.array([act.strength for act in acts]),
+        "yaws": np.radians([act.turn for act in acts]),
+    }
 
 
-def _spoken(text: str) -> tuple[str, tuple[float, float], float, float]:
+def _spoken(text: str) -> NamedAct:
     """An action like "grasp 312,91x1.5@30"."""
-    found = _ACTION.fullmatch(text.strip())
+    found = _ACTION.fullmatch(text)
     try:
-        if found is None:
-            raise ValueError
-        name, *numbers = found.groups()
-        u, v, strength, turn = (
-            usual if number is None else float(number)
-            for number, usual in zip(numbers, (0.0, 0.0, 1.0, 0.0), strict=True)
-        )
+        name, u, v, strength, turn = found.groups() if found else []
+        return NamedAct(name, (float(u), float(v)), float(strength or 1), float(turn or 0))
     except ValueError:
         raise BadPosition(
-            f"{quoted(text.strip())} is not an action like 'knock 240,197' or "
-            "'grasp 312,91x1.5@30' (u,v x strength @ degrees)"
+            f"{quoted(text)} is not an action like 'knock 240,197' or 'grasp 312,91x1.5@30' "
+            "(u,v x strength @ degrees)"
         ) from None
-    return name, (u, v), strength, turn
-
-
-def _written(row: Any, where: str) -> tuple[str, tuple[float, float], float, float]:
-    """An action of a JSON file."""
-    fields = row if isinstance(row, dict) else {}
-    name, at = fields.get("action"), fields.get("at")
-    pair = at if isinstance(at, list) and len(at) == 2 else [None, None]
-    numbers = [*pair, fields.get("strength", 1.0), fields.get("turn", 0.0)]
-    unknown = set(fields) - {"action", "at", "strength", "turn"}
-    good = all(type(number) in (int, float) for number in numbers)
-    if not isinstance(name, str) or not good or unknown:
-        raise BadFile(
-            f'{where}: expected {{"action": NAME, "at": [u, v]}} and, if need be, "strength" and '
-            '"turn" (degrees)'
-        )
-    u, v, strength, turn = (float(number) for number in numbers)
-    return name, (u, v), strength, turn
 
 
 def _laid(
@@ -293,7 +263,7 @@ def _laid(
     sized: bool = False,
 ) -> Wanted:
     """A relief where and as large as the options say."""
-    turn, assumed = math.radians(options.turn), list(assumed or [])
+    turn, assumed = math.radians(options.turn), assumed or []
     if not sized:
         longest, usual = (SHARE * largest_size(relief, bed, at, turn) for at in (options.at, None))
         if options.size_mm is None and longest < SMALL * usual:
@@ -341,9 +311,7 @@ def _drawing(path: str, options: GoalOptions) -> np.ndarray:
     return np.nanmax(np.ma.compressed(drawn)) - drawn
 
 
-_DRAWN: dict[str, Callable[[str, GoalOptions, BedMap], Wanted]] = {
-    "text": _text, "mask": _mask, "height_map": _height_map, "mesh": _mesh,
-}  # fmt: skip
+_DRAWN = {"text": _text, "mask": _mask, "height_map": _height_map, "mesh": _mesh}
 
 NAMES = (*_DRAWN, "frame", "actions")
 """What a goal can be made from; each is an option."""

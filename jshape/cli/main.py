@@ -7,7 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext, redirect_stdout, suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -121,7 +121,8 @@ def _run(words: list[str]) -> int:
 
         for line in left_behind(out):
             print(coloured(one_line(line, 2000), "warning", sys.stderr), file=sys.stderr)
-    with waiting(at_once=options.at_once) if options.computes else nullcontext():
+    for_people = nullcontext() if not options.json else redirect_stdout(io.StringIO())
+    with waiting(at_once=options.at_once) if options.computes else nullcontext(), for_people:
         result = asked()
     if options.json:
         print(json.dumps(result))

@@ -1,6 +1,6 @@
 """`jshape mold DESIRED`: look, plan, act, look again, until the bed is as wanted."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,11 +10,12 @@ import numpy as np
 from jshape.camera import Camera, differing, window_of
 from jshape.cli import settings
 from jshape.cli.commands import build_app, leaf_of
-from jshape.cli.names import Bank as BankName
+from jshape.cli.names import Uses
 from jshape.cli.options import Positive
 from jshape.cli.parser import value_of
-from jshape.cli.robot import Runs, asking, may_move, resumed, robot_of, tell
+from jshape.cli.robot import Runs, asking, begun, molded, resumed, robot_of, tell
 from jshape.cli.search_options import KEPT, Searches, kept_of, reachable, search_of
+from jshape.cli.tables import say
 from jshape.data.intrinsics import within
 from jshape.data.view import View, image_of_depth, middle_depth, view_of
 from jshape.errors import BadCamera, BadFile, BadSetting
@@ -24,18 +25,13 @@ from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
-from jshape.robot.loop import HEAD
 from jshape.robot.robot import Robot
-from jshape.robot.session import Session
-from jshape.viz.pictures import molding_pictures
 
 
 @dataclass(frozen=True, kw_only=True)
-class MoldOptions(Searches, Runs):
+class MoldOptions(Uses, Searches, Runs):
     """Of `jshape mold`."""
 
-    bank: BankName | None = None
-    """Name or folder (default: the bundled one)."""
     depth_unit: Positive | None = None
     """Metres per count of DESIRED."""
 
@@ -45,48 +41,34 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
 
     Args:
       desired: Depth image wanted, or a PLY or PCD.
-      options: how.
     """
     over_devices(options.devices)  # before anything starts JAX
-    say = (lambda line: None) if options.json else lambda line: print(line, flush=True)
     if options.resume == (desired is not None):
         raise BadFile("give either the image DESIRED, or --resume to go on with the run in --out")
-    session = resumed(options, say) if options.resume else None
+    session = resumed(options) if options.resume else None
     if session is not None:
-        options = keep_on(session.run.meta, options, say)
+        options = keep_on(session.run.meta, options)
     bank_name = options.bank or (session.run.meta["bank"] if session else DEFAULT_BANK)
     bank = banks.load_bank(bank_name)
     confirm = asking(options)
-    with robot_of(options, options.out, bank, say) as robot:
+    with robot_of(options, options.out, bank) as robot:
         if session is None:
             assert desired is not None
-            goal, bank, known = goal_of(desired, robot, bank, options, say)
-            meta = {
-                "what": "mold", "bank": str(bank_name), "arm": options.arm,
-                "camera": robot.eye.name, "goal": str(desired),
-                **kept_of(options), **known,
-            }  # fmt: skip
-            session = Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
+            goal, bank, known = goal_of(desired, robot, bank, options)
+            meta = {"what": "mold", "bank": str(bank_name), "goal": str(desired)}
+            session = begun(options, goal, robot, **meta, **kept_of(options), **known)
         else:
             bank = gone_on(session.run.meta, robot, bank)
-        may_move(options)
-        say(HEAD)
         eye = robot.eye.camera
-        mask = reachable(
-            options.reachable, eye.shape, bank,
-            lambda: robot.view or View(eye, bank.camera, window_of(bank.camera, eye), 0.0),
-        )  # fmt: skip
-        summary = session.mold(
-            robot, bank, confirm=confirm, blind=options.arm == "dry",
-            draw=molding_pictures(bank.rois), **keywords(search_of(options), reachable=mask),
-        )  # fmt: skip
-    if not options.json:
-        tell(summary)
-    return summary
+        seen = robot.view or View(eye, bank.camera, window_of(bank.camera, eye), 0.0)
+        mask = reachable(options.reachable, eye.shape, bank, lambda: seen)
+        how = keywords(search_of(options), reachable=mask)
+        summary = molded(session, robot, bank, options, confirm=confirm, **how)
+    return tell(summary)
 
 
 def goal_of(
-    path: Path, robot: Robot, bank: Bank, options: MoldOptions, say: Callable[[str], Any]
+    path: Path, robot: Robot, bank: Bank, options: MoldOptions
 ) -> tuple[np.ndarray, Bank, dict[str, float]]:
     """What is wanted, from a file of any camera that can be known, and how the robot is to look.
 
@@ -114,9 +96,8 @@ def goal_of(
             unit = options.depth_unit or own.depth_unit
             source = own._replace(camera=of_eye[0], depth_unit=unit)  # no preset of the same size
         else:
-            source = source_of(
-                path, shape, str(options.camera_file or "") or None, bank, options.depth_unit
-            )
+            named = str(options.camera_file or "") or None
+            source = source_of(path, shape, named, bank, options.depth_unit)
     depth = frame_of(path, source, reproject=bool(options.reproject))
     theirs = within(source.camera, (float(eye.z_min), float(eye.z_max)))
     at = window_of(eye, theirs)
@@ -129,9 +110,8 @@ def goal_of(
     if (options.window or options.depth_range) and not options.reproject and at is not None:
         known["bed_m"] = middle_depth(depth)
         bank = gone_on(known, robot, bank)
-    view = view_of(
-        source.camera, bank.camera, depth, reproject=bool(options.reproject), where=str(path)
-    )  # fmt: skip
+    again = bool(options.reproject)
+    view = view_of(source.camera, bank.camera, depth, reproject=again, where=str(path))
     if at is None and (view.window is None) != (window_of(bank.camera, eye) is None):
         raise BadCamera(
             f"{path}: of another camera than {robot.eye.name} ({differing(theirs, eye, 'its')}); "
@@ -162,9 +142,7 @@ def gone_on(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
     return bank
 
 
-def keep_on(
-    known: Mapping[str, Any], options: MoldOptions, say: Callable[[str], Any]
-) -> MoldOptions:
+def keep_on(known: Mapping[str, Any], options: MoldOptions) -> MoldOptions:
     """The options, those of `KEPT` as a run began; what differs from the defaults is said.
 
     Raises:

@@ -26,6 +26,14 @@ else:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Uses(Common):
+    """The option of commands that plan with a bank."""
+
+    bank: Bank | None = None
+    """Name or folder (default: the bundled one)."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Simulates(Common):
     """The option of commands with a simulated bed."""
 

@@ -4,14 +4,14 @@ A command is a function; its options are the fields of a frozen dataclass, whose
 help.  A field's type says how it is read.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from cyclopts import CoercionError, Parameter
 
-from jshape.errors import quoted
+from jshape.errors import BadFile, JShapeError, quoted
 
 
 def reads(read: Callable[[str], Any], metavar: str, **more: Any) -> Parameter:
@@ -117,6 +117,11 @@ Several = Parameter(consume_multiple=True)
 CameraFile = Parameter(name=("--camera-file", "--camera"), metavar="FILE")
 
 
+def spelled(*fields: str) -> str:
+    """Fields as the command line spells them: "--depth-unit, --out"."""
+    return ", ".join(f"--{name.replace('_', '-')}" for name in fields)
+
+
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Common:
@@ -134,6 +139,16 @@ class Common:
     given: Annotated[Mapping[str, str], Parameter(parse=False)] = field(default_factory=dict)
     """Fields that were given, each with where: `cli`, or the file."""
 
+    def refuse(self, names: Iterable[str], why: str) -> None:
+        """Refuse options that say nothing here.
+
+        Raises:
+          JShapeError: one of them is given.
+        """
+        given = [name for name in names if name in self.given and getattr(self, name) is not False]
+        if given:
+            raise JShapeError(f"{spelled(*given)}{why}")
+
     def exit_code(self, result: Mapping[str, Any]) -> int:
         """The command's, of its result."""
         return 0
@@ -145,6 +160,27 @@ class Writes(Common):
 
     overwrite: bool = False
     """Replace an earlier result."""
+
+    def check_new(self, path: Path) -> None:
+        """Refuse to replace a file unless asked to.
+
+        Raises:
+          BadFile: it exists.
+        """
+        if path.exists() and not self.overwrite:
+            raise BadFile(f"{path}: exists; choose another name, or --overwrite")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Serves(Common):
+    """The options of commands that serve a page."""
+
+    host: str = "127.0.0.1"
+    """To listen at (127.0.0.1: only here)."""
+    port: Port = 8080
+    """To listen at; 0: any free one."""
+    no_open: bool = False
+    """Open no browser."""
 
 
 @dataclass(frozen=True, kw_only=True)

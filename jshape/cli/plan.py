@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from jshape.camera import differing
-from jshape.cli.names import Bank, Preset
+from jshape.cli.names import Preset, Uses
 from jshape.cli.options import CameraFile, Part, Positive, Writes
 from jshape.cli.search_options import Searches, reachable, search_of
 from jshape.cli.tables import print_table
@@ -32,15 +32,13 @@ CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanOptions(Searches, Part, Writes):
+class PlanOptions(Uses, Searches, Part, Writes):
     """Of `jshape plan`."""
 
     at_once = True
 
     out: Path | None = None
     """Folder for plan.json and pictures."""
-    bank: Bank | None = None
-    """Name or folder (default: the bundled one)."""
     camera_file: Annotated[Preset | None, CameraFile] = None
     """camera.json, or a preset's name (default: camera.json beside INITIAL, else the bank's); of
     DESIRED too, unless its own folder has one."""
@@ -54,7 +52,6 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
     Args:
       initial: Depth image now: 16-bit PNG, TIFF, NPY, EXR.
       desired: The same wanted, or a point cloud (PLY, PCD).
-      options: how.
     """
     search = search_of(options)  # first of all: it chooses JAX's devices, and a bank starts JAX
     bank_name = options.bank or DEFAULT_BANK
@@ -88,19 +85,9 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
         options.reachable, source.camera.shape, bank,
         lambda: view_of(source.camera, bank.camera, first, reproject=again),
     )  # fmt: skip
-    found = plan_frames(
-        first,
-        goal,
-        bank=bank,
-        camera=(source.camera, wanted.camera),
-        names=(str(initial), str(desired)),
-        **keywords(search, reachable=mask),
-    )
-    said = {
-        "bank": str(bank_name),
-        "source": source.said,
-        "planner": options.planner,
-    }
+    seen: Any = {"camera": (source.camera, wanted.camera), "names": (str(initial), str(desired))}
+    found = plan_frames(first, goal, bank=bank, **seen, **keywords(search, reachable=mask))
+    said = {"bank": str(bank_name), "source": source.said, "planner": options.planner}
     if wanted.said != source.said:
         said["goal_source"] = wanted.said
         if options.reproject and differing(wanted.camera, source.camera, ""):
@@ -112,10 +99,9 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
         for name, picture in drawn(partial(_pictures, found, bank.rois)).items():
             files.write_atomic(options.out / name, picture)
         result["out"] = str(options.out)
-    if not options.json:
-        _print(found, said, left_out)
-        if options.out is not None:
-            print(f"plan and pictures: {options.out}")
+    _print(found, said, left_out)
+    if options.out is not None:
+        print(f"plan and pictures: {options.out}")
     return result
 
 

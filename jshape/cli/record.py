@@ -89,8 +89,7 @@ def record(
         "out": str(options.out), "camera": device.name, "frames": count, "valid_share": share,
         "seconds": took, "stopped": why, "left_out": left_out,
     }  # fmt: skip
-    if not options.json:
-        _print(result, device)
+    _print(result, device)
     return result
 
 

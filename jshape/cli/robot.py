@@ -1,7 +1,7 @@
 """What `jshape mold` and `jshape execute` share: robot, question, pictures of the run."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,7 @@ from cyclopts import Parameter
 from jshape.cli.cameras import CAMERA_HELP, Camera, Looks, looking
 from jshape.cli.names import Simulates
 from jshape.cli.options import Common, File, PositiveCount, Writes
+from jshape.cli.tables import say
 from jshape.errors import JShapeError, one_line
 from jshape.io import folders, runs
 from jshape.io.simulated import material_of
@@ -23,12 +24,14 @@ from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.arms.names import ARMS, open_arm
 from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.cameras.guarded import GuardedCamera
+from jshape.robot.loop import HEAD
 from jshape.robot.pose_file import read_base_camera
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.registry import described
 from jshape.robot.robot import Robot
 from jshape.robot.session import CONTENTS, Session
 from jshape.robot.signals import interruptible, uninterrupted
+from jshape.viz.pictures import molding_pictures
 
 if TYPE_CHECKING:
     Arm = str
@@ -78,7 +81,7 @@ class Runs(Robots, Writes):
 
 
 @contextmanager
-def robot_of(options: Any, out: Path, bank: Bank, say: Callable[[str], Any]) -> Iterator[Robot]:
+def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
     """The robot that the options name; stopped and closed at the end, at home if people agree.
 
     Everything is read before the arm is opened, which is the last thing that can fail.
@@ -139,11 +142,8 @@ def _eye(options: Robots) -> DepthCamera | None:
     """
     if options.camera is not None:
         return looking(options.camera, options)
-    for name in ("topic", "window", "depth_range", "fill_holes"):
-        if getattr(options, name):
-            raise JShapeError(
-                f"--{name.replace('_', '-')} goes with --camera; the arm's own camera takes none"
-            )
+    looks = "topic", "window", "depth_range", "fill_holes"
+    options.refuse(looks, ": only with --camera; the arm's own camera takes none")
     return None
 
 
@@ -229,7 +229,7 @@ def _asked(question: str) -> str:
     return sys.stdin.readline().strip().lower()
 
 
-def resumed(options: Any, say: Callable[[str], Any]) -> Session:
+def resumed(options: Any) -> Session:
     """The run to go on with, if it was made with the same arm and bank.
 
     Raises:
@@ -245,11 +245,28 @@ def resumed(options: Any, say: Callable[[str], Any]) -> Session:
     return session
 
 
-def tell(summary: Mapping[str, Any]) -> None:
-    """Print how a run ended."""
+def begun(options: Runs, goal: np.ndarray, robot: Robot, /, **known: Any) -> Session:
+    """A new run in `--out`, with what one that goes on must know."""
+    meta = {"arm": options.arm, "camera": robot.eye.name, **known}
+    return Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
+
+
+def molded(
+    session: Session, robot: Robot, bank: Bank, options: Runs, /, **how: Any
+) -> dict[str, Any]:
+    """Go on with a run to its end."""
+    may_move(options)
+    say(HEAD)
+    draw = molding_pictures(bank.rois)
+    return session.mold(robot, bank, blind=options.arm == "dry", draw=draw, **how)
+
+
+def tell(summary: dict[str, Any]) -> dict[str, Any]:
+    """Print how a run ended; returns it."""
     print(f"stopped: {summary['why']}")
     print(
         f"distance to the goal: {summary['before_mm']:.3f} mm before, "
         f"{summary['obtained_mm']:.3f} mm obtained"
     )
     print(f"run and pictures: {summary['out']}")
+    return summary

@@ -40,15 +40,13 @@ def samples(out: Path, /, options: SamplesOptions = SamplesOptions()) -> dict[st
 
     Args:
       out: Folder to make.
-      options: how.
     """
     with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
         cameras.write_camera(folder / "camera.json", PAPER_BOX, DEPTH_UNIT)
         for name, depth in zip(("now", "wanted"), _beds(), strict=True):
             images.write_depth_png(folder / f"{name}.png", depth, DEPTH_UNIT)
         files.write_atomic(folder / "poses.json", _poses(np.random.default_rng(SEED)))
-    if not options.json:
-        print(f"{', '.join(CONTENTS)}: {out}")
+    print(f"{', '.join(CONTENTS)}: {out}")
     return {"out": str(out), "files": list(CONTENTS)}
 
 

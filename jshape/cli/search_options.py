@@ -23,6 +23,7 @@ from jshape.cli.options import (
 from jshape.data.view import View
 from jshape.errors import BadImage, BadPosition
 from jshape.io import drawings, files
+from jshape.io.records import Range, read_value
 from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
 from jshape.planning.options import (
@@ -66,6 +67,7 @@ class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
     seed: Seed = SearchBudget.seed
 
 
+Pixel = Annotated[int, Range(-(2**31), 2**31 - 1)]
 FIELDS = tuple(one.name for kind in GROUPS.values() for one in fields(kind))
 """Of the records."""
 KEPT = ("planner", *FIELDS)
@@ -113,18 +115,19 @@ def reachable(
     """
     if path is None:
         return None
+    free = read_mask(path, {"the camera": shape, "the bank's": bank.camera.shape})
+    return _seen(free, view()) if free.shape == shape else free
+
+
+def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> np.ndarray:
+    """Where a drawing is not 0; it must have one of the shapes."""
     mask = drawings.read_drawing(Path(path))
+    if mask.shape not in shapes.values():
+        made = ", ".join(f"{whose} makes {shape}" for whose, shape in shapes.items())
+        raise BadImage(f"{path}: has {mask.shape} (rows, columns); {made}")
     if mask.dtype.kind == "f" and not np.isfinite(mask).all():
         raise BadImage(f"{path}: has pixels that are NaN or infinite")
-    free = np.ma.filled(mask, 0) != 0
-    if free.shape == shape:
-        return _seen(free, view())
-    if free.shape == bank.camera.shape:
-        return free
-    raise BadImage(
-        f"{path}: has {mask.shape} (rows, columns); the camera makes {shape}, the bank's "
-        f"{bank.camera.shape}"
-    )
+    return np.ma.filled(mask, 0) != 0
 
 
 def _seen(mask: np.ndarray, view: View) -> np.ndarray:
@@ -142,14 +145,8 @@ def _positions(text: str) -> np.ndarray | str:
     """Positions named on the command line: a grid as for `jshape.plan`, or a JSON file."""
     if Path(text).suffix.lower() != ".json":
         return text
-    places = files.read_json(text).get("positions")
-    pairs = places if isinstance(places, list) else [None]
-    whole = all(
-        isinstance(pair, list)
-        and len(pair) == 2
-        and all(type(x) is int and abs(x) < 2**31 for x in pair)
-        for pair in pairs
-    )
-    if not whole or not pairs:
-        raise BadPosition(f'{text}: expected {{"positions": [[u, v], ...]}}, whole pixels')
-    return np.array(pairs)
+    places, where = files.read_json(text).get("positions"), f"{text}: positions"
+    found = read_value(list[tuple[Pixel, Pixel]], places, where, error=BadPosition)
+    if not found:
+        raise BadPosition(f"{where} is []; expected [[u, v], ...]")
+    return np.array(found)

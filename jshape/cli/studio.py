@@ -6,32 +6,25 @@ from pathlib import Path
 from typing import Any
 
 from jshape.app.ports import free_port
-from jshape.cli.names import Bank
-from jshape.cli.options import Port
+from jshape.cli.names import Uses
+from jshape.cli.options import Port, Serves
 from jshape.cli.robot import Arm, Reprojects, Robots, robot_of
 from jshape.data.view import image_of_depth
-from jshape.errors import JShapeError
+from jshape.errors import needs
 from jshape.planning.options import DEFAULT_BANK
 from jshape.robot.cameras.simulated import levelled_world
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudioOptions(Robots, Reprojects):
+class StudioOptions(Uses, Robots, Reprojects, Serves):
     """Of `jshape studio`."""
 
     arm: Arm | None = None
     dataset: Path | None = None
     """To annotate: a folder with pairs.csv."""
-    bank: Bank | None = None
-    """Name or folder (default: the bundled one)."""
     out: Path = Path("studio")
     """For runs and what is saved."""
-    host: str = "127.0.0.1"
-    """To listen at (127.0.0.1: only here)."""
     port: Port = 8077
-    """To listen at; 0: any free one."""
-    no_open: bool = False
-    """Open no browser."""
 
 
 def studio(
@@ -45,14 +38,9 @@ def studio(
     Args:
       initial: Depth image of the bed.
       desired: Depth image wanted, PLY or PCD.
-      options: how.
     """
-    try:
+    with needs("studio", "the studio"):
         from jshape.app.studio_page import serve_studio
-    except ModuleNotFoundError as problem:
-        raise JShapeError(
-            f"the studio needs {problem.name}: pip install 'jshape[studio]'"
-        ) from None
     from jshape.app.annotation import Annotation
     from jshape.app.context import AppContext
     from jshape.app.editor_state import EditorState
@@ -72,7 +60,7 @@ def studio(
     opened: Any = nullcontext()
     if options.arm is not None:
         out = context.next_run()  # that it can be written shows before the arm is opened
-        opened = robot_of(options, out, editor.bank, lambda line: print(line, flush=True))
+        opened = robot_of(options, out, editor.bank)
     with opened as robot:
         context.robot, context.arm = robot, options.arm or ""
         serve_studio(editor, context, boxes, host=options.host, port=port, show=not options.no_open)

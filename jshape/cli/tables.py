@@ -58,6 +58,9 @@ def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
             tell(completed=done)
 
 
+say: Callable[[str], None] = partial(print, flush=True)
+"""Print a line of what goes on."""
+
 COMPILING = 1.0
 """Seconds of compiling after which it is said."""
 

@@ -6,19 +6,38 @@ from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
-from jshape.cli.learning import Kind, Trains
 from jshape.cli.names import Bank
-from jshape.cli.options import Devices, Writes
+from jshape.cli.options import Common, Count, Devices, Positive, PositiveCount, Seed, Share, Writes
 from jshape.cli.tables import bar, print_table
 from jshape.errors import JShapeError
 from jshape.io import banks, checkpoints, datasets, folders
+from jshape.learn.fit import FITTERS
 from jshape.learn.settings import Training
 from jshape.planning import devices
 from jshape.viz.style import drawn
+
+if TYPE_CHECKING:
+    Kind = str
+else:
+    Kind = Literal[tuple(FITTERS)] | str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trains(Common, Training):
+    """The fields of `learn.settings.Training`, as the command line reads them."""
+
+    epochs: PositiveCount = Training.epochs
+    batch: PositiveCount = Training.batch
+    learning_rate: Positive = Training.learning_rate
+    validation: Share = Training.validation
+    patience: Count = Training.patience
+    seed: Seed = Training.seed
+    save_every: PositiveCount = Training.save_every
+    width: PositiveCount = Training.width
+    morphology: Literal["erode", "dilate"] = "erode"
+
 
 WITHOUT_CHECKPOINTS = ("D", "P")
 """Kinds that are fitted in seconds: there is nothing to go on from."""
@@ -47,15 +66,17 @@ class TrainOptions(Trains, Writes):
 
 def train(dataset: Path, /, options: TrainOptions) -> dict[str, Any]:
     """`jshape train DATASET --out BANK`."""
-    mesh = _mesh(options)  # first of all: what loads a bank starts JAX
+    keeps = options.kind not in WITHOUT_CHECKPOINTS
+    if not keeps:
+        why = f": kind {options.kind} trains no network and does not use it"
+        options.refuse((*OF_NETWORKS, "devices"), why)
+    # First of all: what loads a bank starts JAX.
+    mesh = None if options.devices is None else devices.mesh_of(options.devices, "batch")
     from jshape import metric
     from jshape.learn import curves as drawings
     from jshape.learn.fit import fit
     from jshape.learn.validation import LEAST_PAIRS, without_worse
 
-    keeps = options.kind not in WITHOUT_CHECKPOINTS
-    if not keeps:
-        _refuse_unused(options)
     folders.check_target(options.out, options.overwrite, contents=banks.CONTENTS)
     kept = folders.beside(options.out, ".training")
     if options.restart:
@@ -70,18 +91,10 @@ def train(dataset: Path, /, options: TrainOptions) -> dict[str, Any]:
     learning = [one.name for one in fields(Training) if one.name in options.given]
     settings = {name: getattr(options, name) for name in learning}
     to_mm = float(metric.to_mm(1.0, pairs.camera))
-    going_on = f"going on from {kept} (--restart starts again)"
-    watch = _Watch(to_mm, going_on if resumed and not options.json else "")
+    watch = _Watch(to_mm, f"going on from {kept} (--restart starts again)" if resumed else "")
     try:
-        bank = fit(
-            pairs,
-            options.kind,
-            start=start,
-            report=watch,
-            keep=(lambda action: checkpoints.Checkpoints(kept, action)) if keeps else None,
-            mesh=mesh,
-            **settings,
-        )
+        keep = (lambda action: checkpoints.Checkpoints(kept, action)) if keeps else None
+        bank = fit(pairs, options.kind, start=start, report=watch, keep=keep, mesh=mesh, **settings)
         watch.close()
         rows = _validated(bank, pairs, start, settings)
         bank = without_worse(bank, pairs, rows)
@@ -94,27 +107,24 @@ def train(dataset: Path, /, options: TrainOptions) -> dict[str, Any]:
         raise
     finally:
         watch.close()
-    data = {
-        "pairs": {name: len(mine) for name, mine in pairs.by_action()},
-        "agents": list(dict.fromkeys(pairs.agent.tolist())),
-        "materials": list(dict.fromkeys(pairs.material.tolist())),
+    count = {name: len(mine) for name, mine in pairs.by_action()}
+    agents, materials = (list(dict.fromkeys(x.tolist())) for x in (pairs.agent, pairs.material))
+    errors = {name: best.validation * to_mm for name, best in watch.best.items()}
+    errors |= {row.action: row.kept_mm for row in rows if row.worse or not keeps}
+    known = {name: mm for name, mm in errors.items() if count[name] >= LEAST_PAIRS and mm == mm}
+    info: dict[str, Any] = {
+        "data": {"pairs": count, "agents": agents, "materials": materials},
+        "errors": [{"action": name, "mm": mm} for name, mm in known.items()],
+        "licence": options.licence,
+        "held_out": [
+            {k: v for k, v in row._asdict().items() if k not in ("worse", "useless")}
+            | {"kept": "D" if row.worse else bank.kind}
+            for row in rows
+        ],
     }
-    errors = watch.errors_mm() | {r.action: r.kept_mm for r in rows if r.worse or not keeps}
-    errors = {name: mm for name, mm in errors.items() if data["pairs"][name] >= LEAST_PAIRS}
-    known = [{"action": name, "mm": mm} for name, mm in errors.items() if not np.isnan(mm)]
-    compared = [
-        {"kept": "D" if row.worse else bank.kind}
-        | {name: value for name, value in row._asdict().items() if name not in ("worse", "useless")}
-        for row in rows
-    ]
-    info: dict[str, Any] = {"data": data, "errors": known, "licence": options.licence}
-    info["held_out"] = compared
-    if watch.curves:
-        info["training"] = watch.summary()
-    result = {"out": str(options.out), "kind": bank.kind, "data": data, "rois": bank.rois}
-    result |= {"errors": known, "held_out": compared, "training": info.get("training", {})}
     curves: dict[str, str | bytes] = {}
     if watch.curves:
+        info["training"] = watch.summary()
         curves["curve.csv"] = drawings.curves_csv(watch.curves, to_mm)
         curves |= drawn({"curve.png": partial(drawings.curves_figure, watch.curves, to_mm)})
     banks.save_bank(bank, options.out, info=info, extras=curves, overwrite=options.overwrite)
@@ -123,33 +133,23 @@ def train(dataset: Path, /, options: TrainOptions) -> dict[str, Any]:
     for row in rows:
         if warning := row.warning(bank.kind):
             print(f"warning: {warning}", file=sys.stderr)
-    if not options.json:
-        print(f"bank of kind {bank.kind}: {options.out}")
-        beside = {r.action: (f"{r.nothing_mm:.2f}", f"{r.difference_mm:.2f}") for r in rows}
-        mine = {row["action"]: f"{row['mm']:.2f}" for row in known}
-        print_table(
-            ("action", "pairs", "ROI (w x h)", "doing nothing (mm)", "f_D (mm)", "error (mm)"),
-            [
-                (name, data["pairs"][name], "{}x{}".format(*bank.roi(name)),
-                 *beside.get(name, ("—", "—")), mine.get(name, "—"))
-                for name in bank.actions
-            ],
-        )  # fmt: skip
-        for name, found in info.get("training", {}).items():
-            print(
-                f"{name}: {found['epochs']} epochs, {found['seconds']:.0f} s; best is epoch "
-                f"{found['best_epoch']} with {found['best_mm']:.3f} mm"
-            )
-    return result
-
-
-def _mesh(options: TrainOptions) -> Any:
-    """The devices that share the batches, or None."""
-    if options.devices is None:
-        return None
-    if options.kind in WITHOUT_CHECKPOINTS:
-        raise JShapeError(f"--devices: kind {options.kind} trains no network and does not use it")
-    return devices.mesh_of(options.devices, "batch")
+    print(f"bank of kind {bank.kind}: {options.out}")
+    beside = {r.action: (f"{r.nothing_mm:.2f}", f"{r.difference_mm:.2f}") for r in rows}
+    mine = {name: f"{mm:.2f}" for name, mm in known.items()}
+    print_table(
+        ("action", "pairs", "ROI (w x h)", "doing nothing (mm)", "f_D (mm)", "error (mm)"),
+        [
+            (name, count[name], "{}x{}".format(*roi), *beside.get(name, ("—", "—")))
+            + (mine.get(name, "—"),)
+            for name, roi in bank.rois.items()
+        ],
+    )
+    for name, found in info.get("training", {}).items():
+        print(
+            f"{name}: {found['epochs']} epochs, {found['seconds']:.0f} s; best is epoch "
+            f"{found['best_epoch']} with {found['best_mm']:.3f} mm"
+        )
+    return {"training": {}} | info | {"out": str(options.out), "kind": bank.kind, "rois": bank.rois}
 
 
 def _validated(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> list[Any]:
@@ -162,13 +162,6 @@ def _validated(bank: Any, pairs: Any, start: Any, settings: dict[str, Any]) -> l
             tell(completed=made, total=total, said=action)
 
         return validate(bank, pairs, start=start, report=report, **settings)
-
-
-def _refuse_unused(options: TrainOptions) -> None:
-    given = [name for name in OF_NETWORKS if name in options.given]
-    if given:
-        named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise JShapeError(f"{named}: kind {options.kind} trains no network and does not use it")
 
 
 class _Watch:
@@ -202,10 +195,6 @@ class _Watch:
     def close(self) -> None:
         """End the last bar."""
         self.bars.close()
-
-    def errors_mm(self) -> dict[str, float]:
-        """On the pairs kept out for validation, per action; NaN where none were."""
-        return {name: row.validation * self.to_mm for name, row in self.best.items()}
 
     def summary(self) -> dict[str, dict[str, int | float]]:
         """What training came to, per action, for the manifest."""

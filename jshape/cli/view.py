@@ -7,23 +7,17 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from jshape.app.ports import free_port, url
-from jshape.cli.options import File, Port, Writes
-from jshape.errors import JShapeError
+from jshape.cli.options import File, Serves, Writes
+from jshape.errors import needs
 from jshape.io.cameras import read_camera
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewOptions(Writes):
+class ViewOptions(Serves, Writes):
     """Of `jshape view`."""
 
     save: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
     """Write a Rerun recording, open no browser."""
-    host: str = "127.0.0.1"
-    """To listen at (127.0.0.1: only here)."""
-    port: Port = 8080
-    """To listen at; 0: any free one."""
-    no_open: bool = False
-    """Open no browser."""
     camera_file: Annotated[Path | None, File] = None
     """camera.json, if the run's bank is gone."""
 
@@ -33,7 +27,6 @@ def view(run: Path, /, options: ViewOptions = ViewOptions()) -> dict[str, Any]:
 
     Args:
       run: A run's or a plan's folder, or plan.json.
-      options: how.
     """
     from jshape.app.view.read import read_episode
     from jshape.app.view.recording import check_target, write_recording
@@ -42,8 +35,7 @@ def view(run: Path, /, options: ViewOptions = ViewOptions()) -> dict[str, Any]:
         check_target(options.save, options.overwrite)
     camera = None if options.camera_file is None else read_camera(options.camera_file, 1.0)[0]
     episode = read_episode(run, camera=camera)
-    if not options.json:
-        print("\n".join([episode.title, *episode.notes]), flush=True)
+    print("\n".join([episode.title, *episode.notes]), flush=True)
     result = {
         "title": episode.title,
         "steps": [step.words for step in episode.steps],
@@ -52,19 +44,14 @@ def view(run: Path, /, options: ViewOptions = ViewOptions()) -> dict[str, Any]:
     if options.save is None:
         return result | {"url": _show(episode, options)}
     out = write_recording(options.save, episode, overwrite=options.overwrite)
-    if not options.json:
-        print(f"Rerun recording: {out}")
+    print(f"Rerun recording: {out}")
     return result | {"recording": str(out)}
 
 
 def _show(episode: Any, options: ViewOptions) -> str:
     """Serve the episode until Ctrl-C; returns where it was."""
-    try:
+    with needs("studio", "the viewer"):
         from jshape.app.view.page import serve_episode
-    except ModuleNotFoundError as problem:
-        raise JShapeError(
-            f"the viewer needs {problem.name}: pip install 'jshape[studio]'"
-        ) from None
     port = free_port(options.host, options.port)
     serve_episode(episode, host=options.host, port=port, show=not options.no_open)
     return url(options.host, port)

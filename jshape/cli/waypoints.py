@@ -7,7 +7,6 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from jshape.actions import PAPER_Z
-from jshape.cli.calibrate import check_new
 from jshape.cli.options import File, Positive, Writes, plan_file
 from jshape.cli.tables import print_table
 from jshape.errors import BadFile
@@ -44,9 +43,8 @@ def waypoints(plan: Path, /, options: WaypointsOptions) -> dict[str, Any]:
 
     Args:
       plan: plan.json, or the folder of `jshape plan --out`.
-      options: how.
     """
-    check_new(check_ending(options.out), options.overwrite)
+    options.check_new(check_ending(options.out))
     if options.base is None and options.gripper is not None:
         raise BadFile("--gripper goes with --base, the pose of a camera in the hand")
     base_camera = None
@@ -56,9 +54,8 @@ def waypoints(plan: Path, /, options: WaypointsOptions) -> dict[str, Any]:
     made = Plan.from_json(plan_file(plan))
     ways = waypoints_of(made, hand, base_camera, place_depth=options.place_depth)
     write_waypoints(options.out, ways)
-    if not options.json:
-        _print(ways)
-        print(f"waypoints: {options.out}")
+    _print(ways)
+    print(f"waypoints: {options.out}")
     return waypoint_fields(ways) | {"out": str(options.out)}
 
 

@@ -84,6 +84,11 @@ class Change:
     why: str
     """For people: why it makes no pair; empty for an action."""
 
+    @property
+    def between(self) -> tuple[int, int]:
+        """The first frame of the change, and the first after it."""
+        return self.before.segment.stop, self.after.segment.start
+
 
 def thumbnail(counts: np.ndarray) -> np.ndarray:
     """Medians of blocks: (H // BLOCK, W // BLOCK) uint16, 0 where over half have no reading.

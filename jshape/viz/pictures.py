@@ -76,7 +76,6 @@ def plan_figure(
         d_mm = float(metric.to_mm(metric.distance(obtained, goal), camera))
         shown.append((f"obtained: {d_mm:.2f} mm", obtained))
     heights = [height_mm(image, camera) for _, image in shown]
-    low, high = span(heights)
     wanted = heights[1]
     gaps = [h - wanted for k, h in enumerate(heights) if k != 1]
     reach = max(float(np.percentile(np.abs(gaps), 99.98)), 1.0)
@@ -84,12 +83,7 @@ def plan_figure(
     columns = len(shown)
     figure = Figure(figsize=(4.0 * columns, 6.6), layout="constrained")
     axes = figure.subplots(2, columns, squeeze=False)
-    for ax, (name, _), height in zip(axes[0], shown, heights, strict=True):
-        drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
-        _bare(ax, name)
-    figure.colorbar(
-        drawn, ax=list(axes[0]), label="above the far end of the range (mm)", shrink=0.85
-    )
+    _draw_heights(axes[0], heights, [name for name, _ in shown], shrink=0.85)
     names = ["now - goal", "predicted - goal", "obtained - goal"]
     bottom = [axes[1][0], *axes[1][2:]]
     for ax, name, gap in zip(bottom, names, gaps, strict=False):
@@ -183,18 +177,26 @@ def strip_figure(
 ) -> Figure:
     """Images side by side with a name over each, all on one grey scale."""
     heights = [height_mm(image, camera) for image in images]
-    low, high = span(heights)
     rows = -(-len(images) // columns)
     columns = -(-len(images) // rows)  # no lone picture in the last row
     figure = Figure(figsize=(3.0 * columns, 2.8 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).reshape(-1)
+    for ax in axes[len(images) :]:
+        ax.set_axis_off()
+    _draw_heights(axes, heights, names, shrink=0.7)
+    return figure
+
+
+def _draw_heights(
+    axes: Any, heights: Sequence[np.ndarray], names: Sequence[str], *, shrink: float
+) -> None:
+    """Heights in mm on one grey scale, beside it."""
+    low, high = span(heights)
     for ax, name, height in zip(axes, names, heights, strict=False):
         drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
         _bare(ax, name)
-    for ax in axes[len(images) :]:
-        ax.set_axis_off()
-    figure.colorbar(drawn, ax=list(axes), label="above the far end of the range (mm)", shrink=0.7)
-    return figure
+    label = "above the far end of the range (mm)"
+    axes[0].figure.colorbar(drawn, ax=list(axes), label=label, shrink=shrink)
 
 
 def draw_actions(ax: Axes, plan: Plan, rois: Rois | None = None, *, strengths: bool = True) -> None:

@@ -58,8 +58,9 @@ def timeline_figure(
         if state == "open":
             ax.axvspan(start - 0.5, stop - 0.5, color=_STATES[state], alpha=0.15, lw=0)
     for frame, text, colour in changes:
-        above.text(frame, 1.12, text, ha="center", va="bottom", fontsize=8, rotation=90,
-                   color=colour)  # fmt: skip
+        above.text(
+            frame, 1.12, text, ha="center", va="bottom", fontsize=8, rotation=90, color=colour
+        )
     above.set(ylim=(0, 2.6), yticks=[])
     for side in ("top", "right", "left"):
         above.spines[side].set_visible(False)
@@ -95,8 +96,9 @@ def contact_sheet(tiles: Sequence[Tile], *, colours: Sequence[str] = ()) -> Figu
     columns = min(len(tiles), _ROW)
     shape = tiles[0].prior_mm.shape
     tall = 1.9 * shape[0] / shape[1] + 0.34
-    figure = Figure(figsize=(3.9 * columns + 0.9, max(tall * rows + 0.1, 2.2)),
-                    layout="constrained")  # fmt: skip
+    figure = Figure(
+        figsize=(3.9 * columns + 0.9, max(tall * rows + 0.1, 2.2)), layout="constrained"
+    )
     axes = figure.subplots(rows, 2 * columns, squeeze=False)
     # Rims of a millimetre decide where a box ends; deep craters are seen anyway.
     reach = float(np.clip(max(_reach(tile.change_mm) for tile in tiles), 1.0, 6.0))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments import LeftOut, pages, robot, robot_page
+from benchmarks.experiments.samples import Asked
 from jshape import PAPER_BOX, actions
 from jshape.errors import UnknownName
 from jshape.io import files
@@ -72,7 +73,7 @@ def test_without_the_twin_the_simulators_hand_stands_in(tmp_path, monkeypatch):
     monkeypatch.setattr(robot, "check_engine", lambda: None)
     robot.run(tmp_path / "six")
     assert asked["arm"] == "mujoco" and not asked["notes"]
-    robot.run(tmp_path / "six", quick=True)
+    robot.run(tmp_path / "six", Asked(quick=True))
     assert asked["arm"] == "sim" and asked["quick"]
 
 

@@ -9,6 +9,7 @@ import pytest
 from benchmarks.experiments import EXPERIMENTS, generalization, open_loop, shaping
 from benchmarks.experiments.open_loop import Method
 from benchmarks.experiments.problems import Applied
+from benchmarks.experiments.samples import Asked
 from benchmarks.experiments.shaping_figures import outcomes_figure, tree_figure
 from jshape import PAPER_BOX, actions, metric, sim
 from jshape.errors import UnknownName
@@ -86,7 +87,7 @@ def test_shaping_writes_a_row_for_every_method(told, tmp_path, monkeypatch):
     ])  # fmt: skip
     beds, applied = (sim.flat_bed(), sim.flat_bed(sim.DEPTH - 0.005)), list(told.applied)
     monkeypatch.setattr(shaping, "problem", lambda *_: (*beds, applied))
-    content = shaping.run(tmp_path / "out", quick=True)
+    content = shaping.run(tmp_path / "out", Asked(quick=True))
     (row,) = content["rows"]
     assert row["problem"] == 1 and row["goal_by"] == "robot"
     # No action makes the whole bed 5 mm lower.
@@ -131,7 +132,7 @@ def test_generalization_counts_what_each_predictor_finds(tmp_path, monkeypatch, 
     monkeypatch.setattr(generalization, "methods", lambda *_: known)
     applied = [Applied("knock", (240, 197), 1.0, 0.0)]
     monkeypatch.setattr(generalization, "drawn", lambda *_: applied)
-    content = generalization.run(tmp_path / "out", quick=True)
+    content = generalization.run(tmp_path / "out", Asked(quick=True))
     assert {row["situation"] for row in content["rows"]} == {"level flour"}
     first, second = (
         [row for row in content["rows"] if row["name"] == method.where] for method in known

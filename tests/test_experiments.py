@@ -12,7 +12,7 @@ from benchmarks import clouds
 from benchmarks.experiments import metric as race
 from benchmarks.experiments import metric_figures, ranking, samples, studies, viewpoint
 from benchmarks.experiments.__main__ import main
-from benchmarks.experiments.samples import CAMERAS, smaller
+from benchmarks.experiments.samples import CAMERAS, Asked, smaller
 from jshape import PAPER_BOX, metric, sim
 from jshape.cli.tables import progress
 from jshape.errors import BadDataset
@@ -139,7 +139,7 @@ def test_a_turn_leaves_the_points_where_they_are():
 @pytest.mark.full
 def test_viewpoint_writes_a_page_with_every_view(tmp_path):
     out = tmp_path / "out"
-    told = viewpoint.run(out, quick=True)
+    told = viewpoint.run(out, Asked(quick=True))
     assert len(told["rows"]) == 2 * len(viewpoint.MOVES) * 3
     assert all((out / name).is_file() for name in viewpoint.FIGURES)
     assert "turns about its centre" in (out / "page.html").read_text()
@@ -204,7 +204,8 @@ def test_datasize_leaves_out_what_is_not_there(tmp_path, pairs):
 
     datasets.save_pairs(pairs.of(agent="robot"), tmp_path / "data")
     told = datasize.run(
-        tmp_path / "out", data=tmp_path / "data", kinds=("D",), sizes=(1, 3, 50), partitions=1
+        tmp_path / "out",
+        Asked(data=tmp_path / "data", kinds=("D",), sizes=(1, 3, 50), partitions=1),
     )
     assert [row["pairs"] for row in told["rows"]] == [1, 3]
     assert told["notes"] == [
@@ -212,7 +213,7 @@ def test_datasize_leaves_out_what_is_not_there(tmp_path, pairs):
         "for testing."
     ]
     with pytest.raises(BadDataset, match="50"):
-        datasize.run(tmp_path / "none", data=tmp_path / "data", kinds=("D",), sizes=(50,))
+        datasize.run(tmp_path / "none", Asked(data=tmp_path / "data", kinds=("D",), sizes=(50,)))
     assert not (tmp_path / "none").exists()
 
 
@@ -222,7 +223,9 @@ def test_refinement_compares_one_training_with_itself(tmp_path, pairs, monkeypat
 
     monkeypatch.setattr(refinement, "COUPLES", refinement.COUPLES[1:])
     datasets.save_pairs(pairs.of(agent="robot"), tmp_path / "data")
-    told = refinement.run(tmp_path / "out", data=tmp_path / "data", partitions=1, width=1, epochs=1)
+    told = refinement.run(
+        tmp_path / "out", Asked(data=tmp_path / "data", partitions=1, width=1, epochs=1)
+    )
     rows = {row["predictor"]: row for row in told["rows"]}
     assert list(rows) == ["D", "DC", "DCR"]
     for plain, refined in refinement.COUPLES:
@@ -272,6 +275,6 @@ def test_refinement_of_a_data_set_takes_its_smallest_action(tmp_path, pairs, mon
     pairs = replace(robot, **both, size=sizes, id=ids, action=action)
     datasets.save_pairs(pairs, tmp_path / "data")
     monkeypatch.setattr(refinement, "COUPLES", ())
-    told = refinement.run(tmp_path / "out", data=tmp_path / "data", partitions=1)
+    told = refinement.run(tmp_path / "out", Asked(data=tmp_path / "data", partitions=1))
     assert [(row["predictor"], row["action"]) for row in told["rows"]] == [("D", "knock")]
     assert any("--actions" in note for note in told["notes"])

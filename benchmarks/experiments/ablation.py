@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.experiments import pages, studies
 from benchmarks.experiments.ablation_figures import bars_figure
 from benchmarks.experiments.components import MEAN, WHOLE, Trials, Variant, added, left_out
-from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
+from benchmarks.experiments.samples import Asked, source
 from jshape.data.pairs import Pairs
 from jshape.learn.scores import Comparison, Trial, compare
 
@@ -28,32 +28,12 @@ CHANGES = {
 """Columns of a change of the error, and of its standard error: by the step, and from f_P."""
 
 
-def run(
-    out: Path,
-    *,
-    data: Path | None = None,
-    quick: bool = False,
-    seed: int = 0,
-    actions: Sequence[str] | None = None,
-    pairs: int | None = None,
-    partitions: int | None = None,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """Errors of f_P without each of its components, and of all steps from f_D to f_P.
 
     Args:
       out: folder of the result.
-      data: a data set; None simulates the robot's pairs, of one strength and of several.
-      quick: few pokes, two partitions.
-      seed: of simulated pairs, partitions and fits.
-      actions: names; None is the paper's three (one if quick), or all of a data set.
-      pairs: simulated per action.
-      partitions: how many.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: wraps what takes long.
+      asked: quick: few pokes, two partitions.
 
     Returns:
       What `results.json` holds: a row per set of pairs, agent, action, part and component.
@@ -63,19 +43,21 @@ def run(
       BadFile: the folder holds something else, or cannot be written.
       UnknownName: no such action.
     """
-    pages.check(out, overwrite, FIGURES)
-    partitions = partitions or (2 if quick else studies.PARTITIONS)
+    pages.check(out, asked.overwrite, FIGURES)
+    partitions = studies.partitions_of(asked)
     rows: list[dict[str, Any]] = []
     notes: list[str] = []
-    sets = _sets(data, quick, seed, actions, pairs or PAIRS[quick], progress)
+    sets = _sets(asked)
     for where, found in sets.items():
         kept, left = studies.enough(found)
         notes += left
         varied = bool((kept.strength != kept.strength[0]).any())
         steps = {ADDED: added(varied), LEFT_OUT: left_out(varied)}
-        trials = Trials(kept, [v for several in steps.values() for v in several], partitions, seed)
-        say(f"{len(trials)} fits to {where}, {len(kept)} pairs")
-        rows += rows_of(where, steps, studies.trials_of(trials, "ablation", progress), kept)
+        trials = Trials(
+            kept, [v for several in steps.values() for v in several], partitions, asked.seed
+        )
+        asked.say(f"{len(trials)} fits to {where}, {len(kept)} pairs")
+        rows += rows_of(where, steps, studies.trials_of(trials, "ablation", asked.progress), kept)
     means = [mean_over_actions(rows, *panel) for panel in _panels(rows)]
     result = pages.Result(
         title="What each component of f_P brings",
@@ -94,8 +76,8 @@ def run(
                 "which are of what it displaces; squares take the place of absolute errors.",
             )
         ],
-        settings={"data": source(data), "pairs": {w: len(p) for w, p in sets.items()},
-                  "partitions": partitions, "seed": seed},
+        settings={"data": source(asked.data), "pairs": {w: len(p) for w, p in sets.items()},
+                  "partitions": partitions, "seed": asked.seed},
         notes=[
             *notes,
             "Components share work: what two do alike is missed by neither alone, so the errors "
@@ -104,22 +86,20 @@ def run(
             "little too small, as they share training sets.",
         ],
     )  # fmt: skip
-    return pages.write(result, out, overwrite=overwrite)
+    return pages.write(result, out, overwrite=asked.overwrite)
 
 
-def _sets(
-    data: Path | None, quick: bool, seed: int, actions: Sequence[str] | None, count: int,
-    progress: Progress,
-) -> dict[str, Pairs]:  # fmt: skip
+def _sets(asked: Asked) -> dict[str, Pairs]:
     """The pairs by what they are called."""
-    if data is not None:
-        return {source(data): pairs_of(data, seed=seed, count=count, actions=actions)}
-    actions = actions or (("poke",) if quick else None)
-    what: dict[str, Any] = {"seed": seed, "count": count, "actions": actions,
-                            "agents": ("robot",), "progress": progress}  # fmt: skip
+    count = PAIRS[asked.quick]
+    if asked.data is not None:
+        return {source(asked.data): pairs_for(asked, count)}
+    what: Any = {"usual": ("poke",) if asked.quick else None, "agents": ("robot",)}
     several = f"simulated pairs, strengths {STRENGTHS[0]:g} to {STRENGTHS[1]:g}"
-    return {"simulated pairs": pairs_of(None, **what),
-            several: pairs_of(None, strengths=STRENGTHS, **what)}  # fmt: skip
+    return {
+        "simulated pairs": pairs_for(asked, count, **what),
+        several: pairs_for(asked, count, strengths=STRENGTHS, **what),
+    }
 
 
 def rows_of(

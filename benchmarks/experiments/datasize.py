@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.experiments import pages, studies
-from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
+from benchmarks.experiments.samples import Asked, source
 from jshape.learn import report as drawn
-from jshape.learn.evaluate import candidates_of
 from jshape.learn.scores import Score
-from jshape.learn.study import Study
 
 FIGURES = ("sizes.png",)
 SIZES = (5, 10, 25, 50, 75)
@@ -19,40 +17,12 @@ PAIRS = {True: 14, False: 100}
 """Simulated pairs per action and agent: three quarters are the largest training set."""
 
 
-def run(
-    out: Path,
-    *,
-    data: Path | None = None,
-    quick: bool = False,
-    seed: int = 0,
-    kinds: Sequence[str] | None = None,
-    actions: Sequence[str] | None = None,
-    sizes: Sequence[int] | None = None,
-    pairs: int | None = None,
-    partitions: int | None = None,
-    width: int | None = None,
-    epochs: int | None = None,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """Errors with 5, 10, 25, 50 and 75 pairs per action; the same pairs are tested every time.
 
     Args:
       out: folder of the result.
-      data: a data set; None simulates the robot's.
-      quick: few pairs, two partitions, two sizes.
-      seed: of simulated pairs, partitions and training.
-      kinds: of banks; None is f_D and f_P.
-      actions: names; None is the paper's three (one if quick), or all of a data set.
-      sizes: pairs per action to fit to; those that are not there are left out and noted.
-      pairs: simulated per action.
-      partitions: how many.
-      width: of networks.
-      epochs: of networks.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: wraps what takes long.
+      asked: quick: few pairs, two partitions, two sizes.
 
     Returns:
       What `results.json` holds: a row per predictor, agent, action and size.
@@ -62,28 +32,18 @@ def run(
       BadFile: the folder holds something else, or cannot be written.
       UnknownName: no such kind or action.
     """
-    pages.check(out, overwrite, FIGURES)
-    kinds, count = kinds or ("D", "P"), pairs or PAIRS[quick]
-    if data is None:
-        actions = actions or (("poke",) if quick else None)
-    agents = None if data is not None else ("robot",)
-    found = pairs_of(
-        data, seed=seed, count=count, actions=actions, agents=agents, progress=progress
-    )
+    pages.check(out, asked.overwrite, FIGURES)
+    kinds, usual = asked.kinds or ("D", "P"), ("poke",) if asked.quick else None
+    found = pairs_for(asked, PAIRS[asked.quick], usual=usual, agents=("robot",))
     found, notes = studies.enough(found)
-    kept, left_out = studies.sizes_within(found, sizes or SIZES)
-    options = studies.training(quick, width, epochs, seed)
-    study = Study(
-        found, candidates_of(kinds), partitions or (2 if quick else studies.PARTITIONS),
-        seed=seed, sizes=kept, options=options,
-    )  # fmt: skip
-    say(f"{len(study)} fits to {source(data)}, {len(found)} pairs")
-    scores = studies.scores_of(studies.trials_of(study, "datasize", progress), found)
+    kept, left_out = studies.sizes_within(found, asked.sizes or SIZES)
+    study, settings = studies.study_of(asked, found, kinds, sizes=kept)
+    scores = studies.scores_of(studies.trials_of(study, "datasize", asked.progress), found)
     seen = studies.shown(scores)
     head, lines = drawn.sizes_table(seen)
     result = pages.Result(
         title="Errors of prediction against the size of the training set",
-        paragraphs=words(scores, kinds, kept, source(data)),
+        paragraphs=words(scores, kinds, kept, source(asked.data)),
         rows=studies.rows_of(scores),
         tables=[pages.Table("Mean over the actions", head, lines)],
         pictures=[
@@ -94,11 +54,10 @@ def run(
                 "line, if there is one: the noise floor, dotted where it is an upper bound.",
             )
         ],
-        settings={"data": source(data), "pairs": len(found), "kinds": list(kinds), "sizes": kept,
-                  "partitions": study.partitions, "seed": seed, "training": options},
+        settings=settings | {"kinds": list(kinds), "sizes": kept},
         notes=[*notes, *left_out],
     )  # fmt: skip
-    return pages.write(result, out, overwrite=overwrite)
+    return pages.write(result, out, overwrite=asked.overwrite)
 
 
 def words(

@@ -17,7 +17,7 @@ from benchmarks.experiments import open_loop, pages
 from benchmarks.experiments.generalization_figures import examples_figure, left_figure
 from benchmarks.experiments.open_loop import Method, Outcome
 from benchmarks.experiments.problems import Applied
-from benchmarks.experiments.samples import Progress, Say, silent, unheard
+from benchmarks.experiments.samples import Asked
 from jshape import actions, sim
 from jshape.camera import PAPER_BOX
 from jshape.robot.simulated import SimulatedWorld
@@ -63,24 +63,12 @@ SITUATIONS = (
 """The paper's five experiments are the last four kinds; the first two are where they start from."""
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    seed: int = 0,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """Plan problems of each situation with each predictor and carry the plans out.
 
     Args:
       out: folder of the result.
-      quick: one problem of each situation, three predictors, few pairs for f_D.
-      seed: of beds, goals and noise.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: wraps what takes long.
+      asked: quick: one problem of each situation, three predictors, few pairs for f_D.
 
     Returns:
       What `results.json` holds: a row per situation, problem and predictor.
@@ -88,12 +76,12 @@ def run(
     Raises:
       BadFile: the folder holds something else, or cannot be written.
     """
-    pages.check(out, overwrite, FIGURES)
-    known, count = methods(quick, seed), COUNT[quick]
+    pages.check(out, asked.overwrite, FIGURES)
+    known, count = methods(asked.quick, asked.seed), COUNT[asked.quick]
     cells = [(situation, k) for situation in SITUATIONS for k in range(count)]
     rows, examples = [], {}
-    for situation, k in progress(cells, len(cells), "generalization"):
-        told = outcomes(seed, k, situation, known)
+    for situation, k in asked.progress(cells, len(cells), "generalization"):
+        told = outcomes(asked.seed, k, situation, known)
         rows += [
             {"situation": situation.name, "problem": k + 1, "name": outcome.method.where}
             | outcome.row
@@ -101,8 +89,9 @@ def run(
         ]
         if k == 0:
             examples[situation.name] = told
-            say(f"{situation.name}: {told[0].row['applied']}")
+            asked.say(f"{situation.name}: {told[0].row['applied']}")
     names = [method.where for method in known]
+    bed = sim.irregular_bed(jax.random.key(asked.seed), HILLS["irregular"])
     result = pages.Result(
         title="Five actions, other material, uneven beds, overlapping and deeper actions",
         paragraphs=words(rows, names),
@@ -125,19 +114,19 @@ def run(
                 "the camera's range. Right: d as predicted (dashed) and as obtained each time.",
             ),
         ],
-        settings={"problems of each situation": count, "seed": seed, "hand": AGENT,
-                  "places": 21, "pairs per action of f_D": PAIRS[quick],
+        settings={"problems of each situation": count, "seed": asked.seed, "hand": AGENT,
+                  "places": 21, "pairs per action of f_D": PAIRS[asked.quick],
                   "strengths of 'any depth'": list(STRENGTHS), "deeper": list(DEEPER)},
         notes=[
             "A planned action counts as retrieved if one of the same type was applied within 10 mm "
             "of its place; order and depth do not count. "
-            + open_loop.noise_in_words(sim.irregular_bed(jax.random.key(seed), HILLS["irregular"])),
+            + open_loop.noise_in_words(bed),
             "f_P has learned from 200 pairs per action of several depths on uneven beds, f_D from "
-            f"{PAIRS[quick]} of the usual depth on the same kinds of bed. "
+            f"{PAIRS[asked.quick]} of the usual depth on the same kinds of bed. "
             "Unlike the paper, plans are carried out: by the hand that made the goal.",
         ],
     )  # fmt: skip
-    return pages.write(result, out, overwrite=overwrite)
+    return pages.write(result, out, overwrite=asked.overwrite)
 
 
 def methods(quick: bool, seed: int) -> list[Method]:

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks import clouds
 from benchmarks.experiments import metric_figures, pages
 from benchmarks.experiments.ranking import rank
-from benchmarks.experiments.samples import CAMERAS, Progress, Say, silent, unheard
+from benchmarks.experiments.samples import CAMERAS, Asked
 from jshape import metric, sim
 from jshape.camera import Camera
 
@@ -89,24 +89,12 @@ def seconds(call: Callable[[], Any]) -> float:
     return float(np.median(found))
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    seed: int = 0,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """Time and value of d, Chamfer, ICP and the earth mover's distance, and how they rank.
 
     Args:
       out: folder of the result.
-      quick: two image sizes, few points, few sequences.
-      seed: of beds, actions, noise and subsamples.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: wraps the sequences that are ranked.
+      asked: quick: two image sizes, few points, few sequences.
 
     Returns:
       What `results.json` holds; rows have a column `part`: "time", "emd" or "ranking".
@@ -114,25 +102,25 @@ def run(
     Raises:
       BadFile: the folder holds something else, or cannot be written.
     """
-    pages.check(out, overwrite, FIGURES)
-    before, after = beds(seed)
-    sizes = list(CAMERAS)[: 2 if quick else 3]
+    pages.check(out, asked.overwrite, FIGURES)
+    before, after = beds(asked.seed)
+    sizes = list(CAMERAS)[: 2 if asked.quick else 3]
     rows: list[dict[str, Any]] = []
     for size in sizes:
-        say(f"timing at {size}")
+        asked.say(f"timing at {size}")
         rows += timed(seen(before, after, CAMERAS[size]), size)
-    say("earth mover's distance with more and more points")
+    asked.say("earth mover's distance with more and more points")
     small = seen(before, after, CAMERAS["480x395"])
-    rows += transported(small, POINTS[quick], seed)
-    many, steps = (4, 4) if quick else (20, 6)
-    say(f"ranking {many} molding sequences of {steps} actions")
-    ranked, curves = rank(seed, many, steps, progress)
+    rows += transported(small, POINTS[asked.quick], asked.seed)
+    many, steps = (4, 4) if asked.quick else (20, 6)
+    asked.say(f"ranking {many} molding sequences of {steps} actions")
+    ranked, curves = rank(asked.seed, many, steps, asked.progress)
     rows += ranked
-    settings = {"sizes": sizes, "points": POINTS[quick], "sequences": many, "actions": steps,
-                "seed": seed, "trees": clouds.installed(clouds.TREES),
+    settings = {"sizes": sizes, "points": POINTS[asked.quick], "sequences": many, "actions": steps,
+                "seed": asked.seed, "trees": clouds.installed(clouds.TREES),
                 "movers": clouds.installed(clouds.MOVERS)}  # fmt: skip
     result = metric_figures.result(rows, curves, settings, FIGURES)
-    return pages.write(result, out, overwrite=overwrite)
+    return pages.write(result, out, overwrite=asked.overwrite)
 
 
 def timed(pair: Pair, size: str) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.experiments import pages
 from benchmarks.experiments.planning import LOOPS, Settings, run_planning
-from benchmarks.experiments.samples import Progress, Say, silent, unheard
+from benchmarks.experiments.samples import Asked
 from jshape.io import files
 
 CLOSED = LOOPS[1:]
@@ -17,24 +17,12 @@ SETTINGS = {
 """What is run: if quick, and if not."""
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    seed: int = 0,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """The benchmark with few problems and methods, in the closed loop.
 
     Args:
-      out: folder of the results; one that was left unfinished goes on.
-      quick: one problem of each kind, two methods, four actions.
-      seed: of problems and noise.
-      overwrite: begin anew, whatever is there.
-      say: told each line for people.
-      progress: wraps the runs to be made.
+      out: folder of the result.
+      asked: quick: one problem of each kind, two methods, four actions.
 
     Returns:
       What `results.json` holds.
@@ -42,6 +30,6 @@ def run(
     Raises:
       BadFile: the folder holds something else, or runs with other settings.
     """
-    settings = replace(SETTINGS[quick], seed=seed)
-    run_planning(out, settings, overwrite=overwrite, say=say, progress=progress)
+    settings = replace(SETTINGS[asked.quick], seed=asked.seed)
+    run_planning(out, settings, overwrite=asked.overwrite, say=asked.say, progress=asked.progress)
     return files.read_json(out / pages.JSON)

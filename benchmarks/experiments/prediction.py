@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.experiments import pages, studies
-from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
+from benchmarks.experiments.samples import Asked, source
 from jshape.learn import report as drawn
-from jshape.learn.evaluate import candidates_of
 from jshape.learn.scores import Score
-from jshape.learn.study import Study
 
 FIGURES = ("errors.png",)
 KINDS = {True: ("D", "P"), False: ("D", "CR", "DCR", "P")}
@@ -21,38 +19,12 @@ PAIRS = {True: 8, False: 60}
 """Simulated pairs per action and agent."""
 
 
-def run(
-    out: Path,
-    *,
-    data: Path | None = None,
-    quick: bool = False,
-    seed: int = 0,
-    kinds: Sequence[str] | None = None,
-    actions: Sequence[str] | None = None,
-    pairs: int | None = None,
-    partitions: int | None = None,
-    width: int | None = None,
-    epochs: int | None = None,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """Errors in mm over random partitions; with two agents also from one to the other.
 
     Args:
       out: folder of the result.
-      data: a data set; None simulates.
-      quick: few pairs, knock and poke, two partitions, f_D and f_P.
-      seed: of simulated pairs, partitions and training.
-      kinds: of banks.
-      actions: names; None is the paper's three (two if quick), or all of a data set.
-      pairs: simulated per action and agent.
-      partitions: how many.
-      width: of the networks' first block.
-      epochs: of the networks.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: wraps what takes long.
+      asked: quick: few pairs, knock and poke, two partitions, f_D and f_P.
 
     Returns:
       What `results.json` holds: a row per predictor, agents and action.
@@ -62,27 +34,21 @@ def run(
       BadFile: the folder holds something else, or cannot be written.
       UnknownName: no such kind or action.
     """
-    pages.check(out, overwrite, FIGURES)
-    kinds, count = kinds or KINDS[quick], pairs or PAIRS[quick]
-    if quick and data is None:
-        actions = actions or ("knock", "poke")  # a fit of the grasp takes as long as of all others
-    found = pairs_of(data, seed=seed, count=count, actions=actions, progress=progress)
-    found, notes = studies.enough(found)
+    pages.check(out, asked.overwrite, FIGURES)
+    kinds = asked.kinds or KINDS[asked.quick]
+    # A fit of the grasp takes as long as of all others.
+    usual = ("knock", "poke") if asked.quick else None
+    found, notes = studies.enough(pairs_for(asked, PAIRS[asked.quick], usual=usual))
     agents = list(dict.fromkeys(found.agent.tolist()))
-    options = studies.training(quick, width, epochs, seed)
-    study = Study(
-        found, candidates_of(kinds), partitions or (2 if quick else studies.PARTITIONS),
-        seed=seed, across=len(agents) > 1, options=options,
-    )  # fmt: skip
-    say(f"{len(study)} fits to {source(data)}, {len(found)} pairs")
-    scores = studies.scores_of(studies.trials_of(study, "prediction", progress), found)
+    study, settings = studies.study_of(asked, found, kinds, across=len(agents) > 1)
+    scores = studies.scores_of(studies.trials_of(study, "prediction", asked.progress), found)
     if len(agents) == 1:
         notes.append(f"All pairs are of {agents[0]}: nothing is tested across agents.")
     seen = studies.shown(scores)
     head, lines = drawn.scores_table(seen)
     result = pages.Result(
         title="Errors of prediction, with the same agent and across agents",
-        paragraphs=words(scores, kinds, source(data), study.partitions),
+        paragraphs=words(scores, kinds, source(asked.data), study.partitions),
         rows=studies.rows_of(scores),
         tables=[pages.Table("Errors over the ROI, mm", head, lines)],
         pictures=[
@@ -94,11 +60,10 @@ def run(
                 "predictor can beat; dotted where only an upper bound is known.",
             )
         ],
-        settings={"data": source(data), "pairs": len(found), "kinds": list(kinds),
-                  "partitions": study.partitions, "seed": seed, "training": options},
+        settings=settings | {"kinds": list(kinds)},
         notes=notes,
     )  # fmt: skip
-    return pages.write(result, out, overwrite=overwrite)
+    return pages.write(result, out, overwrite=asked.overwrite)
 
 
 def words(scores: Sequence[Score], kinds: Sequence[str], where: str, partitions: int) -> list[str]:

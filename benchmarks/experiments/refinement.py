@@ -9,10 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.experiments import pages, studies
-from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, source, unheard
-from jshape.learn.evaluate import candidates_of
+from benchmarks.experiments.samples import Asked
 from jshape.learn.scores import Score, compare
-from jshape.learn.study import Study
 
 FIGURES = ("refinement.png",)
 COUPLES = (("C", "CR"), ("DC", "DCR"))
@@ -22,38 +20,14 @@ COLOURS = {"C": "tab:green", "CR": "tab:green", "DC": "tab:blue", "DCR": "tab:bl
 PAIRS = {True: 12, False: 75}
 
 
-def run(
-    out: Path,
-    *,
-    data: Path | None = None,
-    quick: bool = False,
-    seed: int = 0,
-    actions: Sequence[str] | None = None,
-    pairs: int | None = None,
-    partitions: int | None = None,
-    width: int | None = None,
-    epochs: int | None = None,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """Errors of f_C, f_CR, f_DC and f_DCR, and of f_D.
 
     f_C is what is inside f_CR, so each couple is one training: the difference is the refinement.
 
     Args:
       out: folder of the result.
-      data: a data set; None simulates the robot's pokes, the smallest ROI.
-      quick: few pairs, one partition, tiny networks that are hardly trained.
-      seed: of simulated pairs, partitions and training.
-      actions: names; None is "poke", or that of a data set with the smallest ROI.
-      pairs: simulated per action.
-      partitions: how many.
-      width: of the networks' first block.
-      epochs: of their training.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: wraps what takes long.
+      asked: quick: few pairs, one partition, tiny networks that are hardly trained.
 
     Returns:
       What `results.json` holds: a row per predictor, agent and action.
@@ -63,28 +37,17 @@ def run(
       BadFile: the folder holds something else, or cannot be written.
       UnknownName: no such action.
     """
-    pages.check(out, overwrite, FIGURES)
-    if data is None:
-        actions = actions or ("poke",)
-    agents = None if data is not None else ("robot",)
-    count = pairs or PAIRS[quick]
-    found = pairs_of(
-        data, seed=seed, count=count, actions=actions, agents=agents, progress=progress
-    )
+    pages.check(out, asked.overwrite, FIGURES)
+    found = pairs_for(asked, PAIRS[asked.quick], usual=("poke",), agents=("robot",))
     found, notes = studies.enough(found)
-    if actions is None:
+    if asked.data is not None and not asked.actions:
         smallest = min(found.actions, key=lambda action: np.prod(found.roi_size(action)))
         if len(found.actions) > 1:
             notes.append(f"Only {smallest}, whose ROI is the smallest; --actions names others.")
         found = found.of(action=smallest)
     kinds = ("D", *(kind for couple in COUPLES for kind in couple))
-    options = studies.training(quick, width, epochs, seed)
-    study = Study(
-        found, candidates_of(kinds), partitions or (1 if quick else studies.PARTITIONS),
-        seed=seed, options=options,
-    )  # fmt: skip
-    say(f"{len(study)} predictors of {source(data)}, {len(found)} pairs")
-    trials = studies.trials_of(study, "refinement", progress)
+    study, settings = studies.study_of(asked, found, kinds, few=1)
+    trials = studies.trials_of(study, "refinement", asked.progress)
     scores = studies.scores_of(trials, found)
     better = {
         (c.action, c.agent, c.predictor): (c.difference_mm, c.error_mm, c.better)
@@ -96,13 +59,13 @@ def run(
         line = better.get((score.action, score.agent, score.predictor), (None,) * 3)
         names = ("refined_by_mm", "refined_error_mm", "refined_better")
         rows.append(score._asdict() | dict(zip(names, line, strict=True)))
-    if quick:
+    if asked.quick:
         notes.append(
             "Quick: the networks are tiny and hardly trained, which refinement hides best."
         )
     result = pages.Result(
         title="What refinement brings to the networks",
-        paragraphs=words(scores, options),
+        paragraphs=words(scores, settings["training"]),
         rows=rows,
         tables=[_table(rows)],
         pictures=[
@@ -113,11 +76,10 @@ def run(
                 "needs no training. Dotted line: no prediction at all.",
             )
         ],
-        settings={"data": source(data), "pairs": len(found), "partitions": study.partitions,
-                  "seed": seed, "training": options},
+        settings=settings,
         notes=notes,
     )  # fmt: skip
-    return pages.write(result, out, overwrite=overwrite)
+    return pages.write(result, out, overwrite=asked.overwrite)
 
 
 def words(scores: Sequence[Score], options: dict[str, Any]) -> list[str]:

@@ -46,7 +46,8 @@ def run_one(name: str, out: Path, *, data: Path | None = None, **options: Any) -
     if row.data:
         options["data"] = data
     with pages.made_by(command_of(name, out, options)):
-        return import_module(row.module).run(out, **options)
+        module = import_module(f"benchmarks.experiments.{row.module or name}")
+        return module.run(out, samples.Asked(**options))
 
 
 def command_of(name: str, out: Path, options: Mapping[str, Any]) -> list[str]:

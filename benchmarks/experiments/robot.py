@@ -16,7 +16,7 @@ from benchmarks.experiments import LeftOut, pages
 from benchmarks.experiments.measures import Retrieval, retrieval
 from benchmarks.experiments.problems import Applied
 from benchmarks.experiments.robot_page import FIGURES, curves, page_of, report, strips
-from benchmarks.experiments.samples import ACTIONS, Progress, silent, unheard
+from benchmarks.experiments.samples import ACTIONS, Asked
 from benchmarks.experiments.twin import check_engine
 from jshape import actions, sim
 from jshape.camera import PAPER_BOX
@@ -51,24 +51,12 @@ FILES = ("report.md", "robot.json", *pages.contents(FIGURES))
 Say = Callable[[str], Any]
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    seed: int = 0,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """The six goals in the physics twin, or where it cannot be had with the simulator's hand.
 
     Args:
       out: folder of the result.
-      quick: two goals, with the simulator's hand.
-      seed: of beds, goals and noise.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: unused; each action is said.
+      asked: quick: two goals, with the simulator's hand.
 
     Returns:
       What `results.json` holds: a row per problem.
@@ -76,14 +64,14 @@ def run(
     Raises:
       BadFile: the folder holds something else, or cannot be written.
     """
-    arm, notes = "sim" if quick else "mujoco", []
+    arm, notes = "sim" if asked.quick else "mujoco", []
     if arm == "mujoco":
         try:
             check_engine()
         except LeftOut as problem:
             arm, notes = "sim", [f"The simulator's hand stands in for the twin: {problem}"]
-    more: dict[str, Any] = {"quick": quick, "overwrite": overwrite, "notes": notes}
-    run_robot(out, arm=arm, seed=seed, say=say, **more)
+    more: dict[str, Any] = {"quick": asked.quick, "overwrite": asked.overwrite, "notes": notes}
+    run_robot(out, arm=arm, seed=asked.seed, say=asked.say, **more)
     return files.read_json(out / pages.JSON)
 
 

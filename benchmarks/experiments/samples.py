@@ -2,7 +2,7 @@
 
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,38 @@ def silent(items: Iterable[Any], *_: Any) -> Iterable[Any]:
 
 def unheard(_: str) -> None:
     """Nobody is told."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What experiments are asked for; each takes what it knows of it, and None is its usual."""
+
+    data: Path | None = None
+    """A data set; None simulates pairs."""
+    quick: bool = False
+    """Few and small of everything."""
+    seed: int = 0
+    """Of everything random."""
+    kinds: Sequence[str] | None = None
+    """Of banks."""
+    actions: Sequence[str] | None = None
+    """Names."""
+    sizes: Sequence[int] | None = None
+    """Pairs per action to fit to."""
+    pairs: int | None = None
+    """Simulated per action and agent."""
+    partitions: int | None = None
+    """Of the pairs."""
+    width: int | None = None
+    """Of the networks' first block."""
+    epochs: int | None = None
+    """Of the networks."""
+    overwrite: bool = False
+    """Replace an earlier result."""
+    say: Say = unheard
+    """Told each line for people."""
+    progress: Progress = silent
+    """Wraps what takes long."""
 
 
 def smaller(camera: Camera, times: int) -> Camera:
@@ -95,6 +127,22 @@ def pairs_of(
     )
     # A list, since the tests' type checks look into iterators and would use it up.
     return together(list(progress(made, count * len(actions) * len(agents), "simulating")))
+
+
+def pairs_for(
+    asked: Asked, count: int, *, usual: Sequence[str] | None = None, agents: Any = None, **more: Any
+) -> Pairs:
+    """`pairs_of` for what is asked; `usual` actions and the `agents` are of simulated pairs."""
+    simulated = asked.data is None
+    return pairs_of(
+        asked.data,
+        seed=asked.seed,
+        count=asked.pairs or count,
+        actions=asked.actions or (usual if simulated else None),
+        agents=agents if simulated else None,
+        progress=asked.progress,
+        **more,
+    )
 
 
 class _Supply:

@@ -19,7 +19,7 @@ from benchmarks.experiments import open_loop, pages
 from benchmarks.experiments.open_loop import Method, Outcome
 from benchmarks.experiments.problems import Applied
 from benchmarks.experiments.robot import ACTIONS, AGENTS, problem
-from benchmarks.experiments.samples import Progress, Say, pairs_of, silent, unheard
+from benchmarks.experiments.samples import Asked, pairs_of
 from benchmarks.experiments.shaping_figures import Candidate, Tree, outcomes_figure, tree_figure
 from jshape import metric, sim
 from jshape.io import banks
@@ -46,24 +46,12 @@ SHOWN = 4
 """Candidates of each step in the picture of the search tree."""
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    seed: int = 0,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """Plan the six goals with each predictor and carry the plans out.
 
     Args:
       out: folder of the result.
-      quick: two problems on the paper's places only, and few pairs for the human's f_D.
-      seed: of beds, goals and noise.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: wraps what takes long.
+      asked: quick: two problems on the paper's places only, and few pairs for the human's f_D.
 
     Returns:
       What `results.json` holds: a row per problem and method.
@@ -71,14 +59,16 @@ def run(
     Raises:
       BadFile: the folder holds something else, or cannot be written.
     """
-    pages.check(out, overwrite, FIGURES)
-    numbers = PROBLEMS[quick]
-    tried = {where: TRIED[where] for where in ((GRID,) if quick else TRIED)}
-    known = methods({AGENTS[n] for n in numbers}, PAIRS[quick], seed, tried)
+    pages.check(out, asked.overwrite, FIGURES)
+    numbers = PROBLEMS[asked.quick]
+    tried = {where: TRIED[where] for where in ((GRID,) if asked.quick else TRIED)}
+    known = methods({AGENTS[n] for n in numbers}, PAIRS[asked.quick], asked.seed, tried)
     rows, mine, names, trees = [], [], [], []
-    for number in progress(numbers, len(numbers), "shaping"):
+    for number in asked.progress(numbers, len(numbers), "shaping"):
         agent = AGENTS[number]
-        told = outcomes(seed, number, [e for e in known if agent == "human" or _who(e) == agent])
+        told = outcomes(
+            asked.seed, number, [e for e in known if agent == "human" or _who(e) == agent]
+        )
         name = f"{number + 1}, by a {agent}"
         rows += [{"problem": number + 1, "goal_by": agent} | outcome.row for outcome in told]
         own = [outcome for outcome in told if _who(outcome.method) == agent]
@@ -86,7 +76,7 @@ def run(
         names.append(name)
         mine.append((shown, own))
         trees.append(tree(shown))
-        say(f"problem {name}: {shown.row['applied']}; f_P planned {shown.row['planned']}, "
+        asked.say(f"problem {name}: {shown.row['applied']}; f_P planned {shown.row['planned']}, "
             f"{shown.row['before_mm']:.2f} -> {shown.row['obtained_mm']:.2f} mm")  # fmt: skip
     starts = [float(shown.plan.distances_mm[0]) for shown, _ in mine]
     result = pages.Result(
@@ -109,18 +99,18 @@ def run(
                 "is bold; it ends where no action lowers d.",
             ),
         ],
-        settings={"problems": [n + 1 for n in numbers], "seed": seed, "actions": list(ACTIONS),
-                  "places": tried, "least gain (mm)": LEAST_MM,
-                  "pairs per action of the human's f_D": PAIRS[quick]},
+        settings={"problems": [n + 1 for n in numbers], "seed": asked.seed,
+                  "actions": list(ACTIONS), "places": tried, "least gain (mm)": LEAST_MM,
+                  "pairs per action of the human's f_D": PAIRS[asked.quick]},
         notes=[
             "A planned action counts as retrieved if one of the same type was applied within 10 mm "
             "of its place; order and depth do not count. "
-            + open_loop.noise_in_words(problem(seed, 0, AGENTS[0])[0]),
+            + open_loop.noise_in_words(problem(asked.seed, 0, AGENTS[0])[0]),
             "The robot is the simulator's hand. `python -m benchmarks.experiments robot` does the "
             "same in the physics twin, looking after each action.",
         ],
     )  # fmt: skip
-    return pages.write(result, out, overwrite=overwrite)
+    return pages.write(result, out, overwrite=asked.overwrite)
 
 
 def _who(method: Method) -> str:

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.experiments.components import Trials
-from benchmarks.experiments.samples import Progress
+from benchmarks.experiments.samples import Asked, Progress, source
 from jshape.data.pairs import Pairs
 from jshape.errors import BadDataset
+from jshape.learn.evaluate import candidates_of
 from jshape.learn.noise_floor import noise_floor
 from jshape.learn.scores import Score, Trial, summarise
 from jshape.learn.study import Study, fewest
@@ -22,11 +23,23 @@ NETWORK: Mapping[str, Any] = {"width": 8, "epochs": 40, "learning_rate": 5e-4, "
 QUICK: Mapping[str, Any] = {**NETWORK, "width": 4, "epochs": 12}
 
 
-def training(quick: bool, width: int | None, epochs: int | None, seed: int) -> dict[str, Any]:
-    """Options of training: the usual ones, and what was asked for."""
-    found = dict(QUICK if quick else NETWORK) | {"seed": seed}
-    given = {"width": width, "epochs": epochs}
-    return found | {name: value for name, value in given.items() if value is not None}
+def partitions_of(asked: Asked, few: int = 2) -> int:
+    """How many partitions are asked for, or the usual number: `few` if quick."""
+    return asked.partitions or (few if asked.quick else PARTITIONS)
+
+
+def study_of(
+    asked: Asked, pairs: Pairs, kinds: Sequence[str], *, few: int = 2, **more: Any
+) -> tuple[Study, dict[str, Any]]:
+    """The study of some kinds of bank, networks trained as usual or as asked for; its settings."""
+    given = {"seed": asked.seed, "width": asked.width, "epochs": asked.epochs}
+    training = {**(QUICK if asked.quick else NETWORK)}
+    training |= {name: value for name, value in given.items() if value is not None}
+    what: Any = {"partitions": partitions_of(asked, few), "seed": asked.seed}
+    study = Study(pairs, candidates_of(kinds), options=training, **what, **more)
+    asked.say(f"{len(study)} fits to {source(asked.data)}, {len(pairs)} pairs")
+    settings = {"data": source(asked.data), "pairs": len(pairs), "training": training, **what}
+    return study, settings
 
 
 def trials_of(study: Study | Trials, what: str, progress: Progress) -> list[Trial]:

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from benchmarks.experiments import LeftOut, pages
-from benchmarks.experiments.samples import ACTIONS, Progress, Say, silent, unheard
+from benchmarks.experiments.samples import ACTIONS, Asked
 from benchmarks.experiments.twin_page import FIGURES, page_of, report
 from jshape import actions, sim
 from jshape._typing import Array, Key
@@ -34,24 +34,12 @@ QUICK: dict[str, Any] = {"columns": 2, "rows": 1}
 """Places of a quick check."""
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    seed: int = 0,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """The check, for a report of all experiments.
 
     Args:
       out: folder of the result.
-      quick: two places.
-      seed: of the bed.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: unused; each trial is said.
+      asked: quick: two places.
 
     Returns:
       What `results.json` holds: a row per action and place.
@@ -61,8 +49,8 @@ def run(
       BadFile: the folder holds something else, or cannot be written.
     """
     check_engine()
-    places: dict[str, Any] = QUICK if quick else {}
-    check_twin(out, key=seed, overwrite=overwrite, say=say, **places)
+    places: dict[str, Any] = QUICK if asked.quick else {}
+    check_twin(out, key=asked.seed, overwrite=asked.overwrite, say=asked.say, **places)
     return files.read_json(out / pages.JSON)
 
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from scipy.ndimage import map_coordinates
 
 from benchmarks.experiments import pages
-from benchmarks.experiments.samples import Progress, Say, silent, unheard
+from benchmarks.experiments.samples import Asked
 from jshape import metric, sim
 from jshape._typing import Float
 from jshape.camera import D435_BAZAR
@@ -152,24 +152,12 @@ def spreads(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    seed: int = 0,
-    overwrite: bool = False,
-    say: Say = unheard,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+def run(out: Path, asked: Asked = Asked()) -> dict[str, Any]:
     """Measure two pairs of surfaces from every view.
 
     Args:
       out: folder of the result.
-      quick: every third view.
-      seed: of the bed and the grasp.
-      overwrite: replace an earlier result.
-      say: told each line for people.
-      progress: wraps the views.
+      asked: quick: every third view.
 
     Returns:
       What `results.json` holds: a row per surface and view.
@@ -177,20 +165,23 @@ def run(
     Raises:
       BadFile: the folder holds something else, or cannot be written.
     """
-    pages.check(out, overwrite, FIGURES)
-    pairs = surfaces(seed)
+    pages.check(out, asked.overwrite, FIGURES)
+    pairs = surfaces(asked.seed)
     todo = [
-        (name, view) for name in pairs for move in MOVES for view in views(move, 3 if quick else 1)
+        (name, view)
+        for name in pairs
+        for move in MOVES
+        for view in views(move, 3 if asked.quick else 1)
     ]
     rendered: dict[tuple[str, float], list[np.ndarray]] = {}
     rows = []
-    for name, view in progress(todo, len(todo), "views"):
+    for name, view in asked.progress(todo, len(todo), "views"):
         if (name, view.shift) not in rendered:
             rendered[name, view.shift] = below(pairs[name], view.shift)
         rows.append({"surface": name} | measure(rendered[name, view.shift], view))
     found = spreads(rows)
     for line in found:
-        say(
+        asked.say(
             f"{line['surface']}, {line['move']}: spread {100 * line['weighted_spread']:.1f} % "
             f"weighted, {100 * line['unweighted_spread']:.1f} % not"
         )
@@ -212,7 +203,7 @@ def run(
                 "patch that is measured. White: farther out than was rendered, and not used.",
             ),
         ],
-        settings={"seed": seed, "patch_mm": 2e3 * PATCH, "planes_apart_mm": 1e3 * APART},
+        settings={"seed": asked.seed, "patch_mm": 2e3 * PATCH, "planes_apart_mm": 1e3 * APART},
         notes=[
             "Seen without noise; points between pixels of the render are interpolated.",
             "The views of a camera that turns are resampled from one render of each bed, so that "
@@ -221,7 +212,7 @@ def run(
             "changes, and what the uneven sampling of a tilted image adds.",
         ],
     )  # fmt: skip
-    return pages.write(result, out, overwrite=overwrite)
+    return pages.write(result, out, overwrite=asked.overwrite)
 
 
 def _words(found: list[dict[str, Any]]) -> list[str]:

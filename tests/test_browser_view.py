@@ -83,7 +83,8 @@ def _press(browser, words):
 def _choose(browser, words):
     browser.find_element("css selector", "[aria-label=show]").click()
     option = f"//*[@role='option'][normalize-space()='{words}']"
-    until(lambda: browser.find_elements("xpath", option), "the choices")[0].click()
+    found = lambda: [e for e in browser.find_elements("xpath", option) if e.is_displayed()]  # noqa: E731
+    until(found, "the choices")[0].click()  # shown, no longer unfolding
 
 
 def _mesh(browser):

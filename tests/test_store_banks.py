@@ -190,7 +190,10 @@ def test_bad_networks_are_refused(networks):
     kernel = "network.down.0.first.kernel"
     for change, match in (
         ({f"0.{kernel}": None}, f"has no {kernel} of grasp"),
-        ({f"0.{kernel}": np.zeros((3, 3, 1, 5))}, f"{kernel} has shape (3, 3, 1, 5); width 2"),
+        (
+            {f"0.{kernel}": np.zeros((3, 3, 1, 5))},
+            f"{kernel} has shape (3, 3, 1, 5); expected (3, 3",
+        ),
         ({f"0.{kernel}": np.full((3, 3, 1, 2), np.nan)}, f"{kernel} holds NaN"),
         ({"0.network.output.kernel": np.zeros((1, 1, 10**6, 1))}, "expected (1, 1, width, 1)"),
         ({"0.network.output.kernel": np.zeros(3)}, "expected (1, 1, width, 1)"),

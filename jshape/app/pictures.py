@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_hex
 
-from jshape._typing import Float, Num
+from jshape._typing import ArrayLike, Float, Num
 from jshape.planning.plan import Plan
 from jshape.viz.pictures import COLOURS
 
@@ -81,13 +81,11 @@ def data_url(rgb: Num[np.ndarray, "H W 3"]) -> str:
     return "data:image/png;base64," + base64.b64encode(content.tobytes()).decode()
 
 
-def outline(
-    position: Sequence[float] | np.ndarray, roi: Sequence[int] | np.ndarray, yaw: float
-) -> Float[np.ndarray, "4 2"]:
+def outline(position: ArrayLike, roi: ArrayLike, yaw: float) -> Float[np.ndarray, "4 2"]:
     """Corners (u, v) of the turned ROI (w, h) of an action on the image."""
     half = np.asarray(roi) * [[-1, -1], [1, -1], [1, 1], [-1, 1]] / 2
     cos, sin = np.cos(yaw), np.sin(yaw)
-    return half @ np.array([[cos, sin], [-sin, cos]]) + position
+    return half @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(position)
 
 
 def boxes(actions: Iterable[tuple[str, np.ndarray]], chosen: int | None) -> str:

@@ -49,7 +49,7 @@ def checked(arrays: Arrays, name: str, shape: tuple[int, ...]) -> jax.Array:
     """
     array = arrays[name]
     if array.shape != shape:
-        raise BadBank(f"{name} has shape {array.shape}; the manifest needs {shape}")
+        raise BadBank(f"{name} has shape {array.shape}; expected {shape}")
     if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
         raise BadBank(f"{name} holds NaN, infinity or something that is not a number")
     return jnp.asarray(array, jnp.float32)

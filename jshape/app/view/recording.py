@@ -141,7 +141,9 @@ def _log_boxes(rr: Any, recording: Any, episode: Episode, step: int) -> None:
         return
     boxes, thick = [box for *_, box in rows], np.array([k == step for k, *_ in rows])
     look = {
-        "colors": [int(colour_of(action.name)[1:] + "ff", 16) for _, action, _ in rows],
+        "colors": np.array(
+            [int(colour_of(action.name)[1:] + "ff", 16) for _, action, _ in rows], np.uint32
+        ),
         "labels": [f"{k} {action.name}" for k, action, _ in rows],
         "show_labels": True,
     }

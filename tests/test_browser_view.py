@@ -83,8 +83,10 @@ def _press(browser, words):
 def _choose(browser, words):
     browser.find_element("css selector", "[aria-label=show]").click()
     option = f"//*[@role='option'][normalize-space()='{words}']"
-    found = lambda: [e for e in browser.find_elements("xpath", option) if e.is_displayed()]  # noqa: E731
-    until(found, "the choices")[0].click()  # shown, no longer unfolding
+    until(  # shown, no longer unfolding
+        lambda: [e for e in browser.find_elements("xpath", option) if e.is_displayed()],
+        "the choices",
+    )[0].click()
 
 
 def _mesh(browser):

@@ -125,8 +125,8 @@ def _sample(
 ) -> Float[Any, "*B h w"]:
     """Linear interpolation on all crossings of rows and columns; beyond the edge, the edge.
 
-    Rows are copied whole, columns are a product with a matrix of hats: on a CPU both run at the
-    speed of the vector units, where picking four neighbours a pixel would not.
+    Rows are copied whole.  Columns are picked by NumPy; in compiled code they are a product with a
+    matrix of hats, which runs at the speed of the vector units where picking would not.
     """
     xp = namespace(surface, rows, columns)
     n, m = surface.shape[-2:]
@@ -136,6 +136,11 @@ def _sample(
     high = xp.minimum(low + 1, n - 1)
     between = (1.0 - share) * surface[..., low, :] + share * surface[..., high, :]
     columns = xp.clip(columns, 0.0, m - 1.0)
+    if xp is np:
+        left = np.minimum(columns.astype(np.int32), max(m - 2, 0))
+        right = np.minimum(left + 1, m - 1)
+        share = columns - left.astype(np.float32)
+        return (1.0 - share) * between[..., left] + share * between[..., right]
     node = np.arange(m, dtype=np.float32)[:, None]
     hats = xp.maximum(1.0 - xp.abs(node - columns[None, :]), 0.0)
     return between @ hats

@@ -96,7 +96,7 @@ def small(monkeypatch):
     monkeypatch.setattr(unet, "PAPER_ROIS", {"poke": (20, 17)})
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_peers_that_are_not_installed_are_left_out_with_a_line(
     small, monkeypatch, tmp_path, capsys
 ):
@@ -136,7 +136,7 @@ def test_networks_that_differ_are_not_compared(gap):
         unet._agreeing((1, 16, 16), {"jshape": 1.0}, 1.0, 1.0, 2.0, [0.0, gap], unet.AGREE)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_the_simulators_rows(monkeypatch, tmp_path):
     monkeypatch.setattr(simulator, "BATCHES", (1, 2))
     report = Report("simulator")

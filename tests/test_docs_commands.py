@@ -224,6 +224,10 @@ def _stand_ins(monkeypatch):
     return words
 
 
+LONG = ("cameras", "recordings")
+"""Pages whose quick commands are many: minutes in all."""
+
+
 def _carried_out(slow):
     """The commands that are slow, or those that are not, with their pages."""
     return [(path, one) for path, one in OURS
@@ -244,16 +248,18 @@ def _run_all(page, carry_out, slow):
 
 def _one_each(slow):
     pages = dict.fromkeys(path for path, _ in _carried_out(slow))
-    return pytest.mark.parametrize("page", pages, ids=lambda path: path.stem)
+    marks = {
+        page: pytest.mark.slow if slow or page.stem in LONG else pytest.mark.full for page in pages
+    }
+    params = [pytest.param(page, marks=mark, id=page.stem) for page, mark in marks.items()]
+    return pytest.mark.parametrize("page", params)
 
 
-@pytest.mark.full
 @_one_each(slow=False)
 def test_commands_of_a_page(page, reader):
     _run_all(page, reader, slow=False)
 
 
-@pytest.mark.slow
 @_one_each(slow=True)
 def test_slow_commands_of_a_page(page, reader):
     _run_all(page, reader, slow=True)

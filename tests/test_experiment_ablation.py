@@ -79,7 +79,7 @@ def test_with_all_components_it_is_f_p(short, strengths):
             np.testing.assert_array_equal(found, getattr(expected, name))
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_what_is_left_out_stays_as_it_was_and_the_rest_is_fitted(examples, short):
     guess = without(examples, "descent")
     maps = ("reference", "tool", "give", "rest", "swell", "follow")
@@ -105,7 +105,7 @@ def test_without_a_tool_the_first_guess_is_the_mean_change(examples):
     np.testing.assert_allclose(off.change(flat), off.rest, atol=1e-7)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_squares_are_lowered_if_absolute_errors_are_not(examples, monkeypatch):
     monkeypatch.setattr(learning, "STEPS", (40, 40))
     monkeypatch.setattr(learning, "PER_MANY", 0)
@@ -120,7 +120,7 @@ def test_squares_are_lowered_if_absolute_errors_are_not(examples, monkeypatch):
     assert mean[()] < mean["absolute",] and square[()] != square["absolute",]
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_the_image_itself_knows_no_place(examples):
     roi = jnp.asarray(examples.prior[0])
 
@@ -176,7 +176,7 @@ def test_variants_that_do_the_same_are_fitted_once(pairs, monkeypatch):
     assert all(set(t.id) <= set(pairs.of(action=t.action).id) for t in found)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_the_changes_add_up_from_f_d_to_f_p(tmp_path, pairs, short, capsys):
     datasets.save_pairs(pairs, tmp_path / "data")
     out = tmp_path / "out"

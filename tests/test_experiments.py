@@ -217,7 +217,7 @@ def test_datasize_leaves_out_what_is_not_there(tmp_path, pairs):
     assert not (tmp_path / "none").exists()
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_refinement_compares_one_training_with_itself(tmp_path, pairs, monkeypatch):
     from benchmarks.experiments import refinement
 

@@ -160,6 +160,6 @@ def place(
         shown = ", ".join(offenders[:5]) + (", ..." if len(offenders) > 5 else "")
         raise BadPosition(
             f"{len(offenders)} ROI(s) leave the {camera.width}x{camera.height} image: {shown}; "
-            "move them, or ask for the clip 'shift' or 'drop'"
+            "move them, or set out_of_bounds (--out-of-bounds) to 'shift' or 'drop'"
         )
     return placed

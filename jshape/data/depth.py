@@ -31,6 +31,8 @@ def to_metres(
         raw = np.ma.asarray(raw) if np.ma.isMaskedArray(raw) else np.asarray(raw)
     except ValueError as problem:  # rows of different lengths
         raise BadImage(f"{where}: is no array of numbers: {one_line(problem, 100)}") from None
+    if raw.dtype == object and raw.ndim == 0:
+        raise BadImage(f"{where}: is {one_line(raw.item(), 40)}; was the file read?")
     if raw.dtype.kind != "f" and raw.dtype.newbyteorder("=") != np.uint16:
         raise BadImage(
             f"{where}: holds {raw.dtype}; raw depth is uint16 (counts: .astype(np.uint16)) or "

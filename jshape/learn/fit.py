@@ -71,7 +71,7 @@ FITTERS: dict[str, Fitter] = {
     "P": _pressed,
 }
 """Kind of bank -> what fits the predictor of one action.  Another kind is one more entry, and one
-in `store.banks.KINDS` so that it can be saved."""
+in `io.kinds.KINDS` so that it can be saved."""
 
 
 def fit(

@@ -245,7 +245,12 @@ def plan_frames(
             if not isinstance(one, Camera):
                 raise BadCamera(f"camera is {quoted(one)}; expected a Camera or two of them")
         first, last = (
-            check_unit(to_metres(depth, depth_unit, name), one, name)
+            check_unit(
+                to_metres(depth, depth_unit, name),
+                one,
+                name,
+                None if np.asarray(depth).dtype.kind == "f" else depth_unit,
+            )  # fmt: skip
             for depth, one, name in zip((z0, zstar), pair, names, strict=True)
         )
         view = view_of(pair[0], bank.camera, first, reproject=reproject, where=names[0])

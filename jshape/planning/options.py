@@ -158,7 +158,8 @@ def options(base: Mapping[str, Any] | None = None, /, **named: Any) -> dict[str,
 
 
 OTHERS = ("bank", "planner", "start", "execution", "camera", "depth_unit")
-"""Keywords of `plan` and `plan_depth` that are no records."""
+"""Keywords that are no records: `start` and `execution` are of `plan`, `camera` and `depth_unit` of
+`plan_depth`, the others of both."""
 
 
 def fields_of(keywords: Mapping[str, Any]) -> dict[str, Any]:

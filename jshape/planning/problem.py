@@ -87,7 +87,8 @@ def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -
     """What a search must gain and may use, the bank's own errors times the margin among it."""
     if not isinstance(stop.max_steps, int | np.integer) or not 0 <= stop.max_steps <= MAX_STEPS:
         raise JShapeError(
-            f"max_steps is {quoted(stop.max_steps)}; it must be a whole number to {MAX_STEPS}"
+            f"max_steps is {quoted(stop.max_steps)}; "
+            f"it must be a whole number from 0 to {MAX_STEPS}"
         )
     margin = stop.error_margin
     if margin is None:

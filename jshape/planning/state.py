@@ -51,7 +51,7 @@ class SearchState:
 
     @property
     def distance(self) -> Float[Array, ""]:
-        """D between the map and the map wanted."""
+        """The distance d between the map and the map wanted."""
         return self.distance_of(self.now)
 
     def distance_of(self, now: Float[Array, "R C"]) -> Float[Array, ""]:

@@ -18,7 +18,7 @@ from jshape.errors import JShapeError, quoted
 from jshape.models.bank import Bank
 from jshape.planning.api import Plan, check_image, plan, rollout
 from jshape.planning.evaluate import ONE_BY_ONE, Execution
-from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria
+from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria, hinted
 from jshape.robot.checks import check_still, touched_by
 
 
@@ -48,7 +48,7 @@ class Stop(StrEnum):
     """Why the loop ended."""
 
     CONVERGED = "the distance is within the tolerance"
-    NO_IMPROVEMENT = "no action is predicted to gain more than min_gain"
+    NO_IMPROVEMENT = "no action is predicted to gain enough (--min-gain-mm, --error-margin)"
     MAX_STEPS = "as many actions as allowed"
     WORSE = "the last actions, or the last one, did not lower the distance"
     BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"
@@ -108,6 +108,7 @@ class Molding:
         return np.array([metric.to_mm(metric.distance(i, self.goal), camera) for i in self.images])
 
 
+@hinted
 def mold(
     world: World,
     goal: np.ndarray,

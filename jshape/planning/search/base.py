@@ -90,7 +90,7 @@ class SearchResult:
     strength: Float[Any, "*B K"]
     """How many times as deep as the trained action."""
     distance: Float[Any, "*B"]
-    """D after the last action, on the map."""
+    """The distance d after the last action, on the map."""
     status: Int[Any, "*B"]
     """A `Status`; -1 while the search goes on."""
     evaluations: Int[Any, "*B"]

@@ -5,6 +5,7 @@ import dataclasses
 import socket
 import subprocess
 import sys
+import time
 
 import jax
 import numpy as np
@@ -189,7 +190,7 @@ def test_load_draw_plan_step_edit_and_carry_out(page, folder):
     assert (folder / "out" / "run-001" / "summary.json").is_file()
     until(lambda: "A run goes on" not in page.text("hint"), "what to do next")
     page.press("save bed, goal and plan")
-    until(lambda: (folder / "out" / "editor" / "goal.png").is_file(), "what is saved")
+    until(lambda: (folder / "out" / "saved" / "goal.png").is_file(), "what is saved")
 
 
 def reachable(browser):
@@ -223,20 +224,27 @@ def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_cancelled(page, folder)
     (folder / "LETTER.PNG").write_bytes(b"dear")
     (folder / "letter.txt").write_text("dear")
 
-    def drop(name):  # on the bed: the field is drawn anew after each
-        fields = until(lambda: page.browser.find_elements("css selector", FILES), "where to drop")
-        fields[0].send_keys(str(folder / name))
+    def drop(name, told, what):  # on the bed: the field is drawn anew after each
+        from selenium.common.exceptions import StaleElementReferenceException as Redrawn
 
-    drop("letter.txt")
-    until(lambda: page.says("allowed are .png"), "what may be dropped")
-    drop("LETTER.PNG")
-    until(lambda: page.says("LETTER.PNG: not an image"), "what is wrong")
-    drop("SAND.PNG")
-    until(lambda: page.says("drop the camera.json"), "whose unit is missing")
-    drop("camera.json")
-    until(lambda: "read with" in page.text("where"), "the camera")
-    drop("SAND.PNG")
-    until(lambda: "bed: SAND.PNG" in page.text("where"), "the bed")
+        def dropped():
+            fields = page.browser.find_elements("css selector", FILES)
+            try:
+                fields[0].send_keys(str(folder / name))
+            except (IndexError, Redrawn):
+                return False
+            end = time.monotonic() + 15  # what met a field that was being drawn is dropped again
+            while not (said := told()) and time.monotonic() < end:
+                time.sleep(0.1)
+            return said
+
+        until(dropped, what)
+
+    drop("letter.txt", lambda: page.says("allowed are .png"), "what may be dropped")
+    drop("LETTER.PNG", lambda: page.says("LETTER.PNG: not an image"), "what is wrong")
+    drop("SAND.PNG", lambda: page.says("drop the camera.json"), "whose unit is missing")
+    drop("camera.json", lambda: "read with" in page.text("where"), "the camera")
+    drop("SAND.PNG", lambda: "bed: SAND.PNG" in page.text("where"), "the bed")
     page.press("clear")
     page.drag("image", (0.3, 0.5), (0.7, 0.5))
     until(lambda: "Press plan" in page.text("hint"), "the drawn goal")

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.experiments import pages, studies
 from benchmarks.experiments.ablation_figures import bars_figure
 from benchmarks.experiments.components import MEAN, WHOLE, Trials, Variant, added, left_out
-from benchmarks.experiments.samples import Asked, source
+from benchmarks.experiments.samples import Asked, pairs_for, source
 from jshape.data.pairs import Pairs
 from jshape.learn.scores import Comparison, Trial, compare
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.experiments import pages, studies
-from benchmarks.experiments.samples import Asked, source
+from benchmarks.experiments.samples import Asked, pairs_for, source
 from jshape.learn import report as drawn
 from jshape.learn.scores import Score
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.experiments import pages, studies
-from benchmarks.experiments.samples import Asked, source
+from benchmarks.experiments.samples import Asked, pairs_for, source
 from jshape.learn import report as drawn
 from jshape.learn.scores import Score
 

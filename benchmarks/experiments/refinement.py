@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.experiments import pages, studies
-from benchmarks.experiments.samples import Asked
+from benchmarks.experiments.samples import Asked, pairs_for
 from jshape.learn.scores import Score, compare
 
 FIGURES = ("refinement.png",)

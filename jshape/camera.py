@@ -20,18 +20,19 @@ from jshape.errors import BadCamera, BadImage, quoted
 
 STATIC = {"static": True}
 
-GEOMETRY = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max")
-"""The fields of a camera that decide what its frames mean to a bank: all but the bits."""
-
+GEOMETRY = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max", "orthographic")
+"""The fields of a camera that decide what its frames mean to a bank: neither bits nor pose."""
 
 FARTHEST = 50.0
 """Depths beyond it are no bed's: they were meant in millimetres."""
+LENS_OFF = 0.05
+"""Pixels by which straightening a lens may be off at the image's edge."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Camera:
-    """An undistorted pinhole depth camera.  A pytree: sizes and bits static, numbers traced."""
+    """A depth camera: a pinhole, or parallel rays.  A pytree: sizes static, numbers traced."""
 
     width: int = field(metadata=STATIC)
     """Columns, pixels."""
@@ -51,6 +52,13 @@ class Camera:
     """Depth that becomes black (0), metres."""
     bits: int = field(default=8, metadata=STATIC)
     """Bits of a luminance."""
+    orthographic: bool = field(default=False, metadata=STATIC)
+    """Whether rays are parallel, as in a map of heights: fx and fy are then pixels per metre."""
+    lens: tuple[float, ...] | None = None
+    """k1, k2, p1, p2, k3, k4, k5, k6 of the rational Brown-Conrady model; None: straight rays."""
+    pose: tuple[tuple[float, ...], ...] | None = None
+    """(4, 4) from the camera's frame to one that several cameras share, such as the robot's base,
+    metres; None: its own is that frame."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -85,11 +93,32 @@ class Camera:
             level = xp.round(level)
         return jnp.asarray(xp.where(xp.isfinite(metres) & (metres > 0), level, np.nan), jnp.float32)
 
-    def rays(self) -> tuple[Float[Array, "1 W"], Float[Array, "H 1"]]:
-        """Normalised pixel coordinates x (1, W) and y (H, 1).  Eq. camCoord."""
-        x = (np.arange(self.width, dtype=np.float32) - single(self.u0)) / single(self.fx)
-        y = (np.arange(self.height, dtype=np.float32) - single(self.v0)) / single(self.fy)
-        return jnp.asarray(x[None, :]), jnp.asarray(y[:, None])
+    def pixel(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+        """The pixel (u, v) that shows a point of the camera's frame, metres.  Eq. pinhole."""
+        if not self.orthographic:
+            x, y = x / z, y / z
+            if self.lens is not None:
+                x, y = _bent(x, y, self.lens)
+        return single(self.fx) * x + single(self.u0), single(self.fy) * y + single(self.v0)
+
+    def at(self, u: Any, v: Any, z: Any) -> tuple[Any, Any]:
+        """The x and y, metres, of the point at depth z that pixel (u, v) shows.  Eq. camCoord."""
+        x, y = (u - single(self.u0)) / single(self.fx), (v - single(self.v0)) / single(self.fy)
+        if self.orthographic:
+            return x, y
+        if self.lens is not None:
+            x, y = _straight(x, y, self.lens)
+        return x * z, y * z
+
+    def scale(self, z: Any) -> tuple[Any, Any]:
+        """Pixels per metre along u and v at depth z."""
+        away = 1.0 if self.orthographic else z
+        return single(self.fx) / away, single(self.fy) / away
+
+    def rays(self, z: Any = 1.0) -> tuple[Float[Any, "*H W"], Float[Any, "H *W"]]:
+        """The x (1, W) and y (H, 1) of all pixels at depth z; (H, W) if z is, or the lens bends."""
+        u, v = (np.arange(n, dtype=np.float32) for n in (self.width, self.height))
+        return self.at(u[None, :], v[:, None], z)
 
     def points(self, luminance: ArrayLike) -> Float[Array, "H W 3"]:
         """The visible point cloud of a luminance image, metres: the mapping m.  Eq. pinhole2."""
@@ -98,8 +127,7 @@ class Camera:
                 _wrong("luminance", np.shape(luminance), f"{self.shape} (rows, columns)")
             )
         z = self.depth(luminance)
-        x, y = self.rays()
-        return jnp.stack([x * z, y * z, z], axis=-1)
+        return jnp.stack(jnp.broadcast_arrays(*self.rays(z), z), axis=-1)
 
     def project(self, points: ArrayLike, *, quantize: bool = True) -> Float[Array, "H W"]:
         """Luminance image (H, W) of a point cloud (P, 3) in metres: m inverse.  Eq. PtoI.
@@ -112,8 +140,8 @@ class Camera:
         px, py, z = jnp.asarray(unmasked(points), jnp.float32).T
         ahead = jnp.isfinite(px) & jnp.isfinite(py) & jnp.isfinite(z) & (z > 0)
         safe_z = jnp.where(ahead, z, 1.0)
-        u = jnp.round(self.fx * jnp.where(ahead, px, 0.0) / safe_z + self.u0)
-        v = jnp.round(self.fy * jnp.where(ahead, py, 0.0) / safe_z + self.v0)
+        u, v = self.pixel(jnp.where(ahead, px, 0.0), jnp.where(ahead, py, 0.0), safe_z)
+        u, v = jnp.round(u), jnp.round(v)
         seen = ahead & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
         # Scatter drops an index past the end, but wraps a negative one: send all unseen to row H.
         row = jnp.where(seen, v, self.height).astype(jnp.int32)
@@ -134,6 +162,27 @@ class Camera:
                 f"{self.width}x{self.height} image"
             )
         return replace(self, width=width, height=height, u0=self.u0 - left, v0=self.v0 - top)
+
+
+def _bent(x: Any, y: Any, lens: tuple[float, ...]) -> tuple[Any, Any]:
+    """Where a lens shows normalised coordinates: the model of OpenCV and of ROS's CameraInfo."""
+    k1, k2, p1, p2, k3, k4, k5, k6 = lens
+    r2 = x * x + y * y
+    radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    xy = 2.0 * x * y
+    return (
+        x * radial + p1 * xy + p2 * (r2 + 2.0 * x * x),
+        y * radial + p2 * xy + p1 * (r2 + 2.0 * y * y),
+    )
+
+
+def _straight(x: Any, y: Any, lens: tuple[float, ...]) -> tuple[Any, Any]:
+    """The inverse of `_bent` by fixed-point steps; `check_camera` refuses what they cannot do."""
+    straight = x, y
+    for _ in range(20):
+        bent = _bent(*straight, lens)
+        straight = straight[0] + x - bent[0], straight[1] + y - bent[1]
+    return straight
 
 
 def namespace(*trees: Any) -> ModuleType:
@@ -246,7 +295,57 @@ def check_camera(camera: Camera, where: str = "camera") -> Camera:
         raise BadCamera(
             f"{where}: z_min {camera.z_min} must be less than z_max {camera.z_max} (metres)"
         )
+    if camera.lens is not None:
+        _check_lens(camera, where)
+    if camera.pose is not None:
+        _check_pose(camera.pose, where)
     return camera
+
+
+def _check_lens(camera: Camera, where: str) -> None:
+    try:
+        lens = np.asarray(camera.lens, np.float64)
+    except (TypeError, ValueError):
+        lens = np.zeros(0)
+    if lens.shape != (8,) or not np.isfinite(lens).all() or camera.orthographic:
+        raise BadCamera(
+            f"{where}: lens is {quoted(camera.lens)}; it must be 8 numbers (k1, k2, p1, p2, k3, "
+            "k4, k5, k6) of a camera that is not orthographic"
+        )
+    # All around the image's edge: between there and the middle a lens bends less.
+    ends = np.linspace(0.0, 1.0, 9)
+    u = np.concatenate([ends, ends, 0 * ends, 0 * ends + 1]) * (camera.width - 1)
+    v = np.concatenate([0 * ends, 0 * ends + 1, ends, ends]) * (camera.height - 1)
+    with np.errstate(all="ignore"):
+        back = camera.pixel(*camera.at(u, v, 1.0), 1.0)
+        off = np.abs(np.subtract(back, [u, v])).max()
+    if not off < LENS_OFF:
+        raise BadCamera(
+            f"{where}: lens is {quoted(camera.lens)}; no straight rays belong to the image's edge "
+            f"(off by {off:.3g} pixels): are the coefficients in the order k1, k2, p1, p2, k3, k4, "
+            "k5, k6?"
+        )
+
+
+def _check_pose(pose: Any, where: str) -> None:
+    try:
+        matrix = np.asarray(pose, np.float64)
+    except (TypeError, ValueError):
+        matrix = np.zeros(0)
+    turn = matrix[:3, :3] if matrix.shape == (4, 4) else np.zeros((3, 3))
+    rigid = np.isfinite(matrix).all() and np.abs(turn @ turn.T - np.eye(3)).max() < 1e-3
+    rigid = rigid and np.linalg.det(turn) > 0 and np.allclose(matrix[3], (0, 0, 0, 1))
+    if not rigid:
+        raise BadCamera(
+            f"{where}: pose is {quoted(pose)}; it must be the 4x4 matrix of a rotation and a "
+            "translation (metres), from the camera's frame to the common one"
+        )
+    far = float(np.abs(matrix[:3, 3]).max())
+    if far > FARTHEST:
+        raise BadCamera(
+            f"{where}: pose moves by {far:g}; it is in metres, at most {FARTHEST:g} (in "
+            f"millimetres it would be {far / 1e3:g} m)"
+        )
 
 
 def check_same_camera(ours: Camera, theirs: Camera, whose: str) -> None:
@@ -266,7 +365,8 @@ def check_same_camera(ours: Camera, theirs: Camera, whose: str) -> None:
 def differing(one: Camera, other: Camera, whose: str) -> str:
     """The fields in which a camera differs from another one, both numbers named."""
     numbers = [(n, float(getattr(one, n)), float(getattr(other, n))) for n in GEOMETRY]
-    return ", ".join(f"{n} {a:g} ({whose}: {b:g})" for n, a, b in numbers if a != b)
+    said = [f"{n} {a:g} ({whose}: {b:g})" for n, a, b in numbers if a != b]
+    return ", ".join([*said, *(["the lens"] if one.lens != other.lens else [])])
 
 
 def window_of(inner: Camera, outer: Camera) -> tuple[int, int] | None:
@@ -274,7 +374,8 @@ def window_of(inner: Camera, outer: Camera) -> tuple[int, int] | None:
 
     Bits may differ: I = R∘L is normalised, so they do not matter to prediction.
     """
-    same = all(
+    same = inner.orthographic == outer.orthographic and inner.lens == outer.lens
+    same = same and all(
         np.isclose(float(getattr(inner, n)), float(getattr(outer, n)), rtol=1e-4)
         for n in ("fx", "fy", "z_min", "z_max")
     )

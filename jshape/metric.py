@@ -28,9 +28,14 @@ def ray_lengths(camera: Camera) -> Float[Array, "H W"]:
 
 
 def _ray_lengths(camera: Camera) -> Float[Any, "H W"]:
-    x = (np.arange(camera.width, dtype=np.float32) - single(camera.u0)) / single(camera.fx)
-    y = (np.arange(camera.height, dtype=np.float32) - single(camera.v0)) / single(camera.fy)
-    return namespace(camera).sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)
+    return slant(camera, *camera.rays())
+
+
+def slant(camera: Camera, x: Any, y: Any) -> Any:
+    """Length of a ray through (x, y, 1) per metre of depth; parallel rays are as long as deep."""
+    xp = namespace(camera, x, y)
+    whole = xp.sqrt(1.0 + x**2 + y**2)
+    return xp.ones_like(whole) if camera.orthographic else whole
 
 
 def max_ray_length(camera: Camera) -> Float[Array, ""]:
@@ -39,10 +44,8 @@ def max_ray_length(camera: Camera) -> Float[Array, ""]:
 
 
 def _longest(camera: Camera) -> Float[Any, ""]:
-    xp = namespace(camera)
-    x = (np.array([0.0, camera.width - 1.0], np.float32) - single(camera.u0)) / single(camera.fx)
-    y = (np.array([0.0, camera.height - 1.0], np.float32) - single(camera.v0)) / single(camera.fy)
-    return xp.sqrt(1.0 + xp.max(x**2) + xp.max(y**2))
+    u, v = (np.array([0.0, n - 1.0], np.float32) for n in (camera.width, camera.height))
+    return namespace(camera).max(slant(camera, *camera.at(u[None, :], v[:, None], 1.0)))
 
 
 def r_matrix(camera: Camera) -> Float[Array, "H W"]:
@@ -62,10 +65,8 @@ def roi_weight(camera: Camera, corner: Int[Any, "2"], size: tuple[int, int]) -> 
     """
     corner = single(corner)
     u, v = (corner[k] + np.arange(size[k], dtype=np.float32) for k in (0, 1))
-    x = (u - single(camera.u0)) / single(camera.fx)
-    y = (v - single(camera.v0)) / single(camera.fy)
-    xp = namespace(camera, corner)
-    return jnp.asarray(xp.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2) / _longest(camera))
+    x, y = camera.at(u[None, :], v[:, None], 1.0)
+    return jnp.asarray(slant(camera, x, y) / _longest(camera))
 
 
 def weigh(luminance: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:

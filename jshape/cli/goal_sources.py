@@ -208,11 +208,8 @@ def _actions(text: str, where: str, bed: BedMap, camera: Camera, bank: Bank) -> 
 
 def _in_bank(at: np.ndarray, view: View, level: float) -> np.ndarray:
     """Places (N, 2) of (u, v) in the frame as places in the bank's image."""
-    source, target = view.source, view.target
-    z = level / (level + view.rise)
-    u = (at[:, 0] - float(source.u0)) / float(source.fx) * z * float(target.fx) + float(target.u0)
-    v = (at[:, 1] - float(source.v0)) / float(source.fy) * z * float(target.fy) + float(target.v0)
-    return np.stack([u, v], -1)
+    point = view.source.at(at[:, 0], at[:, 1], level)
+    return np.stack(view.target.pixel(*point, level + view.rise), -1)
 
 
 def _acts(text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:

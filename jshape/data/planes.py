@@ -58,10 +58,8 @@ def off_plane(
     return off.astype(np.float32), 1.0 / inverse
 
 
-def _rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    x = (np.arange(camera.width) - float(camera.u0)) / float(camera.fx)
-    y = (np.arange(camera.height) - float(camera.v0)) / float(camera.fy)
-    return np.broadcast_to(x, camera.shape), np.broadcast_to(y[:, None], camera.shape)
+def _rays(camera: Camera) -> list[np.ndarray]:
+    return [np.broadcast_to(ray.astype(float), camera.shape) for ray in camera.rays()]
 
 
 def tilt_deg_of(plane: np.ndarray) -> float:

@@ -77,8 +77,7 @@ def bed_of_depth(depth: np.ndarray, camera: Camera) -> sim.Bed:
     x, y = (np.asarray(axis) for axis in level.axes())
     z = np.full(level.height.shape, float(np.median(depth)))
     for _ in range(12):  # which pixel sees a column depends on its height
-        u = camera.fx * x[None] / z + camera.u0
-        v = camera.fy * y[:, None] / z + camera.v0
+        u, v = camera.pixel(x[None], y[:, None], z)
         z = ndimage.map_coordinates(depth, [v, u], order=1, mode="nearest")
     return sim.loose_bed((sim.Z_FLOOR - z).astype(np.float32))
 

@@ -61,17 +61,13 @@ class BedMap:
     def pixels(self) -> tuple[np.ndarray, np.ndarray]:
         """U and v (Y, X) in the frame of every node of the surface."""
         x, y = self.axes()
-        camera, z = self.camera, self.level - self.height
-        u = float(camera.fx) * x[None, :] / z + float(camera.u0) + self.corner[0]
-        v = float(camera.fy) * y[:, None] / z + float(camera.v0) + self.corner[1]
-        return u, v
+        u, v = self.camera.pixel(x[None, :], y[:, None], self.level - self.height)
+        return u + self.corner[0], v + self.corner[1]
 
     def point(self, at: Pixel) -> tuple[float, float]:
         """(x, y) on the level below pixel (u, v) of the frame, metres."""
-        camera = self.camera
-        x = (at[0] - self.corner[0] - float(camera.u0)) / float(camera.fx)
-        y = (at[1] - self.corner[1] - float(camera.v0)) / float(camera.fy)
-        return x * self.level, y * self.level
+        x, y = self.camera.at(at[0] - self.corner[0], at[1] - self.corner[1], self.level)
+        return float(x), float(y)
 
     def middle(self) -> tuple[float, float]:
         """Pixel (u, v) in the middle of the part that is looked at."""
@@ -144,7 +140,7 @@ def bed_map(
     part = _part(whole, (left, top), camera)
     quarter = np.s_[height // 4 : height - height // 4, width // 4 : width - width // 4]
     level = float(np.median(part[quarter]))
-    pixel = level / float(camera.fx), level / float(camera.fy)
+    pixel = [1 / float(scale) for scale in camera.scale(level)]
     sides = width * pixel[0], height * pixel[1]
     cell = max(*pixel, max(sides) / MOST_NODES)
     # Lower places are seen wider: 5 % are 23 mm at 0.45 m.

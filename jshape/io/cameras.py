@@ -14,13 +14,14 @@ from jshape.data.missing import only_readings
 from jshape.errors import BadCamera, JShapeError, did_you_mean
 from jshape.io.files import read_json, write_json
 from jshape.io.formats import COUNTS, read_array
-from jshape.io.records import Range, read_record
+from jshape.io.records import Numbers, Range, read_record
 
 CAMERA = "camera.json"
 """What describes the camera of the frames beside it."""
 DEPTH_UNIT = 0.001
 """Metres per count where no camera.json says it (a guessed camera, a ROS topic): millimetres."""
 
+_OPTIONAL = ("orthographic", "lens", "pose")
 _Pixels = Annotated[int, Range(1, 65_535)]
 _MEANS = {
     "z_min": "; z_min and z_max are the depths between which the bed lies, metres",
@@ -41,6 +42,9 @@ class CameraFile:
     z_min: float
     z_max: float
     bits: _Pixels = 8
+    orthographic: bool = False
+    lens: Annotated[np.ndarray, Numbers((8,))] | None = None
+    pose: Annotated[np.ndarray, Numbers((4, 4))] | None = None
     depth_unit: Annotated[float, Range(0, above=True)] | None = None
 
 
@@ -95,8 +99,8 @@ def write_camera(path: str | os.PathLike, camera: Camera, depth_unit: float) -> 
     write_json(path, camera_fields(camera) | {"depth_unit": unit})
 
 
-def camera_fields(camera: Camera) -> dict[str, int | float]:
-    """The fields of a camera as plain numbers.
+def camera_fields(camera: Camera) -> dict[str, Any]:
+    """The fields of a camera as plain numbers; those that say nothing are left out.
 
     Raises:
       BadCamera: they make no sense.
@@ -104,7 +108,16 @@ def camera_fields(camera: Camera) -> dict[str, int | float]:
     check_camera(camera)
     values = {one.name: getattr(camera, one.name) for one in fields(Camera)}
     whole = ("width", "height", "bits")
-    return {name: int(x) if name in whole else _shortest(x) for name, x in values.items()}
+    found = {
+        name: int(x) if name in whole else _shortest(x)
+        for name, x in values.items()
+        if name not in _OPTIONAL
+    }
+    return found | {
+        name: values[name] if values[name] is True else np.asarray(values[name], float).tolist()
+        for name in _OPTIONAL
+        if values[name] not in (None, False)
+    }
 
 
 def camera_from(content: dict[str, Any], where: str) -> Camera:
@@ -120,6 +133,9 @@ def camera_from(content: dict[str, Any], where: str) -> Camera:
         means = [text for name, text in _MEANS.items() if lacking and name not in content]
         raise BadCamera(f"{problem}{''.join(means)}") from None
     del found["depth_unit"]
+    lens, pose = found["lens"], found["pose"]
+    found["lens"] = None if lens is None else tuple(lens.tolist())
+    found["pose"] = None if pose is None else tuple(map(tuple, pose.tolist()))
     return check_camera(Camera(**found), where)
 
 

@@ -98,8 +98,7 @@ def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
     x, y, z = points[points[:, 2] > 0].T
     # Far to the side of a point at the lens a quotient overflows: infinity is not in the image.
     with np.errstate(over="ignore"):
-        u = np.rint(np.float32(camera.fx) * (x / z) + np.float32(camera.u0))
-        v = np.rint(np.float32(camera.fy) * (y / z) + np.float32(camera.v0))
+        u, v = (np.rint(at) for at in camera.pixel(x, y, z))
     seen = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     depth = np.full(camera.shape, np.float32(np.inf))
     np.minimum.at(depth, (v[seen].astype(int), u[seen].astype(int)), z[seen])

@@ -166,7 +166,7 @@ def grid_below(
     shape = (int(np.ceil(rows)), int(np.ceil(w / PIXELS)))
 
     def at(depth: float) -> OrthographicGrid:
-        pitch = jnp.float32(PIXELS * depth / float(camera.fx))
+        pitch = jnp.float32(PIXELS / float(camera.scale(depth)[0]))
         return replace(blank, depth=jnp.float32(depth), pitch=pitch, shape=shape)
 
     strength = examples.strengths[:, None, None]
@@ -200,8 +200,9 @@ def _at_nodes(seen: np.ndarray, grid: OrthographicGrid) -> np.ndarray:
     """Of masks (n, h, w), the pixel below each node (n, rows, columns), parallax left out."""
     camera = grid.camera
     picked = []
-    for count, size, focal in zip(grid.shape, seen.shape[1:], (camera.fy, camera.fx), strict=True):
-        step = float(grid.pitch) / float(grid.depth) * float(focal)
+    scale = camera.scale(float(grid.depth))[::-1]
+    for count, size, pixels in zip(grid.shape, seen.shape[1:], scale, strict=True):
+        step = float(grid.pitch) * float(pixels)
         pixel = np.rint((np.arange(count) - count // 2) * step + size // 2)
         picked.append(np.clip(pixel, 0, size - 1).astype(int))
     return seen[:, picked[0]][:, :, picked[1]]

@@ -101,7 +101,7 @@ def _flat_beds(pairs: Pairs, rois: Examples) -> list[float]:
     if sum(flat) <= len(flat) / 2:
         return []
     h, w = rois.prior.shape[1:]
-    pitch = PITCH_PX * float(np.nanmedian(levels)) / float(camera.fx)
+    pitch = PITCH_PX / float(camera.scale(float(np.nanmedian(levels)))[0])
     rows = int(h * float(camera.fx) / float(camera.fy) / PITCH_PX)
     reliefs, gaps = {}, []
     for k in np.flatnonzero(flat).tolist():

@@ -63,12 +63,11 @@ class OrthographicGrid:
           depth: of the ROI's pixels, metres, without gaps.
           corner: first pixel (u, v) of the ROI in the image.
         """
-        camera, (x, y) = self.camera, self.nodes(corner)
+        x, y = self.nodes(corner)
 
         def look(z):
-            u = camera.fx * x / z + camera.u0 - left
-            v = camera.fy * y / z + camera.v0 - top
-            return _sample(depth, v, u)
+            u, v = self.camera.pixel(x, y, z)
+            return _sample(depth, v - top, u - left)
 
         left, top = namespace(corner).asarray(corner, np.float32)
         return _first_below(look, depth.min(), depth.max())
@@ -80,26 +79,24 @@ class OrthographicGrid:
 
         All are looked at with the same planes, so that what is equal in them is seen equal.
         """
-        camera, (x, y) = self.camera, self.nodes(corner)
+        x, y = self.nodes(corner)
         w, h = self.roi
         corner = namespace(corner).asarray(corner, np.float32)
-        across = (corner[0] + np.arange(w, dtype=np.float32) - camera.u0) / camera.fx
-        along = (corner[1] + np.arange(h, dtype=np.float32) - camera.v0) / camera.fy
+        u, v = (
+            corner[0] + np.arange(w, dtype=np.float32),
+            corner[1] + np.arange(h, dtype=np.float32),
+        )
 
         def look(z):
-            columns, rows = (across * z - x[0]) / self.pitch, (along * z - y[0]) / self.pitch
-            return _sample(surface, rows, columns)
+            across, along = self.camera.at(u, v, z)
+            return _sample(surface, (along - y[0]) / self.pitch, (across - x[0]) / self.pitch)
 
         return _first_below(look, surface.min(), surface.max())
 
     def seen_by(self, camera: Camera, depth: float) -> "OrthographicGrid":
         """The same ground below another camera, with places `depth` metres from it."""
-        closer = float(self.depth) / depth
-        size = zip(self.roi, ("fx", "fy"), strict=True)
-        w, h = (
-            round(n * float(getattr(camera, f)) / float(getattr(self.camera, f)) * closer)
-            for n, f in size
-        )
+        ours, theirs = self.camera.scale(float(self.depth)), camera.scale(depth)
+        w, h = (round(float(n * b / a)) for n, a, b in zip(self.roi, ours, theirs, strict=True))
         return replace(self, camera=camera, depth=jnp.float32(depth), roi=(max(w, 1), max(h, 1)))
 
     def per_metre(self, corner: Int[Any, "2"]) -> Float[Any, "h w"]:
@@ -112,8 +109,7 @@ class OrthographicGrid:
         """X of the columns and y of the rows in the camera's frame, metres."""
         camera, (w, h), (rows, columns) = self.camera, self.roi, self.shape
         corner = namespace(corner).asarray(corner, np.float32)
-        x = (corner[0] + w // 2 - camera.u0) / camera.fx * self.depth
-        y = (corner[1] + h // 2 - camera.v0) / camera.fy * self.depth
+        x, y = camera.at(corner[0] + w // 2, corner[1] + h // 2, self.depth)
         return (
             x + (np.arange(columns, dtype=np.float32) - columns // 2) * self.pitch,
             y + (np.arange(rows, dtype=np.float32) - rows // 2) * self.pitch,

@@ -123,7 +123,7 @@ def reachable(
     free = free != 0
     if clearance_mm:
         depth = (float(camera.z_min) + float(camera.z_max)) / 2
-        size = [1e3 * depth / float(f) for f in (camera.fy, camera.fx)]  # mm of a pixel
+        size = [1e3 / float(f) for f in camera.scale(depth)[::-1]]  # mm of a pixel
         far = np.asarray(distance_transform_edt(np.pad(free, 1), sampling=size))
         free = far[1:-1, 1:-1] > clearance_mm
     if not free.any():

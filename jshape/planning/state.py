@@ -277,8 +277,8 @@ def _on_grid(
     per_metre = whole.per_metre(first)
     now, wanted = (whole.from_roi(camera.z_max - one / per_metre, first) for one in (image, goal))
     weight = _weight(camera, whole, (now + wanted) / 2)
-    pitch = xp.stack([xp.asarray(f, np.float32) for f in (camera.fy, camera.fx)])
-    pitch = pitch * (grid.pitch / grid.depth)
+    pitch = xp.stack([xp.asarray(f, np.float32) for f in camera.scale(grid.depth)[::-1]])
+    pitch = pitch * grid.pitch
     # Windows of kernels may reach beyond the map: by nodes that count for nothing.
     far = max(
         (
@@ -307,10 +307,11 @@ def _weight(camera: Camera, whole: OrthographicGrid, depth: Any) -> Any:
     xp = namespace(camera, whole, depth)
     x, y = whole.nodes(np.zeros(2, np.int32))
     x, y = x[None, :], y[:, None]
-    u, v = camera.fx * x / depth + camera.u0, camera.fy * y / depth + camera.v0
+    u, v = camera.pixel(x, y, depth)
     height, width = camera.shape
     seen = (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
-    pixels = camera.fx * camera.fy * (whole.pitch / depth) ** 2
-    ray = xp.sqrt(1.0 + (x**2 + y**2) / depth**2) / xp.asarray(metric.max_ray_length(camera))
+    across, along = camera.scale(depth)
+    pixels = across * along * whole.pitch**2
+    ray = metric.slant(camera, x / depth, y / depth) / xp.asarray(metric.max_ray_length(camera))
     unit = (camera.z_max - camera.z_min) * height * width
     return xp.where(seen, pixels * ray, 0.0) / unit

@@ -97,11 +97,10 @@ def residuals_of(
 
 def _pixels(camera: Camera, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(N,) mean distance of points (N, 5, 3) in the image; infinite behind the camera."""
-    fx, fy, u0, v0 = (float(x) for x in (camera.fx, camera.fy, camera.u0, camera.v0))
 
     def at(points):
         x, y, z = np.moveaxis(points, -1, 0)
         z = np.where(z > 0, z, np.nan)
-        return np.stack([fx * x / z + u0, fy * y / z + v0], -1)
+        return np.stack(camera.pixel(x, y, z), -1)
 
     return np.nan_to_num(np.linalg.norm(at(a) - at(b), axis=-1).mean(-1), nan=np.inf)

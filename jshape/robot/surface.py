@@ -30,12 +30,10 @@ def surface_point(
       rise: how much farther the bank's camera stands from the bed than the one that looks, metres.
       place_depth: depth at which places are meant, metres.
     """
-    centre = np.array([float(camera.u0), float(camera.v0)])
-    focal = np.array([float(camera.fx), float(camera.fy)])
-    xy = (np.asarray(position, np.float64) - centre) / focal * place_depth
+    xy = np.array(camera.at(*np.asarray(position, np.float64), place_depth))
     z = place_depth
     for _ in range(4):  # the surface's slope is well below 1: each round halves the error
-        u, v = np.rint(xy / z * focal + centre).astype(int)
+        u, v = np.rint(camera.pixel(*xy, z)).astype(int)
         u, v = min(max(u, 0), camera.width - 1), min(max(v, 0), camera.height - 1)
         around = depth[max(v - AROUND, 0) : v + AROUND + 1, max(u - AROUND, 0) : u + AROUND + 1]
         z = float(np.median(around))

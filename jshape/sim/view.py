@@ -168,6 +168,4 @@ def position_to_xy(
 ) -> Float[Array, "*B 2"]:
     """The place in the bed's frame under pixel (u, v) at depth z, metres."""
     uv = jnp.asarray(uv, jnp.float32)
-    x = (uv[..., 0] - camera.u0) / camera.fx * z
-    y = (uv[..., 1] - camera.v0) / camera.fy * z
-    return jnp.stack([x, y], axis=-1)
+    return jnp.stack(camera.at(uv[..., 0], uv[..., 1], z), axis=-1)

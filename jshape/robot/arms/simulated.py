@@ -128,8 +128,7 @@ class SimulatedArm(NoHardware):
         if doing.action not in known:
             raise ArmError(f"the simulated hand cannot {doing.action}; it can: {', '.join(known)}")
         # Places are pixels of points at the paper's depth, wherever the surface is.
-        u = point[0] / PAPER_Z * float(camera.fx) + float(camera.u0)
-        v = point[1] / PAPER_Z * float(camera.fy) + float(camera.v0)
+        u, v = (float(x) for x in camera.pixel(point[0], point[1], PAPER_Z))
         self.world.act(doing.action, (u, v), doing.strength * min(share, 1.0), doing.yaw)
 
 

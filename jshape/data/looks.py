@@ -1,0 +1,350 @@
+"""From the depth frames of cameras that stand anywhere to one height map of the bed."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from jshape._typing import ArrayLike, Float
+from jshape.camera import Camera, check_camera
+from jshape.data.depth import check_unit, to_metres, wrong_shape
+from jshape.data.planes import NEAR, fit_plane, off_plane
+from jshape.errors import BadCamera, BadImage, JShapeError, quoted
+from jshape.height_map import Frame, HeightMap, as_frame, check_map, look_down
+
+RELIEF = 0.25
+"""What is farther from the bed's plane, metres, is none of it: floor, arm, walls."""
+LEAST_PLANE = 0.15
+"""Least share of the readings that lies in the bed's plane: less is no bed's."""
+MOST_NODES = 1024
+"""Most nodes along a side of a map."""
+GAP_MM = 6.0
+"""Gaps narrower than this are filled: a pixel or two without a reading, or an edge."""
+NOISE = 2.2e-3
+"""Noise of a look, metres per square metre of depth, seen from straight above: a D435's is 0.45 mm
+at 0.45 m."""
+APART = 5e-3
+"""Metres by which two looks at one bed may differ in the median: more is a wrong pose."""
+_POINTS = 20_000
+"""Pixels that the plane and the extent are taken from."""
+
+
+class Look(NamedTuple):
+    """What one camera saw, and from where."""
+
+    depth: Float[np.ndarray, "H W"]
+    """Metres, NaN where there is no reading: the mean over its frames."""
+    camera: Camera
+    to_common: np.ndarray
+    """(4, 4) from the camera's frame to the one that all share."""
+
+
+def heightmap(
+    depths: ArrayLike | Sequence[ArrayLike],
+    cameras: Camera | Sequence[Camera],
+    *,
+    depth_unit: float = 0.001,
+    like: HeightMap | None = None,
+    frame: ArrayLike | None = None,
+    pitch: float | None = None,
+    window: tuple[int, int, int, int] | None = None,
+    where: str = "depth",
+) -> HeightMap:
+    """The bed from straight above, as one or several cameras see it from anywhere.
+
+    The bed's plane is found in what the first camera sees, unless `like` or `frame` states it.
+
+    Args:
+      depths: of one camera a frame (H, W) or several of a resting bed (T, H, W), which are averaged;
+        of several cameras one such entry each.  Metres as floats, or uint16 counts.
+      cameras: that took them.  Several need a `pose` each.
+      depth_unit: metres per count of integer frames.
+      like: a map of an earlier look of the same cameras: the new one has its grid and frame.
+      frame: (4, 4) from the map's frame to the cameras' common one; its z is up.
+      pitch: metres between nodes; None is a pixel of the first camera in the middle of its view.
+      window: (left, top, width, height) of the first camera's image that holds the bed, pixels.
+      where: what to call the frames in errors.
+
+    Returns:
+      The map.  Nodes that no camera saw are NaN, but for gaps narrower than `GAP_MM`.
+
+    Raises:
+      BadImage: frames of another size or type, without readings, or no plane in them.
+      BadCamera: cameras without a pose, or poses that do not agree.
+    """
+    looks = taken(depths, cameras, depth_unit, window, where)
+    if like is not None:
+        check_map(like, "like")
+        grid = like
+    else:
+        grid = _grid(looks, frame, pitch, where)
+    maps = [_seen(look, grid) for look in looks]
+    fused = _fused(looks, maps, grid, where)
+    found = replace(grid, heights=_without_gaps(fused, float(grid.pitch)), seen=None)
+    if not found.mask.any():
+        raise BadImage(f"{where}: the cameras see nothing of the bed's map")
+    if like is not None:
+        _check_still(found, like, where)
+    return replace(found, seen=found.mask)
+
+
+def taken(
+    depths: ArrayLike | Sequence[ArrayLike],
+    cameras: Camera | Sequence[Camera],
+    depth_unit: float = 0.001,
+    window: tuple[int, int, int, int] | None = None,
+    where: str = "depth",
+) -> list[Look]:
+    """The looks of cameras, checked; frames of a resting bed are averaged.
+
+    Raises:
+      BadImage, BadCamera: as for `heightmap`.
+    """
+    several = not isinstance(cameras, Camera)
+    every = list(cameras) if isinstance(cameras, Sequence) else [cameras]
+    frames: list[ArrayLike] = list(depths) if several else [depths]  # type: ignore[arg-type]
+    if not every or len(frames) != len(every):
+        raise BadCamera(f"{where}: {len(frames)} looks of {len(every)} cameras; one each is needed")
+    looks = []
+    for number, (raw, camera) in enumerate(zip(frames, every, strict=True)):
+        name = where if len(every) == 1 else f"{where} of camera {number + 1}"
+        if not isinstance(camera, Camera):
+            raise BadCamera(f"{name}: camera is {quoted(camera)}; expected a Camera")
+        check_camera(camera, name)
+        if len(every) > 1 and camera.pose is None:
+            raise BadCamera(
+                f"{name}: has no pose; several cameras need one each, in one common frame (jshape "
+                "calibrate finds it)"
+            )
+        stack = to_metres(raw, depth_unit, name)
+        stack = stack[None] if stack.ndim == 2 else stack
+        if stack.ndim != 3 or stack.shape[1:] != camera.shape:
+            raise BadImage(wrong_shape(name, stack.shape[-2:] or stack.shape, camera))
+        depth = _mean(stack)
+        if not np.isfinite(depth).any():
+            raise BadImage(f"{name}: no pixel has a reading")
+        unit = depth_unit if np.asarray(raw).dtype.kind == "u" else None
+        check_unit(depth, camera, name, unit)
+        if window is not None and number == 0:
+            left, top, width, height = window
+            camera.crop(left, top, width, height)
+            outside = np.ones(depth.shape, bool)
+            outside[top : top + height, left : left + width] = False
+            depth[outside] = np.nan
+        pose = np.eye(4) if camera.pose is None else np.array(camera.pose)
+        looks.append(Look(depth, camera, pose))
+    return looks
+
+
+def _mean(stack: np.ndarray) -> np.ndarray:
+    """The mean of frames (T, H, W) where at least half of them have a reading."""
+    if len(stack) == 1:
+        return stack[0].copy()
+    there = np.isfinite(stack)
+    count = there.sum(0)
+    total = np.where(there, stack, 0).sum(0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(2 * count >= len(stack), total / count, np.nan).astype(np.float32)
+
+
+def plane_frame(plane: np.ndarray) -> np.ndarray:
+    """(4, 4) from the frame of a map on a plane (see `fit_plane`) to the camera's.
+
+    z is the plane's normal towards the camera, the origin lies where the optical axis meets the
+    plane, x runs along the image's u.
+
+    Raises:
+      BadImage: the optical axis does not meet the plane before the camera.
+    """
+    if not plane[2] > 1e-6:
+        raise BadImage("the bed's plane is seen from its edge: the camera does not look at it")
+    z = -plane / np.linalg.norm(plane)
+    x = np.array([1.0, 0.0, 0.0]) - z[0] * z
+    x /= np.linalg.norm(x)
+    frame = np.eye(4)
+    frame[:3, :3] = np.stack([x, np.cross(z, x), z], 1)
+    frame[:3, 3] = 0.0, 0.0, 1.0 / plane[2]
+    return frame
+
+
+def _plane(look: Look, where: str) -> np.ndarray:
+    """The plane that most readings of a look lie in.
+
+    Raises:
+      BadImage: there is none.
+    """
+    step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
+    depth, camera = look.depth[::step, ::step], coarse(look.camera, step)
+    try:
+        plane = fit_plane(depth, camera)
+    except JShapeError as problem:
+        raise BadImage(f"{where}: the bed's plane is not found: {problem}") from None
+    off, _ = off_plane(depth, camera, plane)
+    share = float(np.mean(np.abs(off[np.isfinite(off)]) < 1e3 * NEAR))
+    if share < LEAST_PLANE:
+        raise BadImage(
+            f"{where}: the bed's plane is not found: {share:.0%} of the readings lie in one plane, "
+            f"at least {LEAST_PLANE:.0%} must; look at the levelled bed first, or cut it out with "
+            "a window"
+        )
+    return plane
+
+
+def coarse(camera: Camera, step: int) -> Camera:
+    """The camera of every `step`-th pixel."""
+    return replace(
+        camera,
+        width=-(-camera.width // step),
+        height=-(-camera.height // step),
+        fx=camera.fx / step,
+        fy=camera.fy / step,
+        u0=camera.u0 / step,
+        v0=camera.v0 / step,
+    )
+
+
+def _grid(
+    looks: Sequence[Look], frame: ArrayLike | None, pitch: float | None, where: str
+) -> HeightMap:
+    """An empty map that holds what the looks show, on the bed's plane."""
+    first = looks[0]
+    if frame is None:
+        to_common = first.to_common @ plane_frame(_plane(first, where))
+    else:
+        to_common = np.asarray(frame, float)
+        if to_common.shape != (4, 4) or not np.isfinite(to_common).all():
+            raise BadCamera(f"frame is {quoted(frame)}; it must be a 4x4 matrix")
+    if pitch is None:
+        away = (np.linalg.inv(first.to_common) @ to_common)[2, 3]
+        pitch = 1.0 / float(first.camera.scale(max(away, 0.05))[0])
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for look in looks:
+        points = _points(look, to_common)
+        points = points[np.abs(points[:, 2]) < RELIEF]
+        if len(points):
+            low = np.minimum(low, np.percentile(points[:, :2], 0.2, axis=0))
+            high = np.maximum(high, np.percentile(points[:, :2], 99.8, axis=0))
+    if not (high - low > 2 * pitch).all():
+        raise BadImage(f"{where}: no reading lies within {RELIEF:g} m of the bed's plane")
+    middle, half = (low + high) / 2, (high - low) / 2
+    half = np.minimum(half, pitch * (MOST_NODES - 1) / 2)
+    columns, rows = (2 * half / pitch).astype(int) + 1
+    origin = middle - half
+    return HeightMap(
+        np.full((rows, columns), np.float32(np.nan)),
+        float(pitch),
+        (float(origin[0]), float(origin[1])),
+        None,
+        as_frame(to_common),
+    )
+
+
+def _points(look: Look, to_common: np.ndarray) -> Float[np.ndarray, "P 3"]:
+    """Some of what a look shows, in the map's frame, metres."""
+    step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
+    depth = look.depth[::step, ::step]
+    x, y = (np.broadcast_to(a, depth.shape) for a in coarse(look.camera, step).rays())
+    there = np.isfinite(depth)
+    z = depth[there].astype(float)
+    points = np.stack([x[there] * z, y[there] * z, z, np.ones_like(z)], -1)
+    return (points @ (np.linalg.inv(to_common) @ look.to_common).T)[:, :3]
+
+
+def _seen(look: Look, grid: HeightMap) -> np.ndarray:
+    """The map's heights as one look shows them; NaN where it does not."""
+    frame = np.array(grid.frame) if grid.frame is not None else np.eye(4)
+    heights = _points(look, frame)[:, 2]
+    heights = heights[np.abs(heights) < RELIEF]
+    if not heights.size:
+        return np.full(np.shape(grid.heights), np.float32(np.nan))
+    low, high = np.percentile(heights, (0.05, 99.95))
+    room = max(5e-3, 0.1 * (high - low))
+    span = np.array([low - room, high + room], np.float32)
+    to_camera = np.linalg.inv(look.to_common) @ frame
+    camera = replace(look.camera, pose=None)
+    return np.array(look_down(look.depth, camera, to_camera.astype("f4"), grid.x, grid.y, span))
+
+
+def noise_of(look: Look, grid: HeightMap, heights: np.ndarray) -> Float[np.ndarray, "R C"]:
+    """Standard deviation of the heights that a look shows, metres.
+
+    It grows with the square of the depth, as a stereo camera's does, and as the surface is seen
+    flatter: by 1 / cos of the angle against the vertical.
+    """
+    to_camera = np.linalg.inv(look.to_common) @ np.array(grid.frame)
+    centre = np.linalg.inv(to_camera)[:3, 3]
+    x, y = grid.x[None, :], grid.y[:, None]
+    depth = to_camera[2, 0] * x + to_camera[2, 1] * y + to_camera[2, 2] * heights + to_camera[2, 3]
+    away = np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (heights - centre[2]) ** 2)
+    return (NOISE * depth**2 * away / np.maximum(centre[2] - heights, 1e-3)).astype(np.float32)
+
+
+def _fused(
+    looks: Sequence[Look], maps: Sequence[np.ndarray], grid: HeightMap, where: str
+) -> np.ndarray:
+    """One map of several: each node the mean, weighted by 1 / noise^2.
+
+    Where looks disagree by more than `APART`, as at edges, the least noisy one holds.
+
+    Raises:
+      BadCamera: two of them do not agree on most of what both see.
+    """
+    if len(maps) == 1:
+        return maps[0]
+    for k, one in enumerate(maps[1:], 2):
+        both = np.isfinite(maps[0]) & np.isfinite(one)
+        gap = float(np.median(np.abs(maps[0] - one)[both])) if both.any() else np.nan
+        if not gap <= APART:
+            said = "see nothing in common" if np.isnan(gap) else f"differ by {1e3 * gap:.1f} mm"
+            raise BadCamera(
+                f"{where}: cameras 1 and {k} {said} (median, at most {1e3 * APART:g} mm); is the "
+                "pose of one wrong, or did it move?"
+            )
+    heights = np.stack(maps)
+    there = np.isfinite(heights)
+    noise = np.stack([noise_of(look, grid, np.nan_to_num(h)) for look, h in zip(looks, maps)])
+    noise = np.where(there, noise, np.inf)
+    best = np.take_along_axis(heights, noise.argmin(0)[None], 0)
+    with np.errstate(invalid="ignore"):
+        weight = np.where(np.abs(heights - best) <= APART, noise**-2.0, 0.0)
+        return ((weight * np.nan_to_num(heights)).sum(0) / weight.sum(0)).astype(np.float32)
+
+
+def _without_gaps(heights: np.ndarray, pitch: float) -> np.ndarray:
+    """Heights with their narrow gaps filled; what is wide, or lies at the edge, stays NaN."""
+    known = np.isfinite(heights)
+    if known.all() or not known.any():
+        return heights
+    side = 2 * max(1, round(1e-3 * GAP_MM / pitch / 2)) + 1
+    # A closing by a square: what it covers is narrower than the square.
+    closed = ndimage.maximum_filter(known.astype(np.uint8), side, mode="constant")
+    closed = ndimage.minimum_filter(closed, side, mode="constant").astype(bool)
+    rows, columns = (at + 1 for at in np.nonzero(closed & ~known))
+    whole = np.pad(heights, 1, constant_values=np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # all four unknown: known a step later
+        for _ in range(4 * side):  # the mean of the neighbours: Laplace's equation
+            around = [whole[rows + v, columns + u] for v, u in ((0, 1), (0, -1), (1, 0), (-1, 0))]
+            whole[rows, columns] = np.nanmean(around, 0)
+    return whole[1:-1, 1:-1]
+
+
+def _check_still(found: HeightMap, like: HeightMap, where: str) -> None:
+    """Refuse a look from which most of the bed lies elsewhere than in the one before.
+
+    Raises:
+      BadCamera: the camera moved.
+    """
+    both = found.mask & like.mask
+    gap = np.abs(np.asarray(found.heights) - np.asarray(like.heights))[both]
+    off = float(np.median(gap)) if gap.size else np.inf
+    if off > APART:
+        raise BadCamera(
+            f"{where}: most of the bed lies {1e3 * off:.1f} mm from where the look before saw it "
+            f"(at most {1e3 * APART:g} mm): did the camera move?"
+        )
+
+

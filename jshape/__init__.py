@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jshape.actions import PAPER_ACTIONS, Action, ActionSet, grid
     from jshape.camera import D435_BAZAR, D435_NOMINAL, PAPER_BOX, Camera
+    from jshape.data.looks import heightmap
     from jshape.data.pairs import Pairs
     from jshape.errors import JShapeError
+    from jshape.height_map import HeightMap
     from jshape.io.banks import list_banks, load_bank, save_bank
     from jshape.io.datasets import load_pairs, save_pairs
     from jshape.learn.validation import fit
@@ -39,6 +41,7 @@ __all__ = [
     "Bank",
     "Camera",
     "Constraints",
+    "HeightMap",
     "JShapeError",
     "Pairs",
     "Plan",
@@ -49,6 +52,7 @@ __all__ = [
     "distance",
     "fit",
     "grid",
+    "heightmap",
     "list_banks",
     "load_bank",
     "load_pairs",
@@ -68,8 +72,10 @@ __all__ = [
 _HOMES = {
     "jshape.actions": ("PAPER_ACTIONS", "Action", "ActionSet", "grid"),
     "jshape.camera": ("D435_BAZAR", "D435_NOMINAL", "PAPER_BOX", "Camera"),
+    "jshape.data.looks": ("heightmap",),
     "jshape.data.pairs": ("Pairs",),
     "jshape.errors": ("JShapeError",),
+    "jshape.height_map": ("HeightMap",),
     "jshape.learn.validation": ("fit",),
     "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
     "jshape.planning.search.base": ("Status",),

@@ -13,7 +13,7 @@ import numpy as np
 from jax.core import Tracer
 from scipy.linalg.blas import sasum  # pyright: ignore[reportAttributeAccessIssue]
 
-from jshape._typing import Array, ArrayLike, Float, Int
+from jshape._typing import Array, ArrayLike, Bool, Float, Int
 from jshape.camera import Camera, namespace, single, unmasked
 from jshape.errors import BadImage
 
@@ -98,11 +98,13 @@ def unweigh(image: ArrayLike, camera: Camera) -> Float[Array, "*B H W"]:
     return single(unmasked(image)) / r_matrix(camera)
 
 
-def distance(a: ArrayLike, b: ArrayLike) -> Float[Array, "*B"]:
+def distance(
+    a: ArrayLike, b: ArrayLike, seen: Bool[ArrayLike, "H W"] | None = None
+) -> Float[Array, "*B"]:
     """Mean |a - b| over the last two axes, batched over the leading ones: d.  Eq. distNewImg.
 
     A metric on weighed images, in [0, 1].  The leading axes broadcast, so that many images can be
-    compared with one goal.  Works under jit, vmap and grad.
+    compared with one goal.  Works under jit, vmap and grad.  Only pixels that were `seen` count.
 
     Raises:
       BadImage: fewer than two axes, images of different size or of complex numbers, or leading
@@ -122,6 +124,10 @@ def distance(a: ArrayLike, b: ArrayLike) -> Float[Array, "*B"]:
         )
     if np.iscomplexobj(a) or np.iscomplexobj(b):
         raise BadImage("distance of complex numbers: images are real")
+    if seen is not None:
+        apart = jnp.abs(jnp.asarray(a, jnp.float32) - jnp.asarray(b, jnp.float32))
+        count = jnp.asarray(seen, jnp.float32)
+        return (apart * count).sum((-2, -1)) / count.sum()
     if _in_memory(a) and _in_memory(b):
         return jnp.asarray(_distance_in_memory(np.asarray(a), np.asarray(b)))
     return jnp.abs(jnp.asarray(a, jnp.float32) - jnp.asarray(b, jnp.float32)).mean((-2, -1))

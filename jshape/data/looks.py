@@ -13,7 +13,8 @@ from jshape.camera import Camera, check_camera
 from jshape.data.depth import check_unit, to_metres, wrong_shape
 from jshape.data.planes import NEAR, fit_plane, off_plane
 from jshape.errors import BadCamera, BadImage, JShapeError, quoted
-from jshape.height_map import Frame, HeightMap, as_frame, check_map, look_down
+from jshape.height_map import Frame, HeightMap, as_frame, camera_above, check_map, map_of
+from jshape.reproject import between, reproject
 
 RELIEF = 0.25
 """What is farther from the bed's plane, metres, is none of it: floor, arm, walls."""
@@ -58,8 +59,8 @@ def heightmap(
     The bed's plane is found in what the first camera sees, unless `like` or `frame` states it.
 
     Args:
-      depths: of one camera a frame (H, W) or several of a resting bed (T, H, W), which are averaged;
-        of several cameras one such entry each.  Metres as floats, or uint16 counts.
+      depths: of one camera a frame (H, W) or several of a resting bed (T, H, W), of
+        which the mean is taken; of several cameras one such entry each.  Metres as floats, or uint16 counts.
       cameras: that took them.  Several need a `pose` each.
       depth_unit: metres per count of integer frames.
       like: a map of an earlier look of the same cameras: the new one has its grid and frame.
@@ -76,19 +77,14 @@ def heightmap(
       BadCamera: cameras without a pose, or poses that do not agree.
     """
     looks = taken(depths, cameras, depth_unit, window, where)
-    if like is not None:
-        check_map(like, "like")
-        grid = like
-    else:
-        grid = _grid(looks, frame, pitch, where)
-    maps = [_seen(look, grid) for look in looks]
-    fused = _fused(looks, maps, grid, where)
-    found = replace(grid, heights=_without_gaps(fused, float(grid.pitch)), seen=None)
-    if not found.mask.any():
-        raise BadImage(f"{where}: the cameras see nothing of the bed's map")
-    if like is not None:
-        _check_still(found, like, where)
-    return replace(found, seen=found.mask)
+    if like is None:
+        target, frame = camera_over(looks, frame, pitch, where)
+        return map_of(seen_from(looks, target, where), target, frame)
+    check_map(like, "like")
+    target = like.camera()
+    found = map_of(seen_from(looks, target, where), target, like.frame)
+    _check_still(found, like, where)
+    return found
 
 
 def taken(
@@ -206,10 +202,17 @@ def coarse(camera: Camera, step: int) -> Camera:
     )
 
 
-def _grid(
-    looks: Sequence[Look], frame: ArrayLike | None, pitch: float | None, where: str
-) -> HeightMap:
-    """An empty map that holds what the looks show, on the bed's plane."""
+def camera_over(
+    looks: Sequence[Look],
+    frame: ArrayLike | None = None,
+    pitch: float | None = None,
+    where: str = "depth",
+) -> tuple[Camera, Frame]:
+    """The camera that sees all of the looks' bed from straight above, and the frame of its map.
+
+    Raises:
+      BadImage, BadCamera: as for `heightmap`.
+    """
     first = looks[0]
     if frame is None:
         to_common = first.to_common @ plane_frame(_plane(first, where))
@@ -217,113 +220,119 @@ def _grid(
         to_common = np.asarray(frame, float)
         if to_common.shape != (4, 4) or not np.isfinite(to_common).all():
             raise BadCamera(f"frame is {quoted(frame)}; it must be a 4x4 matrix")
-    if pitch is None:
-        away = (np.linalg.inv(first.to_common) @ to_common)[2, 3]
-        pitch = 1.0 / float(first.camera.scale(max(away, 0.05))[0])
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for look in looks:
-        points = _points(look, to_common)
-        points = points[np.abs(points[:, 2]) < RELIEF]
-        if len(points):
-            low = np.minimum(low, np.percentile(points[:, :2], 0.2, axis=0))
-            high = np.maximum(high, np.percentile(points[:, :2], 99.8, axis=0))
-    if not (high - low > 2 * pitch).all():
+    away = float((np.linalg.inv(first.to_common) @ to_common)[2, 3])
+    pitch = 1.0 / float(first.camera.scale(max(away, 0.05))[0]) if pitch is None else pitch
+    shown = np.concatenate([_points(look) @ np.linalg.inv(to_common).T for look in looks])
+    shown = shown[np.abs(shown[:, 2]) < RELIEF]
+    if len(shown) < 100:
         raise BadImage(f"{where}: no reading lies within {RELIEF:g} m of the bed's plane")
-    middle, half = (low + high) / 2, (high - low) / 2
-    half = np.minimum(half, pitch * (MOST_NODES - 1) / 2)
+    low, high = np.percentile(shown[:, :2], (0.2, 99.8), axis=0)
+    half = np.clip((high - low) / 2, pitch, pitch * (MOST_NODES - 1) / 2)
     columns, rows = (2 * half / pitch).astype(int) + 1
-    origin = middle - half
-    return HeightMap(
-        np.full((rows, columns), np.float32(np.nan)),
-        float(pitch),
-        (float(origin[0]), float(origin[1])),
-        None,
-        as_frame(to_common),
-    )
+    x, y = (low + high) / 2 - half
+    span = shown[:, 2].min(), shown[:, 2].max()
+    size = int(columns), int(rows)
+    target = camera_above(to_common, size, float(pitch), (float(x), float(y)), span)
+    return target, as_frame(to_common)
 
 
-def _points(look: Look, to_common: np.ndarray) -> Float[np.ndarray, "P 3"]:
-    """Some of what a look shows, in the map's frame, metres."""
+def _points(look: Look) -> Float[np.ndarray, "P 4"]:
+    """Some of what a look shows, in the common frame, metres; the fourth number is 1."""
     step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
     depth = look.depth[::step, ::step]
     x, y = (np.broadcast_to(a, depth.shape) for a in coarse(look.camera, step).rays())
     there = np.isfinite(depth)
     z = depth[there].astype(float)
-    points = np.stack([x[there] * z, y[there] * z, z, np.ones_like(z)], -1)
-    return (points @ (np.linalg.inv(to_common) @ look.to_common).T)[:, :3]
+    return np.stack([x[there] * z, y[there] * z, z, np.ones_like(z)], -1) @ look.to_common.T
 
 
-def _seen(look: Look, grid: HeightMap) -> np.ndarray:
-    """The map's heights as one look shows them; NaN where it does not."""
-    frame = np.array(grid.frame) if grid.frame is not None else np.eye(4)
-    heights = _points(look, frame)[:, 2]
-    heights = heights[np.abs(heights) < RELIEF]
-    if not heights.size:
-        return np.full(np.shape(grid.heights), np.float32(np.nan))
-    low, high = np.percentile(heights, (0.05, 99.95))
-    room = max(5e-3, 0.1 * (high - low))
-    span = np.array([low - room, high + room], np.float32)
-    to_camera = np.linalg.inv(look.to_common) @ frame
-    camera = replace(look.camera, pose=None)
-    return np.array(look_down(look.depth, camera, to_camera.astype("f4"), grid.x, grid.y, span))
+def seen_from(
+    looks: Sequence[Look], target: Camera, where: str = "depth"
+) -> Float[np.ndarray, "h w"]:
+    """What a camera would see of the bed that others see: metres, NaN where none of them does.
 
-
-def noise_of(look: Look, grid: HeightMap, heights: np.ndarray) -> Float[np.ndarray, "R C"]:
-    """Standard deviation of the heights that a look shows, metres.
-
-    It grows with the square of the depth, as a stereo camera's does, and as the surface is seen
-    flatter: by 1 / cos of the angle against the vertical.
+    Raises:
+      BadImage: nothing of it.
+      BadCamera: looks that do not agree.
     """
-    to_camera = np.linalg.inv(look.to_common) @ np.array(grid.frame)
-    centre = np.linalg.inv(to_camera)[:3, 3]
-    x, y = grid.x[None, :], grid.y[:, None]
-    depth = to_camera[2, 0] * x + to_camera[2, 1] * y + to_camera[2, 2] * heights + to_camera[2, 3]
-    away = np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (heights - centre[2]) ** 2)
-    return (NOISE * depth**2 * away / np.maximum(centre[2] - heights, 1e-3)).astype(np.float32)
+    seen = _fused(looks, [_reprojected(look, target) for look in looks], target, where)
+    middle = (float(target.z_min) + float(target.z_max)) / 2
+    found = _without_gaps(seen, float(target.scale(middle)[0]))
+    if not np.isfinite(found).any():
+        raise BadImage(f"{where}: the camera sees nothing of the bed that is looked for")
+    return found
+
+
+def _reprojected(look: Look, target: Camera) -> Float[np.ndarray, "h w"]:
+    """What the target would see of one look; NaN where the look does not show it."""
+    pose = np.eye(4) if target.pose is None else np.array(target.pose)
+    z = (_points(look) @ np.linalg.inv(pose).T)[:, 2]
+    middle = (float(target.z_min) + float(target.z_max)) / 2
+    z = z[np.abs(z - middle) < RELIEF]
+    if not z.size:
+        return np.full(target.shape, np.float32(np.nan))
+    near, far = np.percentile(z, (0.05, 99.95))
+    room = max(5e-3, 0.1 * (far - near))
+    span = np.array([near - room, far + room], np.float32)
+    return np.array(reproject(look.depth, look.camera, target, span))
+
+
+def noise_of(look: Look, target: Camera, depth: np.ndarray) -> Float[np.ndarray, "h w"]:
+    """Standard deviation of the target's depths (metres) that a look gave, metres.
+
+    It grows with the square of the depth, as a stereo camera's does, and as the bed is seen
+    flatter: by 1 / cos of the angle between the look's ray and the target's axis.
+    """
+    to_look = between(look.camera, target)
+    centre = np.linalg.inv(to_look)[:3, 3]
+    x, y = target.rays(depth)
+    own = to_look[2, 0] * x + to_look[2, 1] * y + to_look[2, 2] * depth + to_look[2, 3]
+    away = np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (depth - centre[2]) ** 2)
+    return (NOISE * own**2 * away / np.maximum(np.abs(depth - centre[2]), 1e-3)).astype(np.float32)
 
 
 def _fused(
-    looks: Sequence[Look], maps: Sequence[np.ndarray], grid: HeightMap, where: str
-) -> np.ndarray:
-    """One map of several: each node the mean, weighted by 1 / noise^2.
+    looks: Sequence[Look], seen: Sequence[np.ndarray], target: Camera, where: str
+) -> Float[np.ndarray, "h w"]:
+    """One image of several: each pixel the mean, weighted by 1 / noise^2.
 
     Where looks disagree by more than `APART`, as at edges, the least noisy one holds.
 
     Raises:
       BadCamera: two of them do not agree on most of what both see.
     """
-    if len(maps) == 1:
-        return maps[0]
-    for k, one in enumerate(maps[1:], 2):
-        both = np.isfinite(maps[0]) & np.isfinite(one)
-        gap = float(np.median(np.abs(maps[0] - one)[both])) if both.any() else np.nan
+    if len(seen) == 1:
+        return seen[0]
+    for k, one in enumerate(seen[1:], 2):
+        both = np.isfinite(seen[0]) & np.isfinite(one)
+        gap = float(np.median(np.abs(seen[0] - one)[both])) if both.any() else np.nan
         if not gap <= APART:
             said = "see nothing in common" if np.isnan(gap) else f"differ by {1e3 * gap:.1f} mm"
             raise BadCamera(
                 f"{where}: cameras 1 and {k} {said} (median, at most {1e3 * APART:g} mm); is the "
                 "pose of one wrong, or did it move?"
             )
-    heights = np.stack(maps)
-    there = np.isfinite(heights)
-    noise = np.stack([noise_of(look, grid, np.nan_to_num(h)) for look, h in zip(looks, maps)])
+    depths = np.stack(seen)
+    there, whole = np.isfinite(depths), np.nan_to_num(depths)
+    noise = np.stack([noise_of(look, target, d) for look, d in zip(looks, whole, strict=True)])
     noise = np.where(there, noise, np.inf)
-    best = np.take_along_axis(heights, noise.argmin(0)[None], 0)
-    with np.errstate(invalid="ignore"):
-        weight = np.where(np.abs(heights - best) <= APART, noise**-2.0, 0.0)
-        return ((weight * np.nan_to_num(heights)).sum(0) / weight.sum(0)).astype(np.float32)
+    best = np.take_along_axis(depths, noise.argmin(0)[None], 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        weight = np.where(np.abs(depths - best) <= APART, noise**-2.0, 0.0)
+        return ((weight * whole).sum(0) / weight.sum(0)).astype(np.float32)
 
 
-def _without_gaps(heights: np.ndarray, pitch: float) -> np.ndarray:
-    """Heights with their narrow gaps filled; what is wide, or lies at the edge, stays NaN."""
-    known = np.isfinite(heights)
+def _without_gaps(depth: np.ndarray, per_metre: float) -> np.ndarray:
+    """An image with its narrow gaps filled; what is wide, or lies at the edge, stays NaN."""
+    known = np.isfinite(depth)
     if known.all() or not known.any():
-        return heights
-    side = 2 * max(1, round(1e-3 * GAP_MM / pitch / 2)) + 1
+        return depth
+    side = 2 * max(1, round(1e-3 * GAP_MM * per_metre / 2)) + 1
     # A closing by a square: what it covers is narrower than the square.
     closed = ndimage.maximum_filter(known.astype(np.uint8), side, mode="constant")
     closed = ndimage.minimum_filter(closed, side, mode="constant").astype(bool)
     rows, columns = (at + 1 for at in np.nonzero(closed & ~known))
-    whole = np.pad(heights, 1, constant_values=np.nan)
+    whole = np.pad(depth, 1, constant_values=np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # all four unknown: known a step later
         for _ in range(4 * side):  # the mean of the neighbours: Laplace's equation
@@ -346,5 +355,3 @@ def _check_still(found: HeightMap, like: HeightMap, where: str) -> None:
             f"{where}: most of the bed lies {1e3 * off:.1f} mm from where the look before saw it "
             f"(at most {1e3 * APART:g} mm): did the camera move?"
         )
-
-

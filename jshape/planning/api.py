@@ -18,11 +18,13 @@ from jshape.camera import Camera, unmasked
 from jshape.data.depth import check_unit, to_metres
 from jshape.data.view import View, image_of_depth, view_beside, view_of
 from jshape.errors import BadBank, BadCamera, BadImage, JShapeError, UnknownName, quoted
+from jshape.height_map import HeightMap
 from jshape.models.bank import Bank
 from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
 from jshape.planning.evaluate import ONE_BY_ONE, Execution, candidates_at
 from jshape.planning.kernels import prepared
+from jshape.planning.maps import on_maps
 from jshape.planning.options import (
     DEFAULT_BANK,
     GROUPS,
@@ -41,8 +43,8 @@ from jshape.planning.state import on_images
 
 @hinted
 def plan(
-    I0: ArrayLike,
-    Istar: ArrayLike,
+    I0: ArrayLike | HeightMap,
+    Istar: ArrayLike | HeightMap,
     *,
     bank: Bank | str | Path | None = None,
     planner: str = "greedy",
@@ -59,8 +61,9 @@ def plan(
     the paper's search: `plan(I0, Istar, **jshape.PAPER)`.
 
     Args:
-      I0: (H, W) weighed image I of the bed now (see `jshape.weigh`), floats in [0, 1].
-      Istar: (H, W) the image wanted.
+      I0: (H, W) weighed image I of the bed now (see `jshape.weigh`), floats in [0, 1]; or its
+        height map, with which no camera is needed.
+      Istar: (H, W) the image wanted; or its height map, whose grid may be another one.
       bank: a `Bank`, the name of a bundled one or a folder; None is the bundled default.
       planner: which search (docs/planning.md says which when).
       space: what is tried.
@@ -80,9 +83,12 @@ def plan(
       BadOption: a keyword that there is not.
       JShapeError: a number that makes no sense.
     """
-    bank = _as_bank(bank)
-    first = check_image(I0, bank.camera, "I0")
-    goal = check_image(Istar, bank.camera, "Istar")
+    bank, seen = _as_bank(bank), None
+    if isinstance(I0, HeightMap) or isinstance(Istar, HeightMap):
+        bank, first, goal, seen = on_maps(I0, Istar, bank)
+    else:
+        first = check_image(I0, bank.camera, "I0")
+        goal = check_image(Istar, bank.camera, "Istar")
     if planner not in tuple(PLANNERS):
         raise UnknownName("planner", planner, PLANNERS)
     if start is not None and not isinstance(start, Plan):
@@ -97,7 +103,7 @@ def plan(
     free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
     turned = tasks.directions(bank, space.yaws)
     moves = prepared(bank, [(a, np.float32(yaw) if yaw else None) for a, yaw in turned])
-    state = on_images(bank, first, goal, *moves)
+    state = on_images(bank, first, goal, *moves, seen)
     stride = places.usual_stride(bank) if space.stride is None else space.stride
     if space.positions is None:
         where = tasks.at_nodes(state, bank, places.dense_positions(bank, stride))
@@ -119,7 +125,7 @@ def plan(
     # The search's own distances are sums of changes, which drift by rounding, and on the ground.
     planned = predict_sequence(
         bank, first, goal, _acts(found, problem), Status(int(found.status)),
-        float(limits.tolerance), int(found.evaluations),
+        float(limits.tolerance), int(found.evaluations), seen,
     )  # fmt: skip
     return replace(planned, seconds=spent)
 

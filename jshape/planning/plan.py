@@ -13,6 +13,7 @@ from jshape import metric
 from jshape.camera import Camera
 from jshape.data.view import View
 from jshape.errors import JShapeError
+from jshape.height_map import HeightMap, map_of
 from jshape.planning import plan_file
 from jshape.planning.search.base import Status
 
@@ -60,6 +61,8 @@ class Plan:
     """(H, W) the image wanted."""
     patches: tuple[np.ndarray, ...] = ()
     """K predicted ROIs (h, w) of I, one per action."""
+    seen: np.ndarray | None = None
+    """(H, W) pixels that distances count: what was seen of the bed; None: all."""
 
     def __post_init__(self) -> None:
         count, fill = len(self.actions), object.__setattr__
@@ -138,6 +141,19 @@ class Plan:
             raise JShapeError("this plan was stored without its images")
         firsts = places.first_pixels(self.positions, self.rois)
         return np.stack([i.copy() for i in successive(self.initial, self.patches, firsts)])
+
+    @cached_property
+    def height_maps(self) -> tuple[HeightMap, ...]:
+        """K+1 predicted maps of the bed: the first, then the map after each action.
+
+        Raises:
+          JShapeError: the plan was not made on height maps, or stored without its images.
+        """
+        if not self.camera.orthographic:
+            raise JShapeError("this plan was made on depth images: it has images, no height maps")
+        depths = (self.camera.depth(metric.unweigh(image, self.camera)) for image in self.images)
+        seen = True if self.seen is None else self.seen
+        return tuple(map_of(np.where(seen, np.asarray(z), np.nan), self.camera) for z in depths)
 
     def to_json(self, path: str | Path, *, images: bool = True) -> None:
         """Write the plan to a file, with I0 and the predicted ROIs unless `images` is False.

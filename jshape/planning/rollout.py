@@ -38,6 +38,7 @@ def predict_sequence(
     status: Status,
     tolerance: float = 0.0,
     evaluations: int = 0,
+    seen: np.ndarray | None = None,
 ) -> Plan:
     """The plan of a sequence: each action predicted on what the ones before it left.
 
@@ -51,6 +52,7 @@ def predict_sequence(
       status: why the sequence ends, unless the distance left is at most `tolerance`.
       tolerance: see `status`.
       evaluations: of the search that found it.
+      seen: (H, W) pixels that distances count; None: all.
     """
     first, image = image, image.copy()
     centres, rois, offsets, patches, clipped = [], [], [], [], []
@@ -85,7 +87,7 @@ def predict_sequence(
     positions = np.array(centres, np.int32).reshape(-1, 2)
     sizes = np.array(rois, np.int32).reshape(-1, 2)
     images = successive(first, tuple(patches), rectangles.first_pixels(positions, sizes))
-    distances = np.array([metric.distance(image, goal) for image in images], np.float32)
+    distances = np.array([metric.distance(image, goal, seen) for image in images], np.float32)
     return Plan(
         camera=bank.camera,
         actions=tuple(bank.actions[act.action] for act in acts),
@@ -101,6 +103,7 @@ def predict_sequence(
         initial=first,
         goal=goal,
         patches=tuple(patches),
+        seen=seen,
     )
 
 

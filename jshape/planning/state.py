@@ -17,7 +17,7 @@ import numpy as np
 from jax import lax
 
 from jshape import metric
-from jshape._typing import Array, Float, Int
+from jshape._typing import Array, Bool, Float, Int
 from jshape.camera import STATIC, Camera, in_memory, namespace
 from jshape.models.bank import Bank
 from jshape.models.orthographic import OrthographicGrid
@@ -224,18 +224,19 @@ def on_images(
     goal: Float[Any, "H W"],
     moves: tuple[Move, ...],
     kernels: tuple[Kernel, ...],
+    seen: Bool[np.ndarray, "H W"] | None = None,
 ) -> SearchState:
-    """The field with moves that are already prepared."""
+    """The field with moves that are already prepared; pixels that were not `seen` count nothing."""
     known = [predictor.keeps for predictor in bank.predictors]
     keeps = None if None in known else max(known, default=None)
     grid = grid_of(bank)
     if grid is not None:
-        state = _on_grid(bank.camera, grid, image, goal, moves, kernels)
+        state = _on_grid(bank.camera, grid, image, goal, moves, kernels, seen)
         return replace(state, keeps=keeps)
     return SearchState(
         now=jnp.asarray(image, jnp.float32),
         goal=jnp.asarray(goal, jnp.float32),
-        weight=None,
+        weight=None if seen is None else jnp.asarray(seen / seen.sum(), jnp.float32),
         moves=moves,
         kernels=kernels,
         limits=jnp.array([0.0, 1.0], jnp.float32),
@@ -261,6 +262,7 @@ def _on_grid(
     goal: Any,
     moves: tuple[Move, ...],
     kernels: tuple[Kernel, ...],
+    seen: Bool[np.ndarray, "H W"] | None,
 ) -> SearchState:
     """The whole view as one grid of the ground, at the pitch of the bank's own."""
     height, width = camera.shape
@@ -276,7 +278,7 @@ def _on_grid(
     first = np.zeros(2, np.int32)
     per_metre = whole.per_metre(first)
     now, wanted = (whole.from_roi(camera.z_max - one / per_metre, first) for one in (image, goal))
-    weight = _weight(camera, whole, (now + wanted) / 2)
+    weight = _weight(camera, whole, (now + wanted) / 2, seen)
     pitch = xp.stack([xp.asarray(f, np.float32) for f in camera.scale(grid.depth)[::-1]])
     pitch = pitch * grid.pitch
     # Windows of kernels may reach beyond the map: by nodes that count for nothing.
@@ -302,7 +304,9 @@ def _on_grid(
     return SearchState(**numbers, moves=moves, kernels=kernels)
 
 
-def _weight(camera: Camera, whole: OrthographicGrid, depth: Any) -> Any:
+def _weight(
+    camera: Camera, whole: OrthographicGrid, depth: Any, known: Bool[np.ndarray, "H W"] | None
+) -> Any:
     """By how much d changes per metre at each node: how many pixels see it, and their weight."""
     xp = namespace(camera, whole, depth)
     x, y = whole.nodes(np.zeros(2, np.int32))
@@ -314,4 +318,9 @@ def _weight(camera: Camera, whole: OrthographicGrid, depth: Any) -> Any:
     pixels = across * along * whole.pitch**2
     ray = metric.slant(camera, x / depth, y / depth) / xp.asarray(metric.max_ray_length(camera))
     unit = (camera.z_max - camera.z_min) * height * width
+    if known is not None:
+        row, column = (
+            xp.clip(xp.round(at), 0, n - 1).astype(np.int32) for at, n in ((v, height), (u, width))
+        )
+        seen, unit = seen & xp.asarray(known)[row, column], unit * np.float32(known.mean())
     return xp.where(seen, pixels * ray, 0.0) / unit

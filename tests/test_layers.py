@@ -21,8 +21,9 @@ FLOORS = (
 )
 """Parts of the package, lowest first; a part imports only itself and what lies below."""
 
-PURE = ("camera", "reproject", "height_map", "metric", "actions", "models", "sim", "planning/search", "planning/evaluate",
-        "planning/state", "planning/apply", "planning/candidates")  # fmt: skip
+PURE = ("camera", "reproject", "height_map", "metric", "actions", "models", "sim",
+        "planning/search", "planning/evaluate", "planning/state", "planning/apply",
+        "planning/candidates")  # fmt: skip
 FORBIDDEN = {"os", "io", "pathlib", "time", "datetime", "cv2", "shutil", "tempfile", "random"}
 CALLS = {"open", "print", "eval", "exec", "input"}
 

@@ -59,8 +59,8 @@ def heightmap(
     The bed's plane is found in what the first camera sees, unless `like` or `frame` states it.
 
     Args:
-      depths: of one camera a frame (H, W) or several of a resting bed (T, H, W), of
-        which the mean is taken; of several cameras one such entry each.  Metres as floats, or uint16 counts.
+      depths: of one camera a frame (H, W) or several of a resting bed (T, H, W), of which the mean
+        is taken; of several cameras one such entry each.  Metres as floats, or uint16 counts.
       cameras: that took them.  Several need a `pose` each.
       depth_unit: metres per count of integer frames.
       like: a map of an earlier look of the same cameras: the new one has its grid and frame.

@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jax.scipy.ndimage import map_coordinates
 
 from jshape._typing import Array, ArrayLike, Float
 from jshape.errors import BadCamera, BadImage, quoted
@@ -217,45 +216,6 @@ def unmasked(values: ArrayLike) -> ArrayLike:
 
 def _wrong(what: str, came: tuple[int, ...], expected: str) -> str:
     return f"{what} has shape {came}; expected {expected}"
-
-
-def reproject(
-    depth: ArrayLike, source: Camera, target: Camera, rise: float | Array = 0.0
-) -> tuple[Float[Array, "h w"], Float[Array, "2 h w"]]:
-    """What `target` would see of a bed that `source` saw, both looking the same way from one axis.
-
-    Every ray of `target` is followed to the surface by fixed-point steps: guess a depth, look up
-    the surface there.  The error shrinks by (slope of the bed) x (slant of the ray, at most 0.55
-    in the paper's box) at each, so 12 steps are exact to rounding on any bed that keeps its shape.
-
-    Args:
-      depth: (H, W) metres, as `source` saw it, without gaps (NaN spreads).
-      source: the camera that took it.
-      target: the camera to imitate.
-      rise: metres to add to the depth: how much farther `target` stands from the bed.
-
-    Returns:
-      (h, w) metres of target's size, NaN where `source` did not look; and the pixel (u, v) of
-      source's image that each of them shows.
-    """
-    depth = jnp.asarray(unmasked(depth), jnp.float32)
-    x, y = target.rays()
-
-    def pixel(z):
-        far = jnp.where(jnp.isfinite(z), z - rise, 1.0)
-        return source.fx * x * z / far + source.u0, source.fy * y * z / far + source.v0
-
-    def step(_, z):
-        u, v = pixel(z)
-        inner_u, inner_v = jnp.clip(u, 0, source.width - 1), jnp.clip(v, 0, source.height - 1)
-        seen = map_coordinates(depth, [inner_v, inner_u], order=1, mode="nearest")
-        # A pixel reaches half a pixel around its centre.
-        inside = jnp.maximum(jnp.abs(u - inner_u), jnp.abs(v - inner_v)) <= 0.5
-        return jnp.where(inside & jnp.isfinite(seen), seen + rise, jnp.nan)
-
-    start = jnp.full(target.shape, jnp.nanmedian(depth) + rise, jnp.float32)
-    z = jax.lax.fori_loop(0, 12, step, start)
-    return z, jnp.stack(pixel(z))
 
 
 def check_camera(camera: Camera, where: str = "camera") -> Camera:

@@ -20,8 +20,8 @@ from jshape.errors import BadCamera, BadImage, quoted
 
 ABOVE = 0.45
 """Metres over the plane from which a map's camera looks: the paper's, for the bundled banks."""
-ROOM = 0.03
-"""Metres that its range reaches beyond the lowest and the highest point, for strokes and heaps."""
+REACH = 0.3
+"""Metres above and below the plane that it sees, and as much more as a map needs."""
 HIGHEST = 2.0
 """Most relief of a map, metres; more were millimetres."""
 
@@ -76,7 +76,7 @@ class HeightMap:
         """The camera that looks at the map from straight above, one pixel a node (host).
 
         Its rays are parallel, its rows run against y, and its range holds the heights of the
-        `others` too, with `ROOM`.  Its pose is in the frame that the cameras share.
+        `others` too.  Its pose is in the frame that the cameras share.
         """
         known = np.concatenate([np.asarray(one.heights)[one.mask] for one in (self, *others)])
         low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
@@ -96,13 +96,13 @@ def camera_above(
     size: tuple[int, int],
     pitch: float,
     origin: tuple[float, float],
-    span: tuple[float, float],
+    span: tuple[float, float] = (0.0, 0.0),
     *,
     bits: int = 16,
 ) -> Camera:
     """The camera that sees a map of `size` (columns, rows) whose heights lie within `span`."""
-    (columns, rows), (low, high) = size, span
-    above = max(ABOVE, high + 2 * ROOM)
+    (columns, rows), low, high = size, min(-REACH, span[0]), max(REACH, span[1])
+    above = max(ABOVE, high + ABOVE - REACH)
     return Camera(
         width=columns,
         height=rows,
@@ -110,11 +110,11 @@ def camera_above(
         fy=1.0 / pitch,
         u0=-origin[0] / pitch,
         v0=rows - 1 + origin[1] / pitch,
-        z_min=above - high - ROOM,
-        z_max=above - low + ROOM,
+        z_min=above - high,
+        z_max=above - low,
         bits=bits,
         orthographic=True,
-        pose=as_frame(frame @ _looking_down(above)),
+        pose=as_frame(frame @ looking_down(above)),
     )
 
 
@@ -130,7 +130,7 @@ def map_of(depth: Float[Any, "R C"], camera: Camera, frame: Frame | None = None)
         raise BadCamera("a height map is what an orthographic camera sees")
     pitch, above = 1.0 / float(camera.fx), ABOVE if frame is None else _above(camera, frame)
     if frame is None and camera.pose is not None:
-        frame = as_frame(np.array(camera.pose) @ np.linalg.inv(_looking_down(above)))
+        frame = as_frame(np.array(camera.pose) @ np.linalg.inv(looking_down(above)))
     heights = (np.float32(above) - np.asarray(depth, np.float32))[::-1]
     origin = -float(camera.u0) * pitch, (float(camera.v0) - camera.height + 1) * pitch
     return HeightMap(heights, pitch, origin, np.isfinite(heights), frame)
@@ -141,7 +141,7 @@ def as_frame(matrix: ArrayLike) -> Frame:
     return tuple(tuple(float(x) for x in row) for row in np.asarray(matrix))
 
 
-def _looking_down(above: float) -> np.ndarray:
+def looking_down(above: float) -> np.ndarray:
     """(4, 4) from the frame of a camera over a map's origin, which looks down, to the map's."""
     look = np.diag([1.0, -1.0, -1.0, 1.0])
     look[2, 3] = above

@@ -6,7 +6,6 @@ import numpy as np
 
 from jshape._typing import Float, Num
 from jshape.camera import Camera
-from jshape.data.bed_view import TILT_MOST_DEG
 from jshape.data.depth import check_unit, outside_range
 from jshape.data.missing import LIMIT, median_of, spread
 from jshape.data.planes import NEAR, fit_plane, off_plane, tilt_deg_of
@@ -17,6 +16,8 @@ VALID_LEAST = 1.0 - LIMIT
 NOISE_MOST_MM = 0.9
 """Most noise of one frame: twice a D435's at 0.45 m, and the most that cutting recordings and
 finding boxes were measured with (docs/recordings.md)."""
+TILT_MOST_DEG = 2.0
+"""Most tilt that is none: across the 190 mm of a grasp's ROI, 2 degrees are 6.6 mm."""
 RESIDUAL_MOST_MM = 3.0
 """Most deviation from a plane: twice the unevenness of a bed levelled by hand (1.5 mm)."""
 INSIDE_LEAST = 0.99

@@ -11,7 +11,7 @@ from jshape.data.intrinsics import REACH
 from jshape.data.missing import missing, readings
 from jshape.errors import BadCamera, BadImage, one_line, quoted
 
-_HEIGHT_HINT = "; a bed at another distance is seen from the right one with reproject (--reproject)"
+_HEIGHT_HINT = "; say which camera took it (camera=, --camera-file), and it is seen from above"
 
 
 def to_metres(

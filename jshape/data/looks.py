@@ -146,24 +146,25 @@ def _mean(stack: np.ndarray) -> np.ndarray:
         return np.where(2 * count >= len(stack), total / count, np.nan).astype(np.float32)
 
 
-def plane_frame(plane: np.ndarray) -> np.ndarray:
-    """(4, 4) from the frame of a map on a plane (see `fit_plane`) to the camera's.
+def plane_frame(look: Look, where: str = "depth") -> Float[np.ndarray, "4 4"]:
+    """From the frame of a map on the plane that most of a look lies in to the common frame.
 
-    z is the plane's normal towards the camera, the origin lies where the optical axis meets the
-    plane, x runs along the image's u.
+    Its z is the plane's normal towards the camera, the origin lies where the optical axis meets
+    the plane, x runs along the image's u.
 
     Raises:
-      BadImage: the optical axis does not meet the plane before the camera.
+      BadImage: there is no such plane before the camera.
     """
+    plane = _plane(look, where)
     if not plane[2] > 1e-6:
-        raise BadImage("the bed's plane is seen from its edge: the camera does not look at it")
+        raise BadImage(f"{where}: the bed's plane is seen from its edge")
     z = -plane / np.linalg.norm(plane)
     x = np.array([1.0, 0.0, 0.0]) - z[0] * z
     x /= np.linalg.norm(x)
     frame = np.eye(4)
     frame[:3, :3] = np.stack([x, np.cross(z, x), z], 1)
     frame[:3, 3] = 0.0, 0.0, 1.0 / plane[2]
-    return frame
+    return look.to_common @ frame
 
 
 def _plane(look: Look, where: str) -> np.ndarray:
@@ -215,7 +216,7 @@ def camera_over(
     """
     first = looks[0]
     if frame is None:
-        to_common = first.to_common @ plane_frame(_plane(first, where))
+        to_common = plane_frame(first, where)
     else:
         to_common = np.asarray(frame, float)
         if to_common.shape != (4, 4) or not np.isfinite(to_common).all():
@@ -230,10 +231,8 @@ def camera_over(
     half = np.clip((high - low) / 2, pitch, pitch * (MOST_NODES - 1) / 2)
     columns, rows = (2 * half / pitch).astype(int) + 1
     x, y = (low + high) / 2 - half
-    span = shown[:, 2].min(), shown[:, 2].max()
-    size = int(columns), int(rows)
-    target = camera_above(to_common, size, float(pitch), (float(x), float(y)), span)
-    return target, as_frame(to_common)
+    size, origin = (int(columns), int(rows)), (float(x), float(y))
+    return camera_above(to_common, size, float(pitch), origin), as_frame(to_common)
 
 
 def _points(look: Look) -> Float[np.ndarray, "P 4"]:

@@ -5,17 +5,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jshape import camera as cameras
 from jshape import metric
-from jshape._typing import ArrayLike, Float
-from jshape.camera import PAPER_BOX, Camera, check_camera, differing, window_of
-from jshape.data.bed_view import way_out
+from jshape._typing import ArrayLike, Bool, Float
+from jshape.camera import PAPER_BOX, Camera, check_camera, window_of
+from jshape.data.bed_window import bed_window
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
+from jshape.data.looks import Look, camera_over, plane_frame, seen_from
 from jshape.data.missing import fill_missing, missing
-from jshape.errors import BadCamera, BadImage, JShapeError, MissingDepth, quoted
+from jshape.errors import BadImage, JShapeError, MissingDepth, quoted
+from jshape.height_map import ABOVE, as_frame, looking_down
+from jshape.reproject import between
 
 MAX_CLAMPED = 0.1
 """Largest share of a frame's readings that may lie beyond the camera's depth range."""
+LEAST_SEEN = 0.2
+"""Least share of what a camera above the bed would see that must be known."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +29,14 @@ class View:
     source: Camera
     """The camera that takes the frames."""
     target: Camera
-    """The bank's camera."""
-    window: tuple[int, int] | None
-    """(left, top) of the target's image in the source's; None: it is no window of it."""
-    rise: float = 0.0
-    """How much farther the target stands from the bed, metres."""
+    """The one that a bank or a map is for."""
+    window: tuple[int, int] | None = None
+    """(left, top) of the target's image in the source's; None: it looks again, from its pose."""
+
+    @property
+    def to_source(self) -> Float[np.ndarray, "4 4"]:
+        """The transform from the target's frame to the source's, metres."""
+        return np.eye(4) if self.window is not None else between(self.source, self.target)
 
     def depth(self, depth: np.ndarray, where: str) -> Float[np.ndarray, "h w"]:
         """A frame (H, W) in metres as the target would see it; NaN where it has no reading.
@@ -39,118 +46,107 @@ class View:
         """
         if depth.shape != self.source.shape:
             raise BadImage(wrong_shape(where, depth.shape, self.source))
-        if self.window is not None:
-            left, top = self.window
-            return depth[top : top + self.target.height, left : left + self.target.width]
-        # Gaps are bridged before looking again, since a NaN would spread, and cut out again after.
-        gaps = missing(depth)
-        whole, _ = fill_missing(depth, limit=1.0, where=where)
-        seen, pixel = (
-            np.array(x) for x in cameras.reproject(whole, self.source, self.target, self.rise)
-        )
-        inside = np.isfinite(seen)
-        u, v = np.rint(pixel[:, inside]).astype(int)
-        height, width = depth.shape
-        seen[inside] = np.where(
-            gaps[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)], np.nan, seen[inside]
-        )
-        return seen
-
-    def hint(self, depth: np.ndarray) -> str | None:
-        """Why a frame (H, W) in metres is no bed within the target's range: see `way_out`."""
         if self.window is None:
-            return way_out(depth, self.source, self.target)
-        part = self.depth(depth, "frame")
-        return way_out(part, self.target, self.target, self.window, moved=False)
+            return seen_from([look_of(depth, self.source)], self.target, where)
+        left, top = self.window
+        return depth[top : top + self.target.height, left : left + self.target.width]
 
-    def shown(self) -> float:
-        """Share of the target's pixels that the source's frames show."""
-        there = self.pixels(np.indices(self.target.shape).reshape(2, -1).T[:, ::-1])
-        inside = (there >= 0) & (there < self.source.shape[::-1])
-        return float(inside.all(1).mean())
+    def pixels(
+        self, positions: np.ndarray, depth: ArrayLike | None = None
+    ) -> Float[np.ndarray, "N 2"]:
+        """Where positions (N, 2) of (u, v) in the target's image are in the source's, whole pixels.
 
-    def pixels(self, positions: np.ndarray) -> np.ndarray:
-        """Where positions (N, 2) of (u, v) in the target's image are in the source's: (N, 2).
-
-        The bed is taken to be in the middle of the target's range.
+        `depth` (N,) is the surface's there, metres; None: the middle of the target's range.
         """
         if self.window is not None:
             return positions + np.array(self.window)
-        z = _middle(self.target)
-        (ours, to_ours), (theirs, to_theirs) = (
-            (np.array([c.fx, c.fy], float), np.array([c.u0, c.v0], float))
-            for c in (self.source, self.target)
-        )
-        rays = (positions - to_theirs) / theirs * (z / (z - self.rise))
-        return np.rint(rays * ours + to_ours).astype(int)
+        z = middle_of(self.target) if depth is None else np.asarray(depth)
+        x, y = self.target.at(*np.asarray(positions, float).T, z)
+        points = np.stack(np.broadcast_arrays(x, y, z, 1.0), -1) @ self.to_source.T
+        return np.rint(np.stack(self.source.pixel(*points[:, :3].T), -1)).astype(int)
 
 
-def view_of(
-    source: Camera,
-    target: Camera,
-    first: np.ndarray,
-    *,
-    reproject: bool = False,
-    where: str = "frame",
+def look_of(depth: np.ndarray, camera: Camera) -> Look:
+    """A frame (H, W) in metres as a look of its camera."""
+    pose = np.eye(4) if camera.pose is None else np.array(camera.pose)
+    return Look(np.where(missing(depth), np.nan, depth).astype(np.float32), camera, pose)
+
+
+def in_range(frame: np.ndarray, camera: Camera) -> bool:
+    """Whether enough of a frame's readings (metres) lie within a camera's range."""
+    found = frame[~missing(frame)]
+    return bool(found.size) and float(outside_range(found, camera).mean()) <= MAX_CLAMPED
+
+
+def cut_out(source: Camera, target: Camera, frame: np.ndarray) -> View | None:
+    """The view that cuts a bank's image out of the frames, if it is in them and in its range."""
+    at = window_of(target, source)
+    if at is None or frame.shape != source.shape:
+        return None
+    view = View(source, target, at)
+    return view if in_range(view.depth(frame, "frame"), target) else None
+
+
+def view_above(
+    source: Camera, frame: np.ndarray, target: Camera | None = None, where: str = "frame"
 ) -> View:
-    """The view from `source` frames to frames of the bank's camera, `target`.
+    """The view from straight above a bed that a camera sees from anywhere.
 
-    With `reproject` it may be another camera, or at another distance from the bed: then the middle
-    of the bed in the `first` frame, (H, W) metres, goes to the middle of target's range.
+    Args:
+      source: the camera.
+      frame: (H, W) metres that it took; the bed's plane is found in it.
+      target: to look through, at the middle of its range over the bed; None: parallel rays, one
+        pixel of the source a pixel, as far as the bed reaches.
+      where: what to call the frame in errors.
 
     Raises:
-      BadCamera: another camera, and `reproject` is False; or a camera that makes no sense.
+      BadCamera: a camera that makes no sense.
+      BadImage: another size than the camera's, or no bed in it.
     """
-    check_camera(source)
-    window = window_of(target, source)
-    if window is not None and not reproject:
-        return View(source, target, window)
-    if not reproject:
-        way = (
-            "; with reproject (--reproject) the frames are seen as its camera would see them, and "
-            "--window or --depth-range plan on the frames as they are"
-        )
-        if first.shape == source.shape and _relief(first) > float(target.z_max - target.z_min):
-            way = way_out(np.where(missing(first), np.nan, first), source, target) or way
-        raise BadCamera(
-            f"{where}: the bank is for another camera: {differing(source, target, 'bank')}{way}"
-        )
-    if first.shape != source.shape:
-        raise BadImage(f"a frame has shape {first.shape}; the camera makes {source.shape}")
-    bed = middle_depth(first)
-    if window is not None and float(target.z_min) <= bed <= float(target.z_max):
-        return View(source, target, window)
-    return View(source, target, None, _middle(target) - bed)
+    check_camera(source, where)
+    if frame.shape != source.shape:
+        raise BadImage(wrong_shape(where, frame.shape, source))
+    look = look_of(frame, source)
+    if target is None:
+        whole, _ = camera_over([look], where=where)
+        part = bed_window(ABOVE - seen_from([look], whole, where))
+        return View(source, whole if part is None else whole.crop(*part))
+    above = plane_frame(look, where) @ looking_down(middle_of(target))
+    return View(source, replace(target, pose=as_frame(above)))
 
 
-def view_beside(
-    view: View,
-    first: np.ndarray,
-    camera: Camera,
-    frame: np.ndarray,
-    *,
-    reproject: bool = False,
-    where: str = "frame",
-) -> View:
-    """The view of a second frame: of the same camera, or a part of it, from the same distance.
+def view_like(view: View, source: Camera, frame: np.ndarray, where: str = "frame") -> View:
+    """The view of a second frame, of another camera, onto the same target.
 
-    Of another camera that is looked at again, the middles of both beds are taken to be equally
-    high, since nothing says how the two cameras stood.  Depth ranges may differ.  `view` and
-    `first` (what the target sees, metres) are those of the first frame; `camera` took `frame`.
+    Unless both cameras have a pose, the planes of both beds are taken to be the same one, since
+    nothing says how the cameras stood.
 
-    Raises BadImage and BadCamera as `view_of`.
+    Raises BadCamera, BadImage: as `view_above`.
     """
-    source = view.source
-    ranged = replace(camera, z_min=source.z_min, z_max=source.z_max)
-    if not differing(ranged, source, ""):
-        return view
-    if view.window is None and (window_of(ranged, source) or window_of(source, ranged)):
-        return View(camera, view.target, None, view.rise)
-    own = view_of(camera, view.target, frame, reproject=reproject, where=where)
-    if own.window is not None and view.window is not None:
-        return own
-    seen = own.depth(frame, where)
-    return View(camera, view.target, None, own.rise + middle_depth(first) - middle_depth(seen))
+    check_camera(source, where)
+    if frame.shape != source.shape:
+        raise BadImage(wrong_shape(where, frame.shape, source))
+    cut = window_of(view.target, source)
+    if view.window is not None and cut is not None:
+        return View(source, view.target, cut)
+    if view.window is None and (
+        _same_place(view.source, source) or None not in (view.source.pose, source.pose)
+    ):
+        return View(source, view.target)
+    distance = ABOVE if view.target.orthographic else middle_of(view.target)
+    above = plane_frame(look_of(frame, source), where) @ looking_down(distance)
+    return View(source, replace(view.target, pose=as_frame(above)))
+
+
+def _same_place(one: Camera, other: Camera) -> bool:
+    """Whether one is the other, or a part of its image, whatever their ranges are."""
+    ranged = replace(other, z_min=one.z_min, z_max=one.z_max)
+    return bool(window_of(ranged, one) or window_of(one, ranged))
+
+
+def middle_of(camera: Camera) -> float:
+    """Depth in the middle of a camera's range, metres."""
+    return (float(camera.z_min) + float(camera.z_max)) / 2
 
 
 def middle_depth(frame: np.ndarray) -> float:
@@ -176,6 +172,8 @@ class Seen(NamedTuple):
     """Pixels without a reading."""
     clamped: int
     """Pixels beyond the camera's depth range, taken for its end."""
+    known: Bool[np.ndarray, "H W"]
+    """Which pixels have a reading."""
 
 
 def image_of_depth(
@@ -189,6 +187,8 @@ def image_of_depth(
 ) -> Seen:
     """The weighed image I of a raw depth frame: viewed, checked, filled, not rounded to levels.
 
+    What a camera above the bed looks at again may be hidden in any part, up to 1 - `LEAST_SEEN`.
+
     Raises:
       MissingDepth: too many pixels without a reading.
       BadImage: wrong shape or type, or more than `MAX_CLAMPED` beyond the camera's depth range.
@@ -196,54 +196,29 @@ def image_of_depth(
     """
     if not (np.ndim(max_missing) == 0 and 0 <= max_missing <= 1):
         raise JShapeError(f"max_missing is {quoted(max_missing)}; it must be a share from 0 to 1")
-    metres, hint = to_metres(depth, depth_unit, where), None
+    metres = to_metres(depth, depth_unit, where)
     unit = depth_unit if np.asarray(depth).dtype.kind == "u" else None
-    whole = metres
     if view is not None:
-        metres = view.depth(whole, where)
-        if view.window is None:
-            nearer = "nearer" if view.rise < 0 else "farther"
-            where = f"{where}, seen by the bank's camera from {abs(view.rise):.3f} m {nearer}"
-        found = metres[~missing(metres)]
-        if found.size and outside_range(found, camera).mean() > MAX_CLAMPED:
-            hint = view.hint(whole)
-    check_depth(metres, camera, where, unit, least_inside=1 - MAX_CLAMPED, hint=hint)
-    try:
-        metres, filled = fill_missing(metres, limit=max_missing, where=where)
-    except MissingDepth as problem:
-        if view is None or view.window is not None or (shown := view.shown()) > 1 - max_missing:
-            raise
-        height, width = view.source.shape
-        raise MissingDepth(
-            f"{problem}; the frames show only {shown:.0%} of what the bank's camera would see: "
-            f"without --reproject, --window 0,0,{width}x{height} plans on what they show"
-        ) from None
+        metres = view.depth(metres, where)
+    check_depth(metres, camera, where, unit, least_inside=1 - MAX_CLAMPED)
+    known = ~missing(metres)
+    if camera.orthographic or (view is not None and view.window is None):
+        if known.mean() < LEAST_SEEN:
+            raise MissingDepth(
+                f"{where}: {known.mean():.1%} of the bed is seen; at least {LEAST_SEEN:.0%} must be"
+            )
+        max_missing = 1.0
+    metres, filled = fill_missing(metres, limit=max_missing, where=where)
     clamped = int(outside_range(metres, camera).sum())
     level = camera.luminance(metres, quantize=False)
-    return Seen(np.asarray(metric.weigh(level, camera)), filled, clamped)
+    return Seen(np.asarray(metric.weigh(level, camera)), filled, clamped, known)
 
 
-def plannable(depth: np.ndarray, camera: Camera, *, own: bool = False) -> str | None:
-    """Why `jshape plan` would refuse a frame (metres) with a bundled bank; None: it would not.
-
-    `own`: it is what `--window` holds, which is planned on as it is.
-    """
+def plannable(depth: np.ndarray, camera: Camera) -> str | None:
+    """Why `jshape plan` would refuse a frame (metres) with a bundled bank; None: it would not."""
     try:
-        target = camera if own else PAPER_BOX
-        image_of_depth(
-            depth, target, view=view_of(camera, target, depth, reproject=not own), where="the bed"
-        )
-    except BadImage as problem:
+        view = cut_out(camera, PAPER_BOX, depth) or view_above(camera, depth)
+        image_of_depth(depth, view.target, view=view, where="the bed")
+    except JShapeError as problem:
         return f"jshape plan would refuse it: {problem}"
     return None
-
-
-def _relief(depth: np.ndarray) -> float:
-    """Between the nearest and the farthest hundredth of the readings, metres; 0 without any."""
-    seen = depth[~missing(depth)]
-    return float(np.ptp(np.percentile(seen, (1, 99)))) if seen.size else 0.0
-
-
-def _middle(camera: Camera) -> float:
-    """Depth in the middle of a camera's range, metres."""
-    return (float(camera.z_min) + float(camera.z_max)) / 2

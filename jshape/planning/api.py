@@ -16,7 +16,7 @@ import numpy as np
 from jshape._typing import ArrayLike
 from jshape.camera import Camera, unmasked
 from jshape.data.depth import check_unit, to_metres
-from jshape.data.view import View, image_of_depth, view_beside, view_of
+from jshape.data.view import image_of_depth
 from jshape.errors import BadBank, BadCamera, BadImage, JShapeError, UnknownName, quoted
 from jshape.height_map import HeightMap
 from jshape.models.bank import Bank
@@ -24,7 +24,7 @@ from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
 from jshape.planning.evaluate import ONE_BY_ONE, Execution, candidates_at
 from jshape.planning.kernels import prepared
-from jshape.planning.maps import on_maps
+from jshape.planning.maps import on_maps, over_beds
 from jshape.planning.options import (
     DEFAULT_BANK,
     GROUPS,
@@ -89,6 +89,27 @@ def plan(
     else:
         first = check_image(I0, bank.camera, "I0")
         goal = check_image(Istar, bank.camera, "Istar")
+    return _planned(
+        bank, first, goal, seen, planner=planner, space=space, constraints=constraints, stop=stop,
+        budget=budget, start=start, execution=execution,
+    )  # fmt: skip
+
+
+def _planned(
+    bank: Bank,
+    first: np.ndarray,
+    goal: np.ndarray,
+    seen: np.ndarray | None,
+    *,
+    planner: str = "greedy",
+    space: SearchSpace = SearchSpace(),
+    constraints: Constraints = Constraints(),
+    stop: StopCriteria = StopCriteria(),
+    budget: SearchBudget = SearchBudget(),
+    start: Plan | None = None,
+    execution: Execution = ONE_BY_ONE,
+) -> Plan:
+    """`plan` of images that are checked, of which only pixels that were `seen` count."""
     if planner not in tuple(PLANNERS):
         raise UnknownName("planner", planner, PLANNERS)
     if start is not None and not isinstance(start, Plan):
@@ -206,15 +227,15 @@ def plan_depth(
       z0: (H, W) depth of the bed now.
       zstar: (H, W) the depth wanted.
       camera: that took the frames, or (that of z0, that of zstar); None is the bank's own.  If the
-        bank's image is a window of this camera's, it is cut out.  With `constraints.reproject` the
-        frames of any other camera are seen as the bank's would see them; `plan.camera_positions`
-        are the positions in the camera's own pixels, and of two cameras the middles of both beds
-        are taken to be equally high.
+        bank's image is a window of this camera's, and the bed in its range, it is cut out.  A bed
+        that any other camera sees is looked at from straight above: its plane and extent are found
+        in z0, and what is hidden does not count.  Of two cameras without poses both planes are
+        taken to be the same.  `plan.camera_positions` are the positions in the camera's own pixels.
       depth_unit: metres per count of integer images.
       bank: as for `plan`, like all below.
       planner: which search.
       space: what is tried.
-      constraints: what is allowed, `max_missing` and `reproject` among it.
+      constraints: what is allowed, `max_missing` among it.
       stop: when the sequence ends.
       budget: what the search may spend.
 
@@ -243,43 +264,39 @@ def plan_frames(
 ) -> Plan:
     """`plan_depth` where errors name the two frames, and with all keywords of `plan`."""
     bank = _as_bank(bank)
-    reproject = constraints.reproject
-    views: tuple[View | None, View | None] = (None, None)
+    view = beside = None
     if camera is not None:
         pair = camera if isinstance(camera, tuple) else (camera, camera)
         for one in pair:
             if not isinstance(one, Camera):
                 raise BadCamera(f"camera is {quoted(one)}; expected a Camera or two of them")
-        first, last = (
+        frames = [
             check_unit(
                 to_metres(depth, depth_unit, name),
                 one,
                 name,
                 None if np.asarray(depth).dtype.kind == "f" else depth_unit,
-            )  # fmt: skip
+            )
             for depth, one, name in zip((z0, zstar), pair, names, strict=True)
-        )
-        view = view_of(pair[0], bank.camera, first, reproject=reproject, where=names[0])
-        seen = view.depth(first, names[0])
-        beside = view_beside(view, seen, pair[1], last, reproject=reproject, where=names[1])
-        views = view, beside
+        ]
+        view, beside, bank = over_beds(bank, pair, frames, names)
     now, wanted = (
         image_of_depth(
             depth,
             bank.camera,
-            view=view,
+            view=one,
             depth_unit=depth_unit,
             max_missing=constraints.max_missing,
             where=name,
         )
-        for name, depth, view in zip(names, (z0, zstar), views, strict=True)
+        for name, depth, one in zip(names, (z0, zstar), (view, beside), strict=True)
     )
-    return replace(
-        plan(now.image, wanted.image, bank=bank, constraints=constraints, **more),
-        filled=(now.filled, wanted.filled),
-        clamped=(now.clamped, wanted.clamped),
-        view=views[0],
-    )
+    above = view is not None and (view.window is None or view.target.orthographic)
+    seen = now.known & wanted.known if above else None
+    goal = wanted.image if seen is None else np.where(seen, wanted.image, now.image)
+    found = _planned(bank, now.image, goal, seen, constraints=constraints, **more)
+    filled, clamped = (now.filled, wanted.filled), (now.clamped, wanted.clamped)
+    return replace(found, filled=filled, clamped=clamped, view=view)
 
 
 def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:

@@ -1,5 +1,7 @@
-"""Height maps as what a search takes: images of a camera above them, and a bank for that camera."""
+"""Beds that a bank's camera did not see: looked at from above, and a bank for that camera."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,12 +11,70 @@ from jshape import metric
 from jshape._typing import Bool, Float
 from jshape.camera import Camera
 from jshape.data.missing import fill_missing
-from jshape.errors import BadImage
-from jshape.height_map import HeightMap, check_map
+from jshape.data.view import LEAST_SEEN, View, cut_out, view_above, view_like
+from jshape.errors import BadCamera, BadImage
+from jshape.height_map import ABOVE, HeightMap, check_map
 from jshape.models.bank import Bank
+from jshape.planning.kernels import grid_of
 
-LEAST_SEEN = 0.2
-"""Least share of a map that must be known, of the bed now and of the bed wanted."""
+
+def over_bed(
+    bank: Bank, source: Camera, frame: np.ndarray, where: str = "frame", *, again: bool = False
+) -> tuple[View, Bank]:
+    """How a bank sees the frames of a camera, and the bank for what it then sees.
+
+    Its own image, if the frames hold it and the bed is in its range, unless it is to look `again`.
+    Else the bed is looked at from above: in metres by banks that work on the ground, through their
+    camera by those that work on images.
+
+    Raises:
+      BadCamera: a camera that makes no sense, or a bed that is smaller than an action.
+      BadImage: a frame of another size, or no bed in it.
+    """
+    own = None if again else cut_out(source, bank.camera, frame)
+    if own is not None:
+        return own, bank
+    on_ground = grid_of(bank) is not None
+    if source.orthographic and on_ground:
+        view = View(source, source, (0, 0))
+    else:
+        view = view_above(source, frame, None if on_ground else bank.camera, where)
+    return view, bank_for(bank, view.target)
+
+
+def bank_for(bank: Bank, target: Camera) -> Bank:
+    """The bank for a camera above the bed, as `over_bed` has it.
+
+    Raises:
+      BadCamera: a bed that is smaller than an action.
+    """
+    if not target.orthographic:
+        return replace(bank, camera=target)
+    bank = bank.seen_by(target, ABOVE)
+    pixel = 1e3 / float(target.scale(ABOVE)[0])
+    for name, (w, h) in bank.rois.items():
+        if w > target.width or h > target.height:
+            raise BadCamera(
+                f"{target.width * pixel:.0f} x {target.height * pixel:.0f} mm of bed are seen; "
+                f"{name} changes {w * pixel:.0f} x {h * pixel:.0f} mm"
+            )
+    return bank
+
+
+def over_beds(
+    bank: Bank,
+    cameras: Sequence[Camera],
+    frames: Sequence[np.ndarray],
+    names: Sequence[str],
+) -> tuple[View, View, Bank]:
+    """As `over_bed`, of the bed now and of the bed wanted, which look alike."""
+    view, seen_by = over_bed(bank, cameras[0], frames[0], names[0])
+    if view.window is not None and view.target == bank.camera:
+        beside = cut_out(cameras[1], bank.camera, frames[1])
+        if beside is not None:
+            return view, beside, bank
+        view, seen_by = over_bed(bank, cameras[0], frames[0], names[0], again=True)
+    return view, view_like(view, cameras[1], frames[1], names[1]), seen_by
 
 
 def on_maps(
@@ -40,10 +100,9 @@ def on_maps(
             f"I0 and Istar: {share:.1%} of the map is known in both; at least {LEAST_SEEN:.0%} is "
             "needed"
         )
-    middle = float(np.median(depths[0][seen]))
     first = image_of(depths[0], camera)
     goal = np.where(seen, image_of(depths[1], camera), first)
-    return bank.seen_by(camera, middle), first, goal, seen
+    return bank_for(bank, camera), first, goal, seen
 
 
 def on_grid_of(like: HeightMap, other: HeightMap) -> HeightMap:

@@ -84,8 +84,6 @@ class Constraints:
     """How often each action may be used."""
     max_missing: float = 0.1
     """Largest share of a depth image's pixels without a reading that may be filled."""
-    reproject: bool = False
-    """Frames of another camera, or from another distance, may be resampled to the bank's view."""
 
 
 @dataclass(frozen=True)

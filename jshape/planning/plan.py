@@ -132,7 +132,28 @@ class Plan:
         """(K, 2) of (u, v): `positions` in the own pixels of the camera that took the frames."""
         if self.view is None:
             return self.positions
-        return self.view.pixels(self.positions)
+        return self.view.pixels(self.positions, self._surface)
+
+    @property
+    def points(self) -> np.ndarray:
+        """(K, 3) where the exact places are on the bed now, metres.
+
+        In the frame that the cameras share: of a camera without a pose its own, of a map its own.
+        """
+        z = self._surface
+        x, y = self.camera.at(*np.asarray(self.exact_positions, float).T, z)
+        points = np.stack(np.broadcast_arrays(x, y, z, 1.0), -1)
+        own = self.camera if self.view is None or self.view.window is None else self.view.source
+        return (points @ np.array(np.eye(4) if own.pose is None else own.pose).T)[:, :3]
+
+    @property
+    def _surface(self) -> np.ndarray | float:
+        """(K,) depth of the bed now at the positions, metres; of the bed's middle if not known."""
+        if self.initial is None:
+            return (float(self.camera.z_min) + float(self.camera.z_max)) / 2
+        depth = np.asarray(self.camera.depth(metric.unweigh(self.initial, self.camera)))
+        u, v = self.positions.T
+        return depth[v, u]
 
     @cached_property
     def images(self) -> np.ndarray:

@@ -101,7 +101,6 @@ class ViewFile:
     """How the frames became a plan's images."""
 
     source: dict
-    rise: float
     window: Annotated[tuple[int, int], Range(0)] | None = None
 
 
@@ -176,7 +175,6 @@ def _view_fields(view: View) -> dict[str, Any]:
     return {
         "source": camera_fields(view.source),
         "window": None if view.window is None else [int(x) for x in view.window],
-        "rise": float(view.rise),
     }
 
 
@@ -188,11 +186,7 @@ def _view(view: ViewFile, target: Camera, where: str) -> View:
         if left + target.width > source.width or top + target.height > source.height:
             size = f"{source.width}x{source.height}"
             raise BadFile(f"{where}: its window leaves the {size} image of its source")
-    # The bed, in the middle of the target's range, must be before the source as well.
-    most = (float(target.z_min) + float(target.z_max)) / 2
-    if not view.rise < most:
-        raise BadFile(f"{where}: rise is {view.rise:g}; expected metres, less than {most:g}")
-    return View(source, target, view.window, view.rise)
+    return View(source, target, view.window)
 
 
 def _images(

@@ -24,8 +24,6 @@ class AppContext:
     """Folder for what is saved and for runs."""
     camera: str | None = None
     """The camera.json of files that are loaded."""
-    reproject: bool = False
-    """Look at files of other cameras as the bank's would."""
     controller: RunController | None = None
     """Of the run that goes on, or the last one."""
     do: OneAtATime = field(default_factory=OneAtATime)

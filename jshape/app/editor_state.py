@@ -12,13 +12,14 @@ import numpy as np
 from jshape.app.goal_state import GoalState
 from jshape.app.plan_job import PlanJob
 from jshape.camera import Camera, check_camera
-from jshape.data.view import View, image_of_depth, view_beside, view_of
+from jshape.data.view import View, cut_out, image_of_depth, view_above, view_like
 from jshape.errors import JShapeError, quoted
 from jshape.io import banks, folders, formats, images, points
 from jshape.io.cameras import write_camera
 from jshape.io.frames import frame_of, source_of
 from jshape.models.bank import Bank
 from jshape.planning.api import plan, rollout
+from jshape.planning.maps import bank_for, over_bed
 from jshape.planning.options import DEFAULT_BANK, YAWS, SearchSpace, options
 from jshape.planning.plan import Plan
 
@@ -55,9 +56,10 @@ class EditorState(GoalState):
     selected: int = 0
     """How many of the plan's actions are looked at as done."""
     _view: View | None = None  # how a bed of a file was seen
+    _loaded: Bank = field(init=False, repr=False)  # for its own camera
 
     def __post_init__(self) -> None:
-        self.bank = banks.load_bank(self.bank_name)
+        self.bank = self._loaded = banks.load_bank(self.bank_name)
 
     @property
     def camera(self) -> Camera:
@@ -67,20 +69,25 @@ class EditorState(GoalState):
     def use_bank(self, name: str) -> None:
         """Plan with another bank, which must be for the same camera if there is a bed."""
         self.check_free()
-        bank = banks.load_bank(name)
+        loaded = bank = banks.load_bank(name)
+        if self.bed is not None and self.camera.orthographic:
+            bank = bank_for(bank, self.camera)
         if self.bed is not None and bank.camera != self.camera:
             raise JShapeError(
                 f"bank {quoted(name)} is for another camera ({bank.camera.width}x"
                 f"{bank.camera.height} pixels) than the bed ({self.camera.width}x"
                 f"{self.camera.height}): start with jshape studio --bank {quoted(name)}"
             )
-        self.bank, self.bank_name = bank, name
+        self.bank, self._loaded, self.bank_name = bank, loaded, name
         self._no_plan()
 
-    def load_bed(self, path: Path, camera: str | None = None, *, reproject: bool = False) -> None:
+    def load_bed(self, path: Path, camera: str | None = None) -> None:
         """Take a depth image file for the bed."""
         self.check_free()
-        image, view = self._read(path, camera, reproject)
+        source, depth = self._read(path, camera)
+        view, bank = over_bed(self._loaded, source, depth, str(path))
+        image = image_of_depth(depth, view.target, view=view, where=str(path)).image
+        self.bank = bank
         self.see(image, str(path))
         self._view = view
 
@@ -89,28 +96,25 @@ class EditorState(GoalState):
         self._view = None
         super().see(image, came_from, same_goal=same_goal)
 
-    def _read(
-        self, path: Path, camera: str | None, reproject: bool, bed: View | None = None
-    ) -> tuple[np.ndarray, View | None]:
-        """The image of a file and how it was seen: as the bed was, if its camera is the bed's."""
+    def _read(self, path: Path, camera: str | None) -> tuple[Camera, np.ndarray]:
+        """A file's frame (H, W), metres, and the camera that took it."""
         if path.suffix.lower() in points.SUFFIXES:
-            depth, view = points.read_goal(path, check_camera(self.camera)), None
-        else:
-            raw = formats.read_array(path)
-            source = source_of(path, raw.shape, camera, self.bank)
-            depth = frame_of(path, source, reproject=reproject, raw=raw)
-            how: dict[str, Any] = {"reproject": reproject, "where": str(path)}
-            view = (
-                view_beside(bed, self.depth_of(self.bed), source.camera, depth, **how)
-                if bed is not None and self.bed is not None
-                else view_of(source.camera, self.camera, depth, **how)
-            )
-        return image_of_depth(depth, self.camera, view=view, where=str(path)).image, view
+            return self.camera, points.read_goal(path, check_camera(self.camera))
+        raw = formats.read_array(path)
+        source = source_of(path, raw.shape, camera, self._loaded)
+        return source.camera, frame_of(path, source, raw=raw)
 
-    def load_goal(self, path: Path, camera: str | None = None, *, reproject: bool = False) -> None:
+    def load_goal(self, path: Path, camera: str | None = None) -> None:
         """Take a depth image, PLY or PCD file for the goal; what was drawn is dropped."""
         self.check_free()
-        self.want(self._read(path, camera, reproject, self._view)[0])
+        source, depth = self._read(path, camera)
+        if source is self.camera:
+            view = None
+        elif self._view is not None and self.bed is not None:
+            view = view_like(self._view, source, depth, str(path))
+        else:
+            view = cut_out(source, self.camera, depth) or view_above(source, depth, self.camera)
+        self.want(image_of_depth(depth, self.camera, view=view, where=str(path)).image)
 
     def make_plan(self, **fields: Any) -> Plan:
         """Plan from the bed to the goal; `fields` are those of `jshape.options`."""

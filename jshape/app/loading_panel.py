@@ -92,8 +92,8 @@ class LoadingPanel:
         self._context.camera = str(kept)
 
     async def _load(self, load: Callable[..., None]) -> None:
-        how = {"camera": self._context.camera, "reproject": self._context.reproject}
-        await self._context.do("reading", partial(load, **how), self._changed)
+        work = partial(load, camera=self._context.camera)
+        await self._context.do("reading", work, self._changed)
 
     async def _look(self) -> None:
         robot, editor = self._context.robot, self._editor

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -39,8 +40,9 @@ class State(StrEnum):
 def simulated_robot(depth: np.ndarray, bank: Bank, material: str, seed: int = 0) -> Robot:
     """A simulated arm over the bed of a depth image (H, W), with the bank's camera above it."""
     for_world, for_eye = jax.random.split(jax.random.key(seed))
-    bed = bed_of_depth(depth, bank.camera)
-    world = SimulatedWorld(for_world, bed, material=material, camera=bank.camera)
+    camera = replace(bank.camera, pose=None)  # the simulated bed's frame is its own
+    bed = bed_of_depth(depth, camera)
+    world = SimulatedWorld(for_world, bed, material=material, camera=camera)
     eye = simulated_camera(world, for_eye)
     return Robot(eye, SimulatedArm(world), load_hand(None), bank.camera)
 

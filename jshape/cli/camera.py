@@ -58,7 +58,7 @@ def check(
     )
     said = camera_check.verdict(measured.setup, device.camera)
     if all(fine for fine, _ in said):  # else that is to be mended first
-        taken = plannable(measured.depth, device.camera, own=bool(options.window))
+        taken = plannable(measured.depth, device.camera)
         said += [] if taken is None else [(False, taken)]
     good = all(fine for fine, _ in said)
     result = {

@@ -14,7 +14,7 @@ jshape samples try  # now.png, wanted.png, their camera.json, poses.json
 jshape plan now.png wanted.png --out my-plan  # plan.json and pictures
 jshape plan now.png wanted.ply --stride 8 --error-margin 0.5  # places 8 pixels apart
 jshape plan now.png wanted.png --planner refine --stride 4 --seconds 5s  # search 5 s
-jshape plan a.npy b.npy --camera-file camera.json --reproject  # another camera
+jshape plan a.npy b.npy --camera-file camera.json  # another camera, from anywhere
 jshape goal flat --text J --out my-goal  # a sunk J for a simulated level bed
 jshape goal now.png --mask drawn.png --raise-mm 6 --balance --out my-goal  # a drawing
 jshape goal now.png --mesh star.stl --size-mm 120 --depth-mm 10 --out my-goal  # a mold

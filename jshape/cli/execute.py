@@ -4,22 +4,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from jshape import metric
-from jshape.camera import differing, window_of
+from jshape.camera import differing
 from jshape.cli.names import Bank
 from jshape.cli.options import Share, plan_file
-from jshape.cli.robot import Reprojects, Runs, asking, begun, molded, resumed, robot_of, tell
-from jshape.data.view import middle_depth
+from jshape.cli.robot import Runs, asking, begun, molded, resumed, robot_of, tell
 from jshape.errors import BadFile
 from jshape.io import banks
+from jshape.planning.maps import bank_for
 from jshape.planning.options import DEFAULT_BANK, Constraints, StopCriteria
 from jshape.planning.plan import Plan
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExecuteOptions(Runs, Reprojects):
+class ExecuteOptions(Runs):
     """Of `jshape execute`."""
 
     bank: Bank | None = None
@@ -41,13 +38,11 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
     session = resumed(options) if options.resume else None
     bank_name = options.bank or DEFAULT_BANK
     bank = banks.load_bank(bank_name)
-    foreign = window_of(made.camera, bank.camera) is None
-    if foreign and made.initial is not None and all(hasattr(p, "seen_by") for p in bank.predictors):
-        # Made with --window or --depth-range: on the frames of another camera, as they are.
-        first = np.asarray(made.camera.depth(metric.unweigh(made.initial, made.camera)))
-        bank = bank.seen_by(made.camera, middle_depth(first))
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
+        if made.view is not None and made.view.above:
+            bank = bank_for(bank, made.camera)
+            robot.camera = bank.camera
         if made.view is not None and not differing(made.view.source, robot.eye.camera, ""):
             robot.view = made.view  # the same looks as those it was made for
         if session is None:

@@ -118,7 +118,7 @@ def _bed(bed: str, options: GoalOptions, bank: Bank) -> GoalFrame:
     source = source_of(path, raw.shape, options.camera_file, bank, options.depth_unit)
     left_out: Counter[str] = Counter()
     # A goal may lie at any height.
-    depth = frame_of(path, source, reproject=True, raw=raw, left_out=left_out)
+    depth = frame_of(path, source._replace(stated=False), raw=raw, left_out=left_out)
     camera = within(source.camera, options.depth_range)
     if options.window:
         left, top, width, height = options.window
@@ -151,11 +151,7 @@ def _write(
     out = options.out
     assert out is not None
     names = f"{out / f'now.{suffix}'} {out / f'goal.{suffix}'}"
-    # What is written is the part that was asked for.
-    part = options.window or options.depth_range
-    own = f" --window 0,0,{now.camera.width}x{now.camera.height}" if part else " --reproject"
-    reproject = own if said["window"] is None else ""
-    added = {"out": str(out), "next": f"jshape plan {names}{reproject} --out my-plan"}
+    added = {"out": str(out), "next": f"jshape plan {names} --out my-plan"}
     with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
         for name, depth in (("now", now.depth), ("goal", made.depth)):
             if counts:

@@ -17,7 +17,7 @@ from jshape.cli.goal_options import GoalOptions
 from jshape.data.intrinsics import within
 from jshape.data.missing import fill_missing
 from jshape.data.missing import said as said_of
-from jshape.data.view import View, image_of_depth, view_of
+from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadPosition, JShapeError, quoted
 from jshape.goals import (
     BedMap,
@@ -38,6 +38,7 @@ from jshape.io.records import OneLine, read_value
 from jshape.models.bank import Bank
 from jshape.planning import plan_file as plans
 from jshape.planning.api import rollout
+from jshape.planning.maps import over_bed
 from jshape.planning.plan import Plan
 
 DEPTH_MM = 8.0
@@ -169,7 +170,7 @@ def _frame(
     own = goal_source(path, source, Path(where).parent)
     left_out: Counter[str] = Counter()
     # Its depths may be any: neither range matters.
-    found = frame_of(path, own._replace(stated=False), reproject=True, left_out=left_out)
+    found = frame_of(path, own._replace(stated=False), left_out=left_out)
     theirs = within(own.camera, (float(camera.z_min), float(camera.z_max)))
     at = window_of(camera, theirs)
     if at is None:
@@ -186,10 +187,10 @@ def _frame(
 
 def _actions(text: str, where: str, bed: BedMap, camera: Camera, bank: Bank) -> Wanted:
     """What the bank predicts, on the bed's own map: effects keep their size in metres."""
-    own = window_of(bank.camera, camera) is not None
-    view = view_of(camera, bank.camera, bed.frame, reproject=not own)
+    view, bank = over_bed(bank, camera, bed.frame, where)
+    own = not view.above
     now = image_of_depth(bed.frame, bank.camera, view=view, where=where).image
-    acts = _acts(text, bank, lambda at: _in_bank(at, view, bed.level))
+    acts = _acts(text, bank, lambda at: view.positions(at, bed.level))
     then = rollout(now, now, **acts, bank=bank).images[-1]
     before, after = (
         np.asarray(bank.camera.depth(metric.unweigh(image, bank.camera))) for image in (now, then)
@@ -200,16 +201,10 @@ def _actions(text: str, where: str, bed: BedMap, camera: Camera, bank: Bank) -> 
     rows, columns = (y - y0[0]) / seen.cell, (x - x0[0]) / seen.cell
     cells = np.meshgrid(rows, columns, indexing="ij")
     change = ndimage.map_coordinates(change, cells, order=1, mode="constant")
-    said = [] if own else ["the bank's camera is another one: seen as it would see the bed"]
+    said = [] if own else ["the bank's camera is another one: the bed is seen from above"]
     count = len(acts["actions"])
     name = f"{count} action{'s' * (count > 1)}"
     return Wanted(name, change.astype(np.float32), said, stands=True)
-
-
-def _in_bank(at: np.ndarray, view: View, level: float) -> np.ndarray:
-    """Places (N, 2) of (u, v) in the frame as places in the bank's image."""
-    point = view.source.at(at[:, 0], at[:, 1], level)
-    return np.stack(view.target.pixel(*point, level + view.rise), -1)
 
 
 def _acts(text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:

@@ -17,12 +17,14 @@ from jshape.cli.robot import Runs, asking, begun, molded, resumed, robot_of, tel
 from jshape.cli.search_options import KEPT, Searches, kept_of, reachable, search_of
 from jshape.cli.tables import say
 from jshape.data.intrinsics import within
-from jshape.data.view import View, image_of_depth, middle_depth, view_of
-from jshape.errors import BadCamera, BadFile, BadSetting
+from jshape.data.view import View, image_of_depth
+from jshape.errors import BadCamera, BadFile, BadSetting, quoted
 from jshape.io import banks, formats, points
+from jshape.io.cameras import camera_fields, camera_from
 from jshape.io.frames import Source, frame_of, goal_source, source_of
 from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
+from jshape.planning.maps import bank_for, over_bed
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
 from jshape.robot.robot import Robot
@@ -60,8 +62,8 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
         else:
             bank = gone_on(session.run.meta, robot, bank)
         eye = robot.eye.camera
-        seen = robot.view or View(eye, bank.camera, window_of(bank.camera, eye), 0.0)
-        mask = reachable(options.reachable, eye.shape, bank, lambda: seen)
+        seen = robot.view or View(eye, bank.camera, window_of(bank.camera, eye))
+        mask = reachable(options.reachable, eye.shape, bank, seen)
         how = keywords(search_of(options), reachable=mask)
         summary = molded(session, robot, bank, options, confirm=confirm, **how)
     return tell(summary)
@@ -69,14 +71,14 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
 
 def goal_of(
     path: Path, robot: Robot, bank: Bank, options: MoldOptions
-) -> tuple[np.ndarray, Bank, dict[str, float]]:
+) -> tuple[np.ndarray, Bank, dict[str, Any]]:
     """What is wanted, from a file of any camera that can be known, and how the robot is to look.
 
-    A goal of the robot's own camera is seen as the bed will be: moved by the same distance.
+    A goal of the robot's own camera is seen as the bed will be: from the same place above it.
 
     Returns:
-      The image (H, W); the bank, for the robot's camera as it is where `--window` or
-      `--depth-range` asks for that; and what a run that is gone on with must know.
+      The image (H, W); the bank for what the robot then sees; and what a run that is gone on with
+      must know.
 
     Raises:
       BadFile, BadImage, BadCamera, BadBank: as for `jshape plan`.
@@ -98,7 +100,7 @@ def goal_of(
         else:
             named = str(options.camera_file or "") or None
             source = source_of(path, shape, named, bank, options.depth_unit)
-    depth = frame_of(path, source, reproject=bool(options.reproject))
+    depth = frame_of(path, source)
     theirs = within(source.camera, (float(eye.z_min), float(eye.z_max)))
     at = window_of(eye, theirs)
     if at is not None:  # the robot's own camera, or a part of its frames
@@ -106,40 +108,37 @@ def goal_of(
         source = source._replace(camera=eye)
     elif source.camera is not eye:
         say(f"goal: {source.said}, of another camera than {robot.eye.name}")
-    known: dict[str, float] = {}
-    if (options.window or options.depth_range) and not options.reproject and at is not None:
-        known["bed_m"] = middle_depth(depth)
-        bank = gone_on(known, robot, bank)
-    again = bool(options.reproject)
-    view = view_of(source.camera, bank.camera, depth, reproject=again, where=str(path))
-    if at is None and (view.window is None) != (window_of(bank.camera, eye) is None):
-        raise BadCamera(
-            f"{path}: of another camera than {robot.eye.name} ({differing(theirs, eye, 'its')}); "
-            "nothing says how high it is above the bed; make the goal from a frame of that camera"
-        )
-    if at is not None and view.window is None:
-        known["rise_m"] = view.rise
-        robot.view = view
+    view, seen_by = over_bed(bank, source.camera, depth, str(path))
+    known: dict[str, Any] = {}
+    if view.target != bank.camera:
+        if at is None and None in (source.camera.pose, eye.pose):
+            raise BadCamera(
+                f"{path}: of another camera than {robot.eye.name} ({differing(theirs, eye, 'its')})"
+                "; nothing says how the two stand; make the goal from a frame of that camera, or "
+                "give both a pose (jshape calibrate)"
+            )
+        known["view"] = camera_fields(view.target)
+        gone_on(known, robot, bank)
     image = image_of_depth(
-        depth, bank.camera, max_missing=options.max_missing, where=str(path), view=view
+        depth, view.target, max_missing=options.max_missing, where=str(path), view=view
     ).image
-    return image, bank, known
+    return image, seen_by, known
 
 
 def gone_on(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
     """The bank, and the robot, as a run began: see `goal_of`.
 
     Raises:
-      BadBank, BadCamera: as for `Bank.seen_by`.
+      BadFile, BadCamera: a run.json that was changed.
     """
-    eye = robot.eye.camera
-    if isinstance(known.get("bed_m"), float):
-        if differing(bank.camera, eye, ""):
-            bank = bank.seen_by(eye, known["bed_m"])
-        robot.camera = bank.camera
-    if isinstance(known.get("rise_m"), float):
-        robot.view = View(eye, bank.camera, None, known["rise_m"])
-    return bank
+    fields = known.get("view")
+    if fields is None:
+        return bank
+    if not isinstance(fields, dict):
+        raise BadFile(f"the run's view is {quoted(fields)}; expected the fields of a camera")
+    target = camera_from(fields, "the run's view")
+    robot.view, robot.camera = View(robot.eye.camera, target), target
+    return bank_for(bank, target)
 
 
 def keep_on(known: Mapping[str, Any], options: MoldOptions) -> MoldOptions:

@@ -8,19 +8,16 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from jshape.camera import differing
 from jshape.cli.names import Preset, Uses
 from jshape.cli.options import CameraFile, Part, Positive, Writes
 from jshape.cli.search_options import Searches, reachable, search_of
 from jshape.cli.tables import print_table
-from jshape.data.intrinsics import within
 from jshape.data.missing import said as said_of
-from jshape.data.view import view_of
-from jshape.errors import JShapeError
 from jshape.io import banks, files, folders, formats
-from jshape.io.frames import bank_over, frame_of, goal_source, source_of
+from jshape.io.frames import frame_of, goal_source, part_of, source_of
 from jshape.planning import plan_file as plans
-from jshape.planning.api import plan_frames
+from jshape.planning.api import plan_views
+from jshape.planning.maps import over_beds
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
 from jshape.planning.plan import Plan
@@ -58,11 +55,6 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
     bank = banks.load_bank(bank_name)
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=CONTENTS)
-    if options.reproject and (options.window or options.depth_range):
-        raise JShapeError(
-            "--reproject looks as the bank's camera would, --window and --depth-range plan on the "
-            "frames as they are; give one or the other"
-        )
     raw = formats.read_array(initial)
     source = source_of(initial, raw.shape, options.camera_file, bank, options.depth_unit)
     if raw.dtype == np.uint8:
@@ -70,28 +62,23 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
         light = f"8 bits are luminance: white is {near:g} m away, black {far:g} m"
         source = source._replace(said=f"{source.said}; {light}")
     left_out: tuple[Counter[str], Counter[str]] = Counter(), Counter()
-    again = bool(options.reproject)
-    first = frame_of(initial, source, reproject=again, raw=raw, left_out=left_out[0])
+    first = frame_of(initial, source, raw=raw, left_out=left_out[0])
     wanted = goal_source(desired, source, initial.parent)
-    goal = frame_of(desired, wanted, reproject=again, left_out=left_out[1])
-    if options.window or options.depth_range:
-        own = within(source.camera, options.depth_range)
-        bank = bank_over(bank, own.crop(*options.window) if options.window else own, first, own)
-        source, wanted = (
-            one._replace(camera=within(one.camera, (float(own.z_min), float(own.z_max))))
-            for one in (source, wanted)
-        )
-    mask = reachable(
-        options.reachable, source.camera.shape, bank,
-        lambda: view_of(source.camera, bank.camera, first, reproject=again),
-    )  # fmt: skip
-    seen: Any = {"camera": (source.camera, wanted.camera), "names": (str(initial), str(desired))}
-    found = plan_frames(first, goal, bank=bank, **seen, **keywords(search, reachable=mask))
+    goal = frame_of(desired, wanted, left_out=left_out[1])
+    part = options.window, options.depth_range
+    first, goal = (
+        part_of(frame, *part, one.camera) if any(part) else frame
+        for frame, one in ((first, source), (goal, wanted))
+    )
+    names, cameras = (str(initial), str(desired)), (source.camera, wanted.camera)
+    view, beside, bank = over_beds(bank, cameras, (first, goal), names, again=any(part))
+    mask = reachable(options.reachable, source.camera.shape, bank, view)
+    found = plan_views(
+        bank, (first, goal), (view, beside), names, **keywords(search, reachable=mask)
+    )
     said = {"bank": str(bank_name), "source": source.said, "planner": options.planner}
     if wanted.said != source.said:
         said["goal_source"] = wanted.said
-        if options.reproject and differing(wanted.camera, source.camera, ""):
-            said["goal_source"] += " (the middles of both beds are taken to be equally high)"
     result = said | plans.plan_fields(found) | {"left_out": left_out}
     if options.out is not None:
         with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from jshape.cli.cameras import CAMERA_HELP, Camera, Looks, looking
 from jshape.cli.names import Simulates
-from jshape.cli.options import Common, File, PositiveCount, Writes
+from jshape.cli.options import File, PositiveCount, Writes
 from jshape.cli.tables import say
 from jshape.errors import JShapeError, one_line
 from jshape.io import folders, runs
@@ -60,14 +60,6 @@ class Robots(Looks, Simulates):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reprojects(Common):
-    """Whether the camera is another than the bank's."""
-
-    reproject: bool = False
-    """The camera is another than the bank's."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Runs(Robots, Writes):
     """Where a run is kept, and whether anybody is asked."""
 
@@ -90,7 +82,6 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
       JShapeError: no such arm or camera, no camera for an arm that brings none, or nothing that
         says where the camera is.
     """
-    reproject = options.reproject
     run = options if isinstance(options, Runs) else None
     if run is None or not run.resume:
         whole = (*runs.CONTENTS, *CONTENTS)
@@ -118,10 +109,7 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
                 f"nothing says where {eye.name} is in the frame of {opened.arm.name}; --base takes "
                 "what `jshape calibrate` wrote"
             )
-        robot = Robot(
-            eye, arm, hand, bank.camera, base_camera=base_camera, frames=options.frames,
-            reproject=reproject,
-        )  # fmt: skip
+        robot = Robot(eye, arm, hand, bank.camera, base_camera=base_camera, frames=options.frames)
         try:
             yield robot
         except BaseException as problem:

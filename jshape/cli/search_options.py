@@ -1,6 +1,5 @@
 """The options of a search, for all commands that plan: the fields of `planning/options.py`."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -100,7 +99,7 @@ def kept_of(given: Searches) -> dict[str, Any]:
 
 
 def reachable(
-    path: str | None, shape: tuple[int, int], bank: Bank, view: Callable[[], View]
+    path: str | None, shape: tuple[int, int], bank: Bank, view: View
 ) -> np.ndarray | None:
     """Pixels of the bank's image that the hand can reach, from a file; None: all.
 
@@ -116,7 +115,7 @@ def reachable(
     if path is None:
         return None
     free = read_mask(path, {"the camera": shape, "the bank's": bank.camera.shape})
-    return _seen(free, view()) if free.shape == shape else free
+    return _seen(free, view) if free.shape == shape else free
 
 
 def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> np.ndarray:

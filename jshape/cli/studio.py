@@ -8,7 +8,7 @@ from typing import Any
 from jshape.app.ports import free_port
 from jshape.cli.names import Uses
 from jshape.cli.options import Port, Serves
-from jshape.cli.robot import Arm, Reprojects, Robots, robot_of
+from jshape.cli.robot import Arm, Robots, robot_of
 from jshape.data.view import image_of_depth
 from jshape.errors import needs
 from jshape.planning.options import DEFAULT_BANK
@@ -16,7 +16,7 @@ from jshape.robot.cameras.simulated import levelled_world
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudioOptions(Uses, Robots, Reprojects, Serves):
+class StudioOptions(Uses, Robots, Serves):
     """Of `jshape studio`."""
 
     arm: Arm | None = None
@@ -48,15 +48,15 @@ def studio(
     editor = EditorState(options.bank or DEFAULT_BANK, material=options.material)
     described = None if options.camera_file is None else str(options.camera_file)
     if initial is not None:
-        editor.load_bed(initial, described, reproject=options.reproject)
+        editor.load_bed(initial, described)
     elif options.arm is None and options.dataset is None:
         depth = levelled_world().look()
         editor.see(image_of_depth(depth, editor.camera, where="simulated bed").image, "simulated")
     if desired is not None:
-        editor.load_goal(desired, described, reproject=options.reproject)
+        editor.load_goal(desired, described)
     port = free_port(options.host, options.port)
     boxes = None if options.dataset is None else Annotation(options.dataset)
-    context = AppContext(None, "", options.out, described, options.reproject)
+    context = AppContext(None, "", options.out, described)
     opened: Any = nullcontext()
     if options.arm is not None:
         out = context.next_run()  # that it can be written shows before the arm is opened

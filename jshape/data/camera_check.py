@@ -147,7 +147,7 @@ def verdict(setup: SetUp, camera: Camera) -> list[tuple[bool, str]]:
     judge(
         setup.inside >= INSIDE_LEAST,
         f"{setup.inside:.1%} of the bed is {low:g} to {high:g} m away, {setup.distance:.3f} m on "
-        "average" + ("" if near else f" (not {HEIGHT:g}: plan with --reproject)"),
+        "average" + ("" if near else f" (not {HEIGHT:g}: planned on a height map)"),
         f"at least {INSIDE_LEAST:.0%}: move the camera, or state another --depth-range",
     )
     return said

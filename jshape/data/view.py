@@ -7,12 +7,12 @@ import numpy as np
 
 from jshape import metric
 from jshape._typing import ArrayLike, Bool, Float
-from jshape.camera import PAPER_BOX, Camera, check_camera, window_of
+from jshape.camera import PAPER_BOX, Camera, check_camera, differing, window_of
 from jshape.data.bed_window import bed_window
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
 from jshape.data.looks import Look, camera_over, plane_frame, seen_from
 from jshape.data.missing import fill_missing, missing
-from jshape.errors import BadImage, JShapeError, MissingDepth, quoted
+from jshape.errors import BadCamera, BadImage, JShapeError, MissingDepth, quoted
 from jshape.height_map import ABOVE, as_frame, looking_down
 from jshape.reproject import between
 
@@ -32,6 +32,11 @@ class View:
     """The one that a bank or a map is for."""
     window: tuple[int, int] | None = None
     """(left, top) of the target's image in the source's; None: it looks again, from its pose."""
+
+    @property
+    def above(self) -> bool:
+        """Whether the target looks at the bed from above, where parts of it may be hidden."""
+        return self.window is None or self.target.orthographic
 
     @property
     def to_source(self) -> Float[np.ndarray, "4 4"]:
@@ -65,6 +70,16 @@ class View:
         points = np.stack(np.broadcast_arrays(x, y, z, 1.0), -1) @ self.to_source.T
         return np.rint(np.stack(self.source.pixel(*points[:, :3].T), -1)).astype(int)
 
+    def positions(self, pixels: np.ndarray, depth: ArrayLike) -> Float[np.ndarray, "N 2"]:
+        """Where pixels (N, 2) of the source are in the target's image, not rounded.
+
+        `depth` is the surface's there, metres from the source.
+        """
+        x, y = self.source.at(*np.asarray(pixels, float).T, depth)
+        points = np.stack(np.broadcast_arrays(x, y, depth, 1.0), -1)
+        points = points @ np.linalg.inv(self.to_source).T
+        return np.stack(self.target.pixel(*points[:, :3].T), -1)
+
 
 def look_of(depth: np.ndarray, camera: Camera) -> Look:
     """A frame (H, W) in metres as a look of its camera."""
@@ -76,6 +91,19 @@ def in_range(frame: np.ndarray, camera: Camera) -> bool:
     """Whether enough of a frame's readings (metres) lie within a camera's range."""
     found = frame[~missing(frame)]
     return bool(found.size) and float(outside_range(found, camera).mean()) <= MAX_CLAMPED
+
+
+def cut_of(source: Camera, target: Camera) -> tuple[int, int]:
+    """(left, top) of a bank's image in the frames of a camera.
+
+    Raises:
+      BadCamera: they do not hold it.
+    """
+    check_camera(source)
+    at = window_of(target, source)
+    if at is None:
+        raise BadCamera(f"the bank is for another camera: {differing(source, target, 'bank')}")
+    return at
 
 
 def cut_out(source: Camera, target: Camera, frame: np.ndarray) -> View | None:
@@ -202,7 +230,7 @@ def image_of_depth(
         metres = view.depth(metres, where)
     check_depth(metres, camera, where, unit, least_inside=1 - MAX_CLAMPED)
     known = ~missing(metres)
-    if camera.orthographic or (view is not None and view.window is None):
+    if camera.orthographic or (view is not None and view.above):
         if known.mean() < LEAST_SEEN:
             raise MissingDepth(
                 f"{where}: {known.mean():.1%} of the bed is seen; at least {LEAST_SEEN:.0%} must be"

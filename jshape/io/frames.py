@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jshape.camera import PRESETS, Camera, check_camera, differing, window_of
+from jshape.camera import PRESETS, Camera, check_camera, window_of
 from jshape.data.depth import check_depth
-from jshape.data.view import middle_depth
-from jshape.errors import BadCamera, BadImage
+from jshape.data.intrinsics import within
+from jshape.errors import BadImage
 from jshape.io import cameras, formats, images, points
 from jshape.io.cameras import described
 from jshape.models.bank import Bank
@@ -77,19 +77,18 @@ def frame_of(
     path: Path,
     source: Source,
     *,
-    reproject: bool = False,
     raw: np.ndarray | None = None,
     left_out: Counter[str] | None = None,
 ) -> np.ndarray:
     """A depth image or point cloud as a frame (H, W) of its camera, metres; NaN: no reading.
 
-    With `reproject`, a guessed camera's range says nothing of a bed at another height; a stated
-    one's does, and it is what tells a wrong unit.  `raw` is what is in the file, where it was read
-    already; `left_out` adds up why pixels are no readings.
+    A guessed camera's range says nothing of a bed at another height; a stated one's does, and it
+    is what tells a wrong unit.  `raw` is what is in the file, where it was read already; `left_out`
+    adds up why pixels are no readings.
 
     Raises BadFile, BadImage, BadCamera: it cannot be read, or is no depth image of this camera.
     """
-    camera, check = check_camera(source.camera), source.stated or not reproject
+    camera, check = check_camera(source.camera), source.stated
     if path.suffix.lower() in points.SUFFIXES:
         return points.read_goal(path, camera, check_range=check)
     raw = formats.read_array(path) if raw is None else raw
@@ -104,22 +103,29 @@ def frame_of(
     return depth
 
 
-def bank_over(bank: Bank, part: Camera, frame: np.ndarray, whole: Camera) -> Bank:
-    """The bank for a part of a camera's frames: of any size, at the distance that `frame` shows.
+def part_of(
+    frame: np.ndarray,
+    window: tuple[int, int, int, int] | None,
+    depth_range: tuple[float, float] | None,
+    camera: Camera,
+) -> np.ndarray:
+    """A frame (H, W) in metres of which only a part is the bed; the rest becomes no reading.
 
     Raises:
-      BadBank: a bank that is bound to its camera.
-      BadCamera: the bed is not within its range, or an action is larger than the part.
-      BadImage: the part has no reading.
+      BadCamera: the window leaves the image, or the range does not rise.
+      BadImage: nothing is left.
     """
-    left, top = (round(float(getattr(whole, n)) - float(getattr(part, n))) for n in ("u0", "v0"))
-    inside = frame[top : top + part.height, left : left + part.width]
-    if not differing(bank.camera, part, ""):
-        return bank
-    bank = bank.seen_by(part, middle_depth(inside))
-    for name, (w, h) in bank.rois.items():
-        if w > part.width or h > part.height:
-            raise BadCamera(
-                f"the window has {part.width}x{part.height} pixels; {name} changes {w}x{h} there"
-            )
-    return bank
+    kept = np.array(frame, np.float32)
+    if window is not None:
+        left, top, width, height = window
+        camera.crop(left, top, width, height)
+        outside = np.ones(kept.shape, bool)
+        outside[top : top + height, left : left + width] = False
+        kept[outside] = np.nan
+    if depth_range is not None:
+        within(camera, depth_range)
+        with np.errstate(invalid="ignore"):
+            kept[(kept < depth_range[0]) | (kept > depth_range[1])] = np.nan
+    if not np.isfinite(kept).any():
+        raise BadImage("no reading lies within the --window and --depth-range that were given")
+    return kept

@@ -16,7 +16,7 @@ import numpy as np
 from jshape._typing import ArrayLike
 from jshape.camera import Camera, unmasked
 from jshape.data.depth import check_unit, to_metres
-from jshape.data.view import image_of_depth
+from jshape.data.view import View, image_of_depth
 from jshape.errors import BadBank, BadCamera, BadImage, JShapeError, UnknownName, quoted
 from jshape.height_map import HeightMap
 from jshape.models.bank import Bank
@@ -245,26 +245,8 @@ def plan_depth(
       BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
       JShapeError: as for `plan`.
     """
-    return plan_frames(
-        z0, zstar, camera=camera, depth_unit=depth_unit, bank=bank, planner=planner, space=space,
-        constraints=constraints, stop=stop, budget=budget,
-    )  # fmt: skip
-
-
-def plan_frames(
-    z0: ArrayLike,
-    zstar: ArrayLike,
-    *,
-    camera: Camera | tuple[Camera, Camera] | None = None,
-    depth_unit: float = 0.001,
-    bank: Bank | str | Path | None = None,
-    constraints: Constraints = Constraints(),
-    names: tuple[str, str] = ("z0", "zstar"),
-    **more: Any,
-) -> Plan:
-    """`plan_depth` where errors name the two frames, and with all keywords of `plan`."""
-    bank = _as_bank(bank)
-    view = beside = None
+    bank, frames, views = _as_bank(bank), [np.asarray(z0), np.asarray(zstar)], (None, None)
+    names = "z0", "zstar"
     if camera is not None:
         pair = camera if isinstance(camera, tuple) else (camera, camera)
         for one in pair:
@@ -279,21 +261,39 @@ def plan_frames(
             )
             for depth, one, name in zip((z0, zstar), pair, names, strict=True)
         ]
-        view, beside, bank = over_beds(bank, pair, frames, names)
+        *views, bank = over_beds(bank, pair, frames, names)
+    return plan_views(
+        bank, frames, views, names, depth_unit=depth_unit, planner=planner, space=space,
+        constraints=constraints, stop=stop, budget=budget,
+    )  # fmt: skip
+
+
+def plan_views(
+    bank: Bank,
+    frames: Sequence[ArrayLike],
+    views: Sequence[View | None],
+    names: Sequence[str],
+    *,
+    depth_unit: float = 0.001,
+    constraints: Constraints = Constraints(),
+    **more: Any,
+) -> Plan:
+    """`plan_depth` of two frames whose views (see `over_beds`) and names in errors are known."""
     now, wanted = (
         image_of_depth(
             depth,
             bank.camera,
-            view=one,
+            view=view,
             depth_unit=depth_unit,
             max_missing=constraints.max_missing,
             where=name,
         )
-        for name, depth, one in zip(names, (z0, zstar), (view, beside), strict=True)
+        for name, depth, view in zip(names, frames, views, strict=True)
     )
-    above = view is not None and (view.window is None or view.target.orthographic)
-    seen = now.known & wanted.known if above else None
-    goal = wanted.image if seen is None else np.where(seen, wanted.image, now.image)
+    goal, seen, view = wanted.image, None, views[0]
+    if view is not None and view.above:
+        seen = now.known & wanted.known
+        goal = np.where(seen, goal, now.image)
     found = _planned(bank, now.image, goal, seen, constraints=constraints, **more)
     filled, clamped = (now.filled, wanted.filled), (now.clamped, wanted.clamped)
     return replace(found, filled=filled, clamped=clamped, view=view)

@@ -66,9 +66,11 @@ def over_beds(
     cameras: Sequence[Camera],
     frames: Sequence[np.ndarray],
     names: Sequence[str],
+    *,
+    again: bool = False,
 ) -> tuple[View, View, Bank]:
-    """As `over_bed`, of the bed now and of the bed wanted, which look alike."""
-    view, seen_by = over_bed(bank, cameras[0], frames[0], names[0])
+    """As `over_bed`, of the bed now and of the bed wanted, which are seen alike."""
+    view, seen_by = over_bed(bank, cameras[0], frames[0], names[0], again=again)
     if view.window is not None and view.target == bank.camera:
         beside = cut_out(cameras[1], bank.camera, frames[1])
         if beside is not None:

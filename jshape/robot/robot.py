@@ -8,7 +8,7 @@ import numpy as np
 from jshape._typing import Float
 from jshape.camera import Camera
 from jshape.data.missing import fill_missing
-from jshape.data.view import View, view_of
+from jshape.data.view import View, cut_of
 from jshape.errors import JShapeError
 from jshape.robot.arms.base import Arm, stop_arm
 from jshape.robot.arms.guarded import GuardedArm
@@ -31,7 +31,6 @@ class Robot(AbstractContextManager):
         *,
         base_camera: Float[np.ndarray, "4 4"] | None = None,
         frames: int = FRAMES,
-        reproject: bool = False,
         told: Callable[[OperationResult], None] = lambda done: None,
         looked: Callable[[np.ndarray], None] = lambda depth: None,
     ):
@@ -44,7 +43,6 @@ class Robot(AbstractContextManager):
           camera: the bank's.
           base_camera: pose of `eye` in the arm's base frame; None: they are the same.
           frames: of which a look is the median.
-          reproject: allow another camera than the bank's; it is looked again as the bank's would.
           told: called after each operation of an action.
           looked: called with each look (H, W), metres.
         """
@@ -59,13 +57,12 @@ class Robot(AbstractContextManager):
         self.moved = False
         """The arm was told to move."""
         self._frames = frames
-        self._reproject = reproject
         self.told = told
         """Called after each operation of an action."""
         self.looked = looked
         """Called with each look."""
         self.view: View | None = None
-        """How looks become those of the bank's camera; None: the first look says it."""
+        """How looks become those of the bank's camera; None: they hold its image."""
         self._seen: np.ndarray | None = None  # (H, W) the last look
         self._whole: np.ndarray | None = None  # the same without gaps, once it was asked for
 
@@ -79,12 +76,12 @@ class Robot(AbstractContextManager):
 
         Raises:
           CameraLost: the camera sends nothing, or always the same.
-          BadCamera: the camera is not the bank's.
+          BadCamera: the camera is not the bank's, and no view says how it is seen.
           Occluded: something is in front of the bed.
         """
         depth = look(self._sight, self._frames)
         if self.view is None:
-            self.view = view_of(self.eye.camera, self.camera, depth, reproject=self._reproject)
+            self.view = View(self.eye.camera, self.camera, cut_of(self.eye.camera, self.camera))
         seen = self.view.depth(depth, self.eye.name)
         check_clear(seen, self.camera, self.eye.name)
         self._whole = None
@@ -101,16 +98,21 @@ class Robot(AbstractContextManager):
     ) -> None:
         """Carry an action out at pixel (u, v) of the bank's image; ArmError: it did not."""
         self.moved = True
-        given = (self.guard, self._hand, action, self.point(position), self._base_camera)
+        given = (self.guard, self._hand, action, self.point(position), self._base_bank)
         perform(*given, strength=strength, yaw=yaw, told=self.told)
 
     def point(self, position: tuple[float | int, float | int]) -> Float[np.ndarray, "3"]:
-        """The point of the surface under a place, in the frame of the camera that looks, metres."""
+        """The point of the surface under a place, in the frame of the bank's camera, metres."""
         if self._seen is None or self.view is None:
             raise JShapeError("look before you act")
         if self._whole is None:  # once a look: a plan's actions are all checked on the first
             self._whole, _ = fill_missing(self._seen, limit=1.0, where=self.eye.name)
-        return surface_point(self._whole, self.camera, position, rise=self.view.rise)
+        return surface_point(self._whole, self.camera, position)
+
+    @property
+    def _base_bank(self) -> Float[np.ndarray, "4 4"]:
+        """The pose of the bank's camera in the arm's base frame."""
+        return self._base_camera if self.view is None else self._base_camera @ self.view.to_source
 
     def check(
         self,
@@ -120,7 +122,7 @@ class Robot(AbstractContextManager):
         yaw: float = 0.0,
     ) -> None:
         """Whether it could carry an action out; nothing moves.  Raises as `act`."""
-        given = (self.guard, self._hand, action, self.point(position), self._base_camera)
+        given = (self.guard, self._hand, action, self.point(position), self._base_bank)
         prepare(*given, strength, yaw)
 
     def home(self) -> None:

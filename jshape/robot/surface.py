@@ -15,10 +15,9 @@ def surface_point(
     camera: Camera,
     position: ArrayLike,
     *,
-    rise: float = 0.0,
     place_depth: float = PAPER_Z,
 ) -> Float[np.ndarray, "3"]:
-    """The point of the surface under a place, metres, in the frame of the camera that looks.
+    """The point of the surface under a place, metres, in the frame of the bank's camera.
 
     A place (u, v) is the pixel of a point at one depth for all (Hypothesis 3), which gives its x
     and y.  The surface there may be nearer or farther, and is then seen at another pixel.
@@ -27,7 +26,6 @@ def surface_point(
       depth: what the bank's camera sees, metres, without gaps.
       camera: the bank's.
       position: (u, v) pixels, whole or not.
-      rise: how much farther the bank's camera stands from the bed than the one that looks, metres.
       place_depth: depth at which places are meant, metres.
     """
     xy = np.array(camera.at(*np.asarray(position, np.float64), place_depth))
@@ -37,4 +35,4 @@ def surface_point(
         u, v = min(max(u, 0), camera.width - 1), min(max(v, 0), camera.height - 1)
         around = depth[max(v - AROUND, 0) : v + AROUND + 1, max(u - AROUND, 0) : u + AROUND + 1]
         z = float(np.median(around))
-    return np.array([xy[0], xy[1], z - rise])
+    return np.array([xy[0], xy[1], z])

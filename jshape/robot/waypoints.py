@@ -134,15 +134,15 @@ def waypoints_of(
             "(place_depth, --place-depth)"
         )
     frame = "camera" if base_camera is None else "base"
-    change = np.eye(4) if base_camera is None else check_rigid(base_camera, "T_base_camera")
-    rise = 0.0 if plan.view is None else plan.view.rise
+    own = np.eye(4) if base_camera is None else check_rigid(base_camera, "T_base_camera")
+    change = own if plan.view is None else own @ plan.view.to_source
     paths = []
     for k, action in enumerate(plan.actions):
         procedure = hand.procedures[action]
         u, v = (float(x) for x in plan.exact_positions[k])
         strength, yaw = float(plan.strengths[k]), float(plan.yaws[k])
         depth = np.asarray(camera.depth(metric.unweigh(plan.images[k], camera)))
-        point = surface_point(depth, camera, (u, v), rise=rise, place_depth=place_depth)
+        point = surface_point(depth, camera, (u, v), place_depth=place_depth)
         check_reach(procedure, hand.limits, point, strength, yaw)
         path = ActionPath(
             action=action,
@@ -158,7 +158,7 @@ def waypoints_of(
             ],
         )
         paths.append(path)
-    kept = None if base_camera is None else change
+    kept = None if base_camera is None else own
     return Waypoints(frame, kept, place_depth, hand.limits.effort_nm, tuple(paths))
 
 

@@ -66,7 +66,8 @@ class View:
         if self.window is not None:
             return positions + np.array(self.window)
         z = middle_of(self.target) if depth is None else np.asarray(depth)
-        x, y = self.target.at(*np.asarray(positions, float).T, z)
+        u, v = np.asarray(positions, float).T
+        x, y = self.target.at(u, v, z)
         points = np.stack(np.broadcast_arrays(x, y, z, 1.0), -1) @ self.to_source.T
         return np.rint(np.stack(self.source.pixel(*points[:, :3].T), -1)).astype(int)
 
@@ -75,7 +76,8 @@ class View:
 
         `depth` is the surface's there, metres from the source.
         """
-        x, y = self.source.at(*np.asarray(pixels, float).T, depth)
+        u, v = np.asarray(pixels, float).T
+        x, y = self.source.at(u, v, depth)
         points = np.stack(np.broadcast_arrays(x, y, depth, 1.0), -1)
         points = points @ np.linalg.inv(self.to_source).T
         return np.stack(self.target.pixel(*points[:, :3].T), -1)

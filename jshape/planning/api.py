@@ -245,7 +245,7 @@ def plan_depth(
       BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
       JShapeError: as for `plan`.
     """
-    bank, frames, views = _as_bank(bank), [np.asarray(z0), np.asarray(zstar)], (None, None)
+    bank, frames, views = _as_bank(bank), [z0, zstar], (None, None)
     names = "z0", "zstar"
     if camera is not None:
         pair = camera if isinstance(camera, tuple) else (camera, camera)

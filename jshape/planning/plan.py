@@ -140,8 +140,8 @@ class Plan:
 
         In the frame that the cameras share: of a camera without a pose its own, of a map its own.
         """
-        z = self._surface
-        x, y = self.camera.at(*np.asarray(self.exact_positions, float).T, z)
+        z, (u, v) = self._surface, np.asarray(self.exact_positions, float).T
+        x, y = self.camera.at(u, v, z)
         points = np.stack(np.broadcast_arrays(x, y, z, 1.0), -1)
         own = self.camera if self.view is None or self.view.window is None else self.view.source
         return (points @ np.array(np.eye(4) if own.pose is None else own.pose).T)[:, :3]

@@ -28,11 +28,12 @@ def surface_point(
       position: (u, v) pixels, whole or not.
       place_depth: depth at which places are meant, metres.
     """
-    xy = np.array(camera.at(*np.asarray(position, np.float64), place_depth))
+    u, v = np.asarray(position, np.float64)
+    x, y = camera.at(u, v, place_depth)
     z = place_depth
     for _ in range(4):  # the surface's slope is well below 1: each round halves the error
-        u, v = np.rint(camera.pixel(*xy, z)).astype(int)
-        u, v = min(max(u, 0), camera.width - 1), min(max(v, 0), camera.height - 1)
-        around = depth[max(v - AROUND, 0) : v + AROUND + 1, max(u - AROUND, 0) : u + AROUND + 1]
-        z = float(np.median(around))
-    return np.array([xy[0], xy[1], z])
+        column, row = (int(np.rint(at)) for at in camera.pixel(x, y, z))
+        column, row = min(max(column, 0), camera.width - 1), min(max(row, 0), camera.height - 1)
+        rows, columns = (slice(max(at - AROUND, 0), at + AROUND + 1) for at in (row, column))
+        z = float(np.median(depth[rows, columns]))
+    return np.array([x, y, z])

@@ -109,6 +109,8 @@ def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]
     now, goal = (f"{n}{said_of(why)}" for n, why in zip(filled, left_out, strict=True))
     print(f"pixels without depth, filled: {now} now, {goal} in the goal; "
           f"beyond the depth range: {clamped[0]} now, {clamped[1]} in the goal")  # fmt: skip
+    for note in found.notes:
+        print(f"warning: {note}")
     d = found.distances_mm
     head = ("step", "action", "u", "v", "strength", "yaw (°)", "to the goal (mm)", "gain (mm)")
     rows: list[tuple[Any, ...]] = [("", "start", "", "", "", "", f"{d[0]:.3f}", "")]

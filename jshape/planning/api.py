@@ -24,7 +24,7 @@ from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
 from jshape.planning.evaluate import ONE_BY_ONE, Execution, candidates_at
 from jshape.planning.kernels import prepared
-from jshape.planning.maps import on_maps, over_beds
+from jshape.planning.maps import on_maps, outside_domain, over_beds
 from jshape.planning.options import (
     DEFAULT_BANK,
     GROUPS,
@@ -148,7 +148,8 @@ def _planned(
         bank, first, goal, _acts(found, problem), Status(int(found.status)),
         float(limits.tolerance), int(found.evaluations), seen,
     )  # fmt: skip
-    return replace(planned, seconds=spent)
+    notes = () if seen is None else outside_domain(first, goal, bank.camera, seen)
+    return replace(planned, seconds=spent, notes=notes)
 
 
 def _acts(found: SearchResult, problem: SearchProblem) -> list[PlacedAction]:

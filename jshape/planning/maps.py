@@ -17,6 +17,13 @@ from jshape.height_map import ABOVE, HeightMap, check_map
 from jshape.models.bank import Bank
 from jshape.planning.kernels import grid_of
 
+RELIEF = 0.06
+"""Relief of beds that the bundled banks were trained on, metres: the paper's range and a rim."""
+SLOPE = 1.0
+"""Rise over run of their steepest hundredth: walls that a press leaves stand at 45 degrees."""
+SLOPE_OVER = 5e-3
+"""Metres over which a slope is taken: over less it is noise."""
+
 
 def over_bed(
     bank: Bank, source: Camera, frame: np.ndarray, where: str = "frame", *, again: bool = False
@@ -105,6 +112,41 @@ def on_maps(
     first = image_of(depths[0], camera)
     goal = np.where(seen, image_of(depths[1], camera), first)
     return bank_for(bank, camera), first, goal, seen
+
+
+def outside_domain(now: Any, wanted: Any, camera: Camera, seen: np.ndarray) -> tuple[str, ...]:
+    """What of two images the bundled banks were not trained on, in words; empty: nothing.
+
+    Args:
+      now: (H, W) I of the bed now.
+      wanted: of the bed wanted.
+      camera: above the bed, with parallel rays.
+      seen: (H, W) pixels that count.
+    """
+    said, pitch = [], 1.0 / float(camera.fx)
+    apart = max(1, round(SLOPE_OVER / pitch))
+    for name, image in (("now", now), ("wanted", wanted)):
+        z = np.asarray(camera.depth(metric.unweigh(image, camera)))
+        relief = float(np.ptp(np.percentile(z[seen], (1, 99))))
+        if relief > RELIEF:
+            said.append(
+                f"the bed {name} has {1e3 * relief:.0f} mm of relief; the bundled banks know "
+                f"{1e3 * RELIEF:.0f} mm"
+            )
+        slopes = [
+            np.abs(one)[both]
+            for one, both in (
+                (z[apart:] - z[:-apart], seen[apart:] & seen[:-apart]),
+                (z[:, apart:] - z[:, :-apart], seen[:, apart:] & seen[:, :-apart]),
+            )
+        ]
+        steep = float(np.percentile(np.concatenate(slopes), 99)) / (apart * pitch)
+        if steep > SLOPE:
+            said.append(
+                f"the bed {name} is up to {np.degrees(np.arctan(steep)):.0f} degrees steep; the "
+                f"bundled banks know {np.degrees(np.arctan(SLOPE)):.0f}"
+            )
+    return tuple(said)
 
 
 def on_grid_of(like: HeightMap, other: HeightMap) -> HeightMap:

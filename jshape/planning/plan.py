@@ -63,6 +63,8 @@ class Plan:
     """K predicted ROIs (h, w) of I, one per action."""
     seen: np.ndarray | None = None
     """(H, W) pixels that distances count: what was seen of the bed; None: all."""
+    notes: tuple[str, ...] = ()
+    """What of the two beds the bundled banks were not trained on, in words."""
 
     def __post_init__(self) -> None:
         count, fill = len(self.actions), object.__setattr__

@@ -7,7 +7,7 @@ same predicted images to the last bit.
 import base64
 import io
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -57,6 +57,7 @@ def plan_fields(plan: Any) -> dict[str, Any]:
         "seconds": float(plan.seconds),
         "filled": [int(x) for x in plan.filled],
         "clamped": [int(x) for x in plan.clamped],
+        "notes": list(plan.notes),
         "camera": camera_fields(plan.camera),
         "view": None if plan.view is None else _view_fields(plan.view),
     }
@@ -71,6 +72,7 @@ def write_plan(path: str | os.PathLike, plan: Any, *, images: bool = True) -> No
     fields = plan_fields(plan)
     if images and plan.initial is not None:
         arrays = {"initial": plan.initial} | ({} if plan.goal is None else {"goal": plan.goal})
+        arrays |= {} if plan.seen is None else {"seen": plan.seen}
         arrays |= {f"patch_{k}": patch for k, patch in enumerate(plan.patches)}
         stream = io.BytesIO()
         packed = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
@@ -118,6 +120,7 @@ class PlanFile:
     filled: Annotated[tuple[int, int], Range(0)]
     clamped: Annotated[tuple[int, int], Range(0)] = (0, 0)
     seconds: Annotated[float, Range(0)] = 0.0
+    notes: list[Annotated[str, OneLine(strict=False)]] = field(default_factory=list)
     view: ViewFile | None = None
     images: str | None = None
 
@@ -166,6 +169,7 @@ def read_plan(path: str | os.PathLike) -> dict[str, Any]:
         clipped=each("clipped", np.float32),
         filled=found.filled,
         clamped=found.clamped,
+        notes=tuple(found.notes),
         view=None if found.view is None else _view(found.view, camera, f"{where}: view"),
         **_images(found.images, camera, [step.roi for step in steps], f"{where}: images"),
     )
@@ -200,12 +204,11 @@ def _images(
     except ValueError as problem:
         raise BadFile(f"{where}: not base64: {one_line(problem)}") from None
     shapes = {"initial": camera.shape} | {f"patch_{k}": (h, w) for k, (w, h) in enumerate(rois)}
-    # Four bytes a pixel and a header each, the goal included: a bomb is not unpacked.
-    pixels = 2 * camera.width * camera.height + sum(w * h for w, h in rois)
-    most = min(4 * pixels + 4096 * (len(shapes) + 1), IMAGES_LIMIT)
+    # Four bytes a pixel and a header each, goal and what was seen included: a bomb is not unpacked.
+    pixels = 3 * camera.width * camera.height + sum(w * h for w, h in rois)
+    most = min(4 * pixels + 4096 * (len(shapes) + 2), IMAGES_LIMIT)
     arrays = read_arrays(data, where, most)
-    if "goal" in arrays:
-        shapes["goal"] = camera.shape
+    shapes |= {name: camera.shape for name in ("goal", "seen") if name in arrays}
     for name, shape in shapes.items():
         if name not in arrays:
             raise BadFile(f"{where}: has no {name}")
@@ -220,6 +223,7 @@ def _images(
     return {
         "initial": arrays["initial"],
         "goal": arrays.get("goal"),
+        "seen": None if "seen" not in arrays else arrays["seen"] > 0.5,
         "patches": tuple(arrays[f"patch_{k}"] for k in range(len(rois))),
     }
 

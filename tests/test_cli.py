@@ -695,6 +695,7 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
         ([*PLAN[:3], "--bank", "flour-robt"], "did you mean flour-robot?"),
         ([*PLAN, "--camera", "d435_bazr"], "did you mean d435_bazar?"),
         ([*PLAN, "--camera-file", "realsense"], "neither a camera.json nor a preset"),
+        ([*PLAN, "--camera", "none.json"], "none.json: no such file"),
         (
             [*PLAN, "--max-steps", "٣"],
             "--max-steps: '٣': numbers are written with the digits 0 to 9",

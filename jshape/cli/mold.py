@@ -62,7 +62,7 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
         eye = robot.eye.camera
         seen = robot.view or View(eye, bank.camera, window_of(bank.camera, eye), 0.0)
         mask = reachable(options.reachable, eye.shape, bank, lambda: seen)
-        how = keywords(search_of(options), reachable=mask)
+        how = keywords(search_of(options), reachable=mask, reproject=False)  # the robot does
         summary = molded(session, robot, bank, options, confirm=confirm, **how)
     return tell(summary)
 

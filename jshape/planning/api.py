@@ -64,7 +64,7 @@ def plan(
       bank: a `Bank`, the name of a bundled one or a folder; None is the bundled default.
       planner: which search (docs/planning.md says which when).
       space: what is tried.
-      constraints: what is allowed.
+      constraints: what is allowed; `max_missing` and `reproject` are for `plan_depth`.
       stop: when the sequence ends.
       budget: what the search may spend.
       start: an earlier plan for about the same images, which `refine` and `improve` begin with if
@@ -92,6 +92,9 @@ def plan(
     ):  # fmt: skip
         if not isinstance(record, kind):
             raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
+    constraints.refuse(
+        ("max_missing", "reproject"), "plan takes weighed images; plan_depth reads depth"
+    )
     limits = tasks.limits(bank, stop, constraints.max_uses)
     seed, max_steps = tasks.seed(budget.seed), int(stop.max_steps)
     free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
@@ -196,6 +199,9 @@ def plan_depth(
     the plan's `filled` says how many.  The luminance keeps fractions of a level, so that a bed
     seen in 16 bits is not rounded to the 256 levels of the paper's camera.
 
+    To plan on a window of the frames as they are, as `--window` does: `part = camera.crop(...)`,
+    slice both frames likewise, and pass `camera=part, bank=bank.seen_by(part, bed_depth)`.
+
     Args:
       z0: (H, W) depth of the bed now.
       zstar: (H, W) the depth wanted.
@@ -269,7 +275,7 @@ def plan_frames(
         for name, depth, view in zip(names, (z0, zstar), views, strict=True)
     )
     return replace(
-        plan(now.image, wanted.image, bank=bank, constraints=constraints, **more),
+        plan(now.image, wanted.image, bank=bank, constraints=constraints.of_images(), **more),
         filled=(now.filled, wanted.filled),
         clamped=(now.clamped, wanted.clamped),
         view=views[0],
@@ -283,15 +289,15 @@ def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:
       BadImage: naming what came and what is allowed.
     """
     array = np.asarray(unmasked(image))
+    if array.shape != camera.shape and array.dtype.kind in "buif":
+        raise BadImage(
+            f"{where} has shape {array.shape}; the bank's camera makes {camera.shape} "
+            "(rows, columns)"
+        )
     if array.dtype.kind != "f":
         raise BadImage(
             f"{where} has type {array.dtype}; a weighed image I has floats in [0, 1] "
             "(see jshape.weigh; for raw depth call jshape.plan_depth)"
-        )
-    if array.shape != camera.shape:
-        raise BadImage(
-            f"{where} has shape {array.shape}; the bank's camera makes {camera.shape} "
-            "(rows, columns)"
         )
     bad = int(np.count_nonzero(~np.isfinite(array)))
     if bad:

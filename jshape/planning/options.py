@@ -13,7 +13,7 @@ from functools import wraps
 from typing import Any
 
 from jshape._typing import ArrayLike
-from jshape.errors import BadOption, did_you_mean, quoted
+from jshape.errors import BadOption, JShapeError, did_you_mean, quoted
 
 DEFAULT_BANK = "pressed-flour-robot"
 YAWS = 4
@@ -23,6 +23,10 @@ STRIDE = 12
 """Pixels between positions, where the ROIs are not small and nothing else is said."""
 ERROR_MARGIN = 0.5
 """Where the bank knows its errors and nothing else is said."""
+
+
+WINDOW = "for a window of frames, crop them, and plan with camera.crop(...) and bank.seen_by(...)"
+"""What to do where the command line has `--window`."""
 
 
 def hinted(function: Callable) -> Callable:
@@ -44,6 +48,8 @@ def _unknown(name: str, known: Sequence[str]) -> str:
         if name in _names(kind):
             where = f"{group}={kind.__name__}({name}=...)"
             return f"unknown option {quoted(name)}; it is a field of {group}: {where}"
+    if name == "window":
+        return f"unknown option {quoted(name)}; {WINDOW}"
     near = did_you_mean(name, [*known, *(one for kind in GROUPS.values() for one in _names(kind))])
     return f"unknown option {quoted(name)}{near or '; allowed: ' + ', '.join(known)}"
 
@@ -86,6 +92,16 @@ class Constraints:
     """Largest share of a depth image's pixels without a reading that may be filled."""
     reproject: bool = False
     """Frames of another camera, or from another distance, may be resampled to the bank's view."""
+
+    def refuse(self, names: Sequence[str], why: str) -> None:
+        """Raise JShapeError where a field that says nothing here is not at its default."""
+        for name in names:
+            if getattr(self, name) != getattr(Constraints, name):
+                raise JShapeError(f"constraints: {name} has no effect here: {why}")
+
+    def of_images(self) -> "Constraints":
+        """Those for images: frames were read already."""
+        return replace(self, max_missing=Constraints.max_missing, reproject=False)
 
 
 @dataclass(frozen=True)

@@ -166,6 +166,7 @@ def mold(
     """
     check_same_camera(bank.camera, world.camera, "the world's")
     goal = check_image(goal, bank.camera, "goal")
+    constraints.refuse(["reproject"], "the world's camera is the bank's; Robot(reproject=True)")
     for name, value in (("horizon", horizon), ("patience", patience)):
         if value is None:
             continue
@@ -186,7 +187,7 @@ def mold(
     depth, image = look()
     ahead = first
     if ahead is None:
-        ahead = plan(image, goal, constraints=constraints, stop=stop, **search)
+        ahead = plan(image, goal, constraints=constraints.of_images(), stop=stop, **search)
     if afresh:
         ahead = _seen_anew(ahead, image, goal, bank)
     run = Molding(goal, ahead, [image], [depth])
@@ -233,7 +234,7 @@ def mold(
             if action in uses:
                 uses[action] -= 1
             now = {
-                "constraints": replace(constraints, max_uses=uses),
+                "constraints": replace(constraints.of_images(), max_uses=uses),
                 "stop": replace(stop, max_steps=steps),
             }
             ahead = plan(image, goal, start=ahead, **now, **search)

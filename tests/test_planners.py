@@ -139,6 +139,7 @@ def test_no_search_is_worse_than_greedy(planner, seed):
     assert Status(int(found.status)) in (Status.NO_IMPROVEMENT, Status.MAX_STEPS)
 
 
+@pytest.mark.full
 def test_searching_longer_pays(planner):
     """On one of a few beds at least each search finds what greedy does not."""
     gains = []
@@ -301,6 +302,7 @@ def test_a_known_sequence_is_begun_with(name):
     assert float(search("greedy", problem).distance) > 1e-3  # which is why it helps
 
 
+@pytest.mark.full
 def test_what_is_known_of_another_map_is_used_where_they_are_equal():
     problem, own = made_problem(4)
     state, candidates = problem.state, problem.candidates
@@ -317,6 +319,7 @@ def test_what_is_known_of_another_map_is_used_where_they_are_equal():
     assert carry.used.tolist() == [1, 0, 0] and int(carry.result.status) == -1
 
 
+@pytest.mark.full
 def test_what_is_missing_is_put_in():
     problem, own = made_problem(4)
     fewer = measured(problem.state, without(own, 4))[0]
@@ -341,6 +344,7 @@ def test_of_a_known_sequence_what_is_not_allowed_is_left_out(name, spoil):
     check(problem, search(name, problem))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("strengths", [(1.0,), STRENGTHS])
 def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
     problem, _ = made_problem(3)
@@ -446,6 +450,7 @@ def test_beam_equals_the_transcription(seed, max_steps):
     np.testing.assert_allclose(found.distance, distance, atol=1e-7)
 
 
+@pytest.mark.full
 def test_the_beam_goes_past_greedys_trap():
     """One wide action gains most at first, and nothing after it; two narrow ones do it all."""
     image = np.full(SMALL.shape, 0.25)

@@ -132,6 +132,7 @@ EYES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("fault", EYES)
 @pytest.mark.parametrize("after", [0, 1])
 def test_an_eye_that_fails_ends_the_run_in_a_clear_state(session, bank, molded, fault, after):
@@ -166,6 +167,7 @@ ARMS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("fault", ARMS)
 @pytest.mark.parametrize("when", ["above", "act", "clear"])
 def test_an_arm_that_fails_is_stopped_and_the_run_is_whole(session, bank, molded, fault, when):
@@ -431,6 +433,7 @@ def test_a_torn_line_of_the_log_is_cut_off(tmp_path):
 HANG = ["frame", "home", "begin", "pose", "stop", "close", "eye.close"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("what", HANG)
 def test_whatever_hangs_the_run_ends_and_goes_on_later(session, bank, molded, what):
     """In the second action; a `stop` that hangs, once the camera failed too."""
@@ -491,6 +494,7 @@ EVENTS = ["started", "homing", "looked", "planned", "acting", "operation", "stop
 PHASES = [(where, signal.SIGINT) for where in [*EVENTS, "frame", "home", "move", "append", "ask"]]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("where", "number"), [*PHASES, *(("move", number) for number in SIGNALS[1:])]
 )
@@ -652,6 +656,7 @@ def _killed(folder, event):
     return done.returncode
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("event", [6, pytest.param(None, marks=pytest.mark.slow)])
 def test_a_killed_process_leaves_a_run_that_goes_on(tmp_path, bank, molded, event):
     """Dead at one event, or (slow) at each of them; what was done by then is on disk."""

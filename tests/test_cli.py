@@ -27,7 +27,7 @@ from jshape.cli.parser import parse
 from jshape.errors import UnknownName
 from jshape.io.banks import MANIFEST
 from jshape.io.cameras import write_camera
-from jshape.planning.options import fields_of
+from jshape.planning.options import GROUPS
 from tests.conftest import ROOT
 
 
@@ -542,6 +542,13 @@ def test_uses_and_budgets(folder, capsys):
     assert main([*PLAN, "--planner", "improve", "--seconds", "2min", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["planner"] == "improve" and len(result["steps"]) == 3
+
+
+def fields_of(keywords):
+    """All fields of the records among keywords of `plan`, by name."""
+    return {
+        k: v for name, kind in GROUPS.items() for k, v in vars(keywords.get(name, kind())).items()
+    }
 
 
 def test_every_option_reaches_the_planner(folder, monkeypatch):

@@ -39,19 +39,19 @@ class DatasetOptions(Simulates, Writes):
     """Of `jshape dataset simulate`."""
 
     pairs: PositiveCount = 25
-    """Per action and agent."""
+    """Number of pairs per action and agent."""
     actions: Annotated[list[Action] | None, Several] = None
-    """Which (default: all five)."""
+    """Actions to simulate (default: all five)."""
     agents: Annotated[list[Agent], Several] = field(default_factory=lambda: ["robot"])
-    """Who acts: names or FILE.toml."""
+    """Hands that act: names or FILE.toml."""
     beds: Annotated[list[str], Several] = field(default_factory=lambda: ["flat"])
-    """Flat, irregular, curved."""
+    """Shapes of the beds: flat, irregular, curved."""
     frames: PositiveCount = 5
-    """Averaged per look."""
+    """Number of frames averaged per look."""
     strengths: Annotated[tuple[Positive, Positive], Parameter(metavar="LOW HIGH")] = (1.0, 1.0)
-    """How many times as deep as the agent's own, drawn between these."""
+    """Bounds of the strengths drawn: multiples of the agent's own depth."""
     seed: Seed = 0
-    """Of everything random."""
+    """Random seed."""
 
 
 @dataset.command(help="simulated pairs of frames")

@@ -31,27 +31,31 @@ class EvaluateOptions(Trains, Writes):
     at_once = True
 
     bank: Bank | None = None
-    """Test this bank on the whole data set."""
+    """Bank to test on the whole data set."""
     kind: Kind | None = None
     """Kind to fit to each partition (default: D)."""
     kinds: Annotated[list[Kind] | None, Several] = None
-    """Several kinds to compare."""
+    """Kinds to fit to each partition and compare."""
     partitions: PositiveCount = 4
-    """How many."""
+    """Number of random partitions into training and test pairs."""
     across_agents: bool = False
     """Test each agent's bank on the others too."""
     sizes: Annotated[list[PositiveCount] | None, Several] = None
-    """Compare training sets of N pairs per action (the paper: 5 10 25 50 75)."""
+    """Sizes of training sets to compare, pairs per action (the paper: 5 10 25 50 75)."""
     start: Bank | None = None
-    """Adapt this bank with few pairs."""
+    """Bank to adapt with few pairs."""
     few: Annotated[list[PositiveCount] | None, Several] = None
-    """How many pairs per action (default: 5 10 25)."""
+    """Numbers of pairs per action to adapt with (default: 5 10 25)."""
     out: Path | None = None
     """Folder for the tables and pictures."""
 
 
 def evaluate(dataset: Path, /, options: EvaluateOptions = EvaluateOptions()) -> dict[str, Any]:
-    """`jshape evaluate DATASET`."""
+    """Measure the errors, print and write them.
+
+    Args:
+      dataset: Folder with pairs.csv.
+    """
     from jshape.learn import evaluate as evaluation
     from jshape.learn import report as scored
     from jshape.learn import scores as measure

@@ -23,9 +23,9 @@ class ExecuteOptions(Runs, Reprojects):
     """Of `jshape execute`."""
 
     bank: Bank | None = None
-    """Of the plan (default: the bundled one)."""
+    """Bank that the plan was made with (default: pressed-flour-robot)."""
     max_missing: Share = Constraints.max_missing
-    """Largest share of pixels without depth to fill."""
+    """Largest share, 0 to 1, of pixels without a reading that may be filled."""
 
 
 def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:

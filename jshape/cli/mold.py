@@ -25,6 +25,7 @@ from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
+from jshape.robot.cameras.base import traits_of
 from jshape.robot.robot import Robot
 
 
@@ -82,7 +83,7 @@ def goal_of(
       BadFile, BadImage, BadCamera, BadBank: as for `jshape plan`.
     """
     eye = robot.eye.camera
-    whole: Camera = getattr(robot.eye, "whole", eye)
+    whole: Camera = traits_of(robot.eye).whole or eye
     own = Source(eye, robot.eye.depth_unit, robot.eye.name, True)
     if path.suffix.lower() in points.SUFFIXES:
         source = own

@@ -50,21 +50,21 @@ class Robots(Looks, Simulates):
     camera_file: Annotated[Path | None, File] = None
     temporal: Annotated[bool, Parameter(negative="--no-temporal")] = True
     base: Annotated[Path | None, Parameter(metavar="POSE")] = None
-    """Of the camera, from `jshape calibrate`."""
+    """Pose of the camera, from `jshape calibrate`."""
     gripper: Annotated[Path | None, Parameter(metavar="POSE")] = None
-    """Of the gripper, for a camera in the hand."""
+    """Pose of the gripper when the camera looks, for a camera in the hand."""
     hand: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
-    """limits.yaml and ACTION.yaml (default: the twin's)."""
+    """Folder of the hand's limits.yaml and ACTION.yaml (default: the twin's)."""
     frames: PositiveCount = 15
-    """Of a look."""
+    """Number of frames whose median is one look."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reprojects(Common):
-    """Whether the camera is another than the bank's."""
+    """Whether the camera may be another than the bank's."""
 
     reproject: bool = False
-    """The camera is another than the bank's."""
+    """Resample frames of another camera, or from another distance, to the bank's view."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,11 +73,11 @@ class Runs(Robots, Writes):
 
     arm: Arm = "dry"
     out: Path
-    """Folder of the run."""
+    """Folder for the run."""
     yes: bool = False
     """Act without asking."""
     resume: bool = False
-    """Go on with the run in --out from what is seen now."""
+    """Resume the run in --out from what is seen now."""
 
 
 @contextmanager

@@ -81,15 +81,6 @@ class Candidates:
     def __len__(self) -> int:
         return int(np.count_nonzero(self.valid)) * int(self.num_strengths)
 
-    def locate(self, index: int) -> tuple[int, int, int]:
-        """(move number, place number, strength number) of a candidate (host)."""
-        place, strength = divmod(index, int(self.num_strengths))
-        for number, count in enumerate(self.counts):
-            if place < count:
-                return number, place, strength
-            place -= count
-        raise IndexError(index)
-
     def of_move(self, number: int, values: Array | None = None) -> np.ndarray:
         """One move's places: their rows of `first`, or of other values of all places (host)."""
         mine = np.asarray(self.valid) & (np.asarray(self.move) == number)

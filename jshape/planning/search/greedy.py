@@ -195,10 +195,9 @@ def advance(
     def one(now: tuple[Carry, Todo]) -> tuple[Carry, Todo]:
         carry, todo = now
         changes = evaluate(state, carry.now, todo.work, carry.cache.changes, execution)
-        return _step(
-            carry, todo, (changes,), state, candidates, limits, rest(carry, room),
-            rest(carry, left), fine,
-        )  # fmt: skip
+        ahead = rest(carry, room) - jnp.where(carry.local.round < 0, todo.count(candidates), 0)
+        given = carry, todo, (changes,), state, candidates, limits
+        return step(*given, ahead, rest(carry, left), fine)
 
     todo = _next(carry, state, candidates, limits, room, fine)
     return lax.while_loop(go_on, one, (carry, todo))[0]
@@ -212,6 +211,10 @@ class Todo:
     work: Work
     due: Bool[Array, "N"]
     """Candidates that are then known; none while a local search is in progress."""
+
+    def count(self, candidates: Candidates) -> Array:
+        """Evaluations, where candidates are evaluated."""
+        return self.work.start[-1] * candidates.num_strengths
 
 
 def nothing_due(carry: Carry, candidates: Candidates) -> Todo:
@@ -245,7 +248,8 @@ def _next(
     return Todo(*lax.cond(carry.local.round < 0, look, move, carry))
 
 
-def _step(
+@compiled
+def step(
     carry: Carry,
     todo: Todo,
     changes: tuple[Array, ...],
@@ -258,8 +262,8 @@ def _step(
 ) -> tuple[Carry, Todo]:
     """What follows from candidates that were evaluated, in parts; and what to evaluate next.
 
-    At most `left` evaluations are made, with those, and about `room` before the next look at the
-    clock.
+    At most `left` evaluations are made, with those; of what comes next about `room` before the next
+    look at the clock.
     """
     known_before, began = carry.cache.changes, carry.result.evaluations
     whole = changes[0]
@@ -268,7 +272,7 @@ def _step(
     cache = replace(carry.cache, changes=whole, stale=carry.cache.stale & ~todo.due)
     carry = replace(carry, cache=cache)
     looking = carry.local.round < 0
-    spent = jnp.where(looking, todo.work.start[-1] * candidates.num_strengths, 0)
+    spent = jnp.where(looking, todo.count(candidates), 0)
 
     def looked(carry: Carry) -> tuple[Local, Array]:
         """A local search begins when nothing is pending any more."""
@@ -289,26 +293,8 @@ def _step(
     carry = lax.cond(
         local.round == fine, lambda s: _decided(s, state, candidates, limits), lambda s: s, carry
     )
-    rest = jnp.minimum(room, left) - spent - more
+    rest = jnp.minimum(room, left - spent) - more
     return carry, _next(carry, state, candidates, limits, jnp.maximum(rest, 0), fine)
-
-
-@compiled
-def step(
-    carry: Carry,
-    todo: Todo,
-    changes: tuple[Array, ...],
-    state: SearchState,
-    candidates: Candidates,
-    limits: SearchLimits,
-    room: Array,
-    left: Array,
-    fine: int | Array,
-) -> tuple[Carry, Todo]:
-    """`_step` where `room` is that for what comes next alone."""
-    done = todo.work.start[-1] * candidates.num_strengths
-    room = jnp.minimum(room, UNLIMITED - done) + done
-    return _step(carry, todo, changes, state, candidates, limits, room, left, fine)
 
 
 def _decided(

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jshape._typing import Array, Float, Int
-from jshape.errors import JShapeError
+from jshape.errors import needs
 from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchProblem, SearchResult, Status, better, compiled, ended
 from jshape.planning.search.beam import listed
@@ -65,12 +65,8 @@ def search(problem: SearchProblem) -> SearchResult:
 
 
 def _mctx() -> Any:
-    try:
+    with needs("search", "planner mcts"):
         import mctx
-    except ImportError:
-        raise JShapeError(
-            "planner mcts needs mctx, which is not installed: pip install 'jshape[search]'"
-        ) from None
     return mctx
 
 

@@ -97,8 +97,8 @@ def _print(result: dict[str, Any]) -> None:
     for line in result["verdict"]:
         print(f"  {'ok ' if line['good'] else 'BAD'} {line['says']}")
     bad = sum(not line["good"] for line in result["verdict"])
-    print(f"not good enough: {bad} of {len(result['verdict'])} to mend"
-          if bad else "good enough to record and to plan with")  # fmt: skip
+    fine = "good enough to record and to plan with"
+    print(f"not good enough: {bad} of {len(result['verdict'])} to mend" if bad else fine)
 
 
 @camera.command(name="list")

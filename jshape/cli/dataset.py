@@ -118,8 +118,8 @@ def info(dataset: Path, /, options: Common = Common()) -> dict[str, Any]:
         "groups": rows,
     }
     _print_camera(pairs.camera, pairs.depth_unit)
-    print(f"without depth: {missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels"
-          f"{said_of(left_out)}")  # fmt: skip
+    share = f"{missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels"
+    print(f"without depth: {share}{said_of(left_out)}")
     several = any(row["strength"] != [1.0, 1.0] for row in rows)
     print_table(
         ("action", "agent", "material", "pairs", "ROI (w x h)", "strength")[: 5 + several],
@@ -132,5 +132,4 @@ def info(dataset: Path, /, options: Common = Common()) -> dict[str, Any]:
 
 def _print_camera(camera: Camera, unit: float) -> None:
     fields = cameras.camera_fields(camera)
-    print(", ".join(f"{name} {value}" for name, value in fields.items()), f"depth_unit {unit}",
-          sep=", ")  # fmt: skip
+    print(", ".join(f"{name} {value}" for name, value in (fields | {"depth_unit": unit}).items()))

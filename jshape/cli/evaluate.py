@@ -120,8 +120,9 @@ def _explained(scores: Sequence[Any], comparisons: Sequence[Any]) -> list[str]:
     """Why a predictor is not better than another: there is nothing to win, or too few pairs."""
     found = []
     for c in comparisons:
-        base = next(s for s in scores if (s.predictor, s.action, s.agent, s.trained_on)
-                    == (c.against, c.action, c.agent, c.trained_on))  # fmt: skip
+        mine = c.against, c.action, c.agent, c.trained_on
+        of_all = ((s, (s.predictor, s.action, s.agent, s.trained_on)) for s in scores)
+        base = next(s for s, theirs in of_all if theirs == mine)
         whose = f"{c.action} of {c.agent}: f_{c.predictor} against f_{c.against}"
         if base.floor_mm is not None and base.mean_mm <= AT_FLOOR * base.floor_mm:
             found.append(

@@ -81,10 +81,8 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
             one._replace(camera=within(one.camera, (float(own.z_min), float(own.z_max))))
             for one in (source, wanted)
         )
-    mask = reachable(
-        options.reachable, source.camera.shape, bank,
-        lambda: view_of(source.camera, bank.camera, first, reproject=again),
-    )  # fmt: skip
+    view = partial(view_of, source.camera, bank.camera, first, reproject=again)
+    mask = reachable(options.reachable, source.camera.shape, bank, view)
     seen: Any = {"camera": (source.camera, wanted.camera), "names": (str(initial), str(desired))}
     found = plan_frames(first, goal, bank=bank, **seen, **keywords(search, reachable=mask))
     said = {"bank": str(bank_name), "source": source.said, "planner": options.planner}
@@ -120,8 +118,8 @@ def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]
     print(f"bank: {said['bank']}; camera: {said['source']}{own}")
     filled, clamped = found.filled, found.clamped
     now, goal = (f"{n}{said_of(why)}" for n, why in zip(filled, left_out, strict=True))
-    print(f"pixels without depth, filled: {now} now, {goal} in the goal; "
-          f"beyond the depth range: {clamped[0]} now, {clamped[1]} in the goal")  # fmt: skip
+    beyond = f"beyond the depth range: {clamped[0]} now, {clamped[1]} in the goal"
+    print(f"pixels without depth, filled: {now} now, {goal} in the goal; {beyond}")
     d = found.distances_mm
     head = ("step", "action", "u", "v", "strength", "yaw (°)", "to the goal (mm)", "gain (mm)")
     rows: list[tuple[Any, ...]] = [("", "start", "", "", "", "", f"{d[0]:.3f}", "")]

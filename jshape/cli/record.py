@@ -96,8 +96,8 @@ def record(
 def _print(result: dict[str, Any], camera: DepthCamera) -> None:
     size, count = camera.camera, result["frames"]
     frames = f"{count} frame{'s' * (count > 1)} of {size.width}x{size.height}"
-    print(f"{camera.name}: {frames} in {result['seconds']:.1f} s ({result['stopped']}): "
-          f"{result['out']}")  # fmt: skip
+    took = f"{result['seconds']:.1f} s ({result['stopped']})"
+    print(f"{camera.name}: {frames} in {took}: {result['out']}")
     share = result["valid_share"]
     print(f"{share:.1%} of the pixels have a reading{said_of(result['left_out'])}", end="")
     print("" if share >= VALID_LEAST else "; too few: see jshape camera check")

@@ -87,9 +87,8 @@ def plan(
         raise UnknownName("planner", planner, PLANNERS)
     if start is not None and not isinstance(start, Plan):
         raise JShapeError(f"start is a {type(start).__name__}; it must be a Plan")
-    for (name, kind), record in zip(
-        GROUPS.items(), (space, constraints, stop, budget), strict=True
-    ):  # fmt: skip
+    records = space, constraints, stop, budget
+    for (name, kind), record in zip(GROUPS.items(), records, strict=True):
         if not isinstance(record, kind):
             raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
     constraints.refuse(
@@ -120,10 +119,8 @@ def plan(
     found = jax.device_get(PLANNERS[planner](problem))
     spent = problem.budget.elapsed
     # The search's own distances are sums of changes, which drift by rounding, and on the ground.
-    planned = predict_sequence(
-        bank, first, goal, _acts(found, problem), Status(int(found.status)),
-        float(limits.tolerance), int(found.evaluations),
-    )  # fmt: skip
+    how = Status(int(found.status)), float(limits.tolerance), int(found.evaluations)
+    planned = predict_sequence(bank, first, goal, _acts(found, problem), *how)
     return replace(planned, seconds=spent)
 
 
@@ -224,10 +221,19 @@ def plan_depth(
       BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
       JShapeError: as for `plan`.
     """
-    return plan_frames(
-        z0, zstar, camera=camera, depth_unit=depth_unit, bank=bank, planner=planner, space=space,
-        constraints=constraints, stop=stop, budget=budget,
-    )  # fmt: skip
+    records: dict[str, Any] = {
+        "space": space,
+        "constraints": constraints,
+        "stop": stop,
+        "budget": budget,
+    }
+    what: dict[str, Any] = {
+        "camera": camera,
+        "depth_unit": depth_unit,
+        "bank": bank,
+        "planner": planner,
+    }
+    return plan_frames(z0, zstar, **what, **records)
 
 
 def plan_frames(
@@ -250,14 +256,10 @@ def plan_frames(
         for one in pair:
             if not isinstance(one, Camera):
                 raise BadCamera(f"camera is {quoted(one)}; expected a Camera or two of them")
+        counts = (None if np.asarray(z).dtype.kind == "f" else depth_unit for z in (z0, zstar))
         first, last = (
-            check_unit(
-                to_metres(depth, depth_unit, name),
-                one,
-                name,
-                None if np.asarray(depth).dtype.kind == "f" else depth_unit,
-            )  # fmt: skip
-            for depth, one, name in zip((z0, zstar), pair, names, strict=True)
+            check_unit(to_metres(depth, depth_unit, name), one, name, unit)
+            for depth, one, name, unit in zip((z0, zstar), pair, names, counts, strict=True)
         )
         view = view_of(pair[0], bank.camera, first, reproject=reproject, where=names[0])
         seen = view.depth(first, names[0])

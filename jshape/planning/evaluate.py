@@ -10,6 +10,7 @@ mask or other strengths compile nothing anew.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -258,8 +259,8 @@ def evaluate(
         return jnp.where(done[:, None], new, changes)
 
     whole = PartitionSpec()
-    return jax.shard_map(mine, mesh=execution.mesh, in_specs=(whole,) * 4, out_specs=whole,
-                         check_vma=False)(state, now, work, changes)  # fmt: skip
+    specs: dict[str, Any] = {"in_specs": (whole,) * 4, "out_specs": whole, "check_vma": False}
+    return jax.shard_map(mine, mesh=execution.mesh, **specs)(state, now, work, changes)
 
 
 def _evaluate(state, now, work, changes, chunk, share):

@@ -23,7 +23,7 @@ from jshape.planning.evaluate import (
     evaluate,
     touch,
     work_of,
-)  # fmt: skip
+)
 from jshape.planning.search.base import (
     UNLIMITED,
     SearchLimits,
@@ -315,7 +315,7 @@ def _decided(
     carry = replace(carry, result=replace(result, status=status), local=local)
     return lax.cond(
         status < 0,
-        lambda s: _take(
+        lambda s: take(
             s, state, candidates, local.move[best], local.first[best], local.strength[best]
         ),
         lambda s: s,
@@ -328,7 +328,9 @@ def known(cache: CandidateCache) -> CandidateCache:
     return replace(cache, changes=jnp.where(cache.stale[:, None], 0.0, cache.changes))
 
 
-def _take(carry: Carry, state: SearchState, candidates: Candidates, move, first, strength) -> Carry:
+@compiled
+def take(carry: Carry, state: SearchState, candidates: Candidates, move, first, strength) -> Carry:
+    """Apply a move to the map and note it."""
     now = state.act(move, carry.now, first, strength)
     shape = jnp.asarray(state.shapes)[move]
     result, k = carry.result, carry.result.steps
@@ -348,15 +350,6 @@ def _take(carry: Carry, state: SearchState, candidates: Candidates, move, first,
     )
 
 
-@compiled
-def take(
-    carry: Carry, state: SearchState, candidates: Candidates, move: Array, first: Array,
-    strength: Array,
-) -> Carry:  # fmt: skip
-    """Apply a move to the map and note it."""
-    return _take(carry, state, candidates, move, first, strength)
-
-
 @jax.jit
 def last(
     carry: Carry, state: SearchState, candidates: Candidates, limits: SearchLimits
@@ -368,7 +361,7 @@ def last(
     room = carry.result.steps < limits.max_steps
     carry = lax.cond(
         (best.gain[0] > 0) & room & (carry.result.distance > limits.tolerance),
-        lambda s: _take(s, state, candidates, best.move[0], best.first[0], best.strength[0]),
+        lambda s: take(s, state, candidates, best.move[0], best.first[0], best.strength[0]),
         lambda s: s,
         carry,
     )

@@ -53,11 +53,8 @@ def search(problem: SearchProblem) -> SearchResult:
             _policy, mine, problem.state, carry.now, carry.result.distance, *listed
         )
         problem.budget.spend(work)
-        moves, firsts, strengths = listed
-        carry = problem.budget.call(
-            greedy.take, carry, problem.state, problem.candidates,
-            moves[choice], firsts[choice], strengths[choice],
-        )  # fmt: skip
+        move = (of_all[choice] for of_all in listed)
+        carry = problem.budget.call(greedy.take, carry, problem.state, problem.candidates, *move)
         best = better(best, replace(carry.result, status=best.status))
         if float(best.distance) <= float(problem.limits.tolerance):
             return ended(problem, best, Status.CONVERGED)

@@ -118,12 +118,15 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
                 f"nothing says where {eye.name} is in the frame of {opened.arm.name}; --base takes "
                 "what `jshape calibrate` wrote"
             )
-        how: dict[str, Any] = {
-            "base_camera": base_camera,
-            "frames": options.frames,
-            "reproject": reproject,
-        }
-        robot = Robot(eye, arm, hand, bank.camera, **how)
+        robot = Robot(
+            eye,
+            arm,
+            hand,
+            bank.camera,
+            base_camera=base_camera,
+            frames=options.frames,
+            reproject=reproject,
+        )
         try:
             yield robot
         except BaseException as problem:

@@ -221,19 +221,18 @@ def plan_depth(
       BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
       JShapeError: as for `plan`.
     """
-    records: dict[str, Any] = {
-        "space": space,
-        "constraints": constraints,
-        "stop": stop,
-        "budget": budget,
-    }
-    what: dict[str, Any] = {
-        "camera": camera,
-        "depth_unit": depth_unit,
-        "bank": bank,
-        "planner": planner,
-    }
-    return plan_frames(z0, zstar, **what, **records)
+    return plan_frames(
+        z0,
+        zstar,
+        camera=camera,
+        depth_unit=depth_unit,
+        bank=bank,
+        planner=planner,
+        space=space,
+        constraints=constraints,
+        stop=stop,
+        budget=budget,
+    )
 
 
 def plan_frames(

@@ -257,7 +257,7 @@ def test_a_poke_changes_the_bed_as_the_simulator_says(fresh, hand):
         done.append(one)
         places.append((np.linalg.inv(fresh.base_camera) @ arm.pose())[:3, 3])
 
-    perform(arm, hand, "poke", point, fresh.base_camera, strength=0.9, told=told)
+    perform(arm, hand, "poke", point, fresh.base_camera, strength=0.9, on_operation=told)
     assert [one.operation for one in done] == ["above", "prepare", "contact", "act", "up", "clear"]
     contact, act, up = done[2], done[3], done[4]
     assert contact.contact and not act.contact

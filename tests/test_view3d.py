@@ -146,7 +146,7 @@ def test_an_action_that_nobody_looked_at_is_told_of_and_a_resumed_run_too(sessio
         "interrupted: interrupted", "the last action was begun and not looked at"
     )  # fmt: skip
     again = Session.resume(folder, say=lambda line: None)
-    with robot_of(bank, robot.eye.image) as fresh:
+    with robot_of(bank, robot.depth_camera.image) as fresh:
         mold(again, fresh, bank)
     later = read_episode(folder)
     assert later.actions()[:2] == episode.actions() and len(later) == 2 + len(fresh.arm.acted)

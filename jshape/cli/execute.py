@@ -10,7 +10,7 @@ from jshape import metric
 from jshape.camera import differing, window_of
 from jshape.cli.names import Bank
 from jshape.cli.options import Share, plan_file
-from jshape.cli.robot import Reprojects, Runs, asking, begun, molded, resumed, robot_of, tell
+from jshape.cli.robot import Reprojects, Runs, asking, molded, new_session, resumed, robot_of, tell
 from jshape.data.view import middle_depth
 from jshape.errors import BadFile
 from jshape.io import banks
@@ -48,11 +48,11 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
         bank = bank.seen_by(made.camera, middle_depth(first))
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
-        if made.view is not None and not differing(made.view.source, robot.eye.camera, ""):
+        if made.view is not None and not differing(made.view.source, robot.depth_camera.camera, ""):
             robot.view = made.view  # the same looks as those it was made for
         if session is None:
             known = {"what": "execute", "plan": str(plan), "bank": str(bank_name)}
-            session = begun(options, made.goal, robot, **known)
+            session = new_session(options, made.goal, robot, **known)
         stop = StopCriteria(max_steps=max(len(made), 1))
         constraints = Constraints(max_missing=options.max_missing)
         how = {"plan": made, "confirm": confirm, "stop": stop, "constraints": constraints}

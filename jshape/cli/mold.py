@@ -13,7 +13,7 @@ from jshape.cli.commands import build_app, leaf_of
 from jshape.cli.names import Uses
 from jshape.cli.options import Positive
 from jshape.cli.parser import value_of
-from jshape.cli.robot import Runs, asking, begun, molded, resumed, robot_of, tell
+from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of, tell
 from jshape.cli.search_options import KEPT, Searches, kept_of, reachable, search_of
 from jshape.cli.tables import say
 from jshape.data.intrinsics import within
@@ -57,10 +57,10 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
             assert desired is not None
             goal, bank, known = goal_of(desired, robot, bank, options)
             meta = {"what": "mold", "bank": str(bank_name), "goal": str(desired)}
-            session = begun(options, goal, robot, **meta, **kept_of(options), **known)
+            session = new_session(options, goal, robot, **meta, **kept_of(options), **known)
         else:
-            bank = gone_on(session.run.meta, robot, bank)
-        eye = robot.eye.camera
+            bank = restored(session.run.meta, robot, bank)
+        eye = robot.depth_camera.camera
         seen = robot.view or View(eye, bank.camera, window_of(bank.camera, eye), 0.0)
         mask = reachable(options.reachable, eye.shape, bank, lambda: seen)
         how = keywords(search_of(options), reachable=mask, reproject=False)  # the robot does
@@ -82,9 +82,9 @@ def goal_of(
     Raises:
       BadFile, BadImage, BadCamera, BadBank: as for `jshape plan`.
     """
-    eye = robot.eye.camera
-    whole: Camera = traits_of(robot.eye).whole or eye
-    own = Source(eye, robot.eye.depth_unit, robot.eye.name, True)
+    eye = robot.depth_camera.camera
+    whole: Camera = traits_of(robot.depth_camera).whole or eye
+    own = Source(eye, robot.depth_camera.depth_unit, robot.depth_camera.name, True)
     if path.suffix.lower() in points.SUFFIXES:
         source = own
     else:
@@ -106,16 +106,16 @@ def goal_of(
         depth = depth[at[1] : at[1] + eye.height, at[0] : at[0] + eye.width]
         source = source._replace(camera=eye)
     elif source.camera is not eye:
-        say(f"goal: {source.said}, of another camera than {robot.eye.name}")
+        say(f"goal: {source.said}, of another camera than {robot.depth_camera.name}")
     known: dict[str, float] = {}
     if (options.window or options.depth_range) and not options.reproject and at is not None:
         known["bed_m"] = middle_depth(depth)
-        bank = gone_on(known, robot, bank)
+        bank = restored(known, robot, bank)
     again = bool(options.reproject)
     view = view_of(source.camera, bank.camera, depth, reproject=again, where=str(path))
     if at is None and (view.window is None) != (window_of(bank.camera, eye) is None):
         raise BadCamera(
-            f"{path}: of another camera than {robot.eye.name} ({differing(theirs, eye, 'its')}); "
+            f"{path}: of another camera than {own.said} ({differing(theirs, eye, 'its')}); "
             "nothing says how high it is above the bed; make the goal from a frame of that camera"
         )
     if at is not None and view.window is None:
@@ -127,13 +127,13 @@ def goal_of(
     return image, bank, known
 
 
-def gone_on(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
+def restored(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
     """The bank, and the robot, as a run began: see `goal_of`.
 
     Raises:
       BadBank, BadCamera: as for `Bank.seen_by`.
     """
-    eye = robot.eye.camera
+    eye = robot.depth_camera.camera
     if isinstance(known.get("bed_m"), float):
         if differing(bank.camera, eye, ""):
             bank = bank.seen_by(eye, known["bed_m"])

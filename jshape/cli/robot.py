@@ -108,9 +108,9 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
         stack.callback(_let_go, arm)
         stack.callback(stop_arm, arm)
         if eye is None:
-            if opened.eye is None:
+            if opened.depth_camera is None:
                 raise JShapeError(f"the arm {options.arm} brings no camera; name one with --camera")
-            eye = GuardedCamera(opened.eye)
+            eye = GuardedCamera(opened.depth_camera)
             stack.callback(_let_go, eye)
             base_camera = opened.base_camera if base_camera is None else base_camera
         if base_camera is None and opened.moves:
@@ -250,9 +250,9 @@ def resumed(options: Any) -> Session:
     return session
 
 
-def begun(options: Runs, goal: np.ndarray, robot: Robot, /, **known: Any) -> Session:
+def new_session(options: Runs, goal: np.ndarray, robot: Robot, /, **known: Any) -> Session:
     """A new run in `--out`, with what one that goes on must know."""
-    meta = {"arm": options.arm, "camera": robot.eye.name, **known}
+    meta = {"arm": options.arm, "camera": robot.depth_camera.name, **known}
     return Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
 
 

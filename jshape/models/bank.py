@@ -121,7 +121,7 @@ class Bank:
           depth: how far from it the bed is where actions are placed, metres.
 
         Raises:
-          BadBank: predictors that are images of one camera, not of the ground (f_D, networks).
+          BadBank: predictors that are images of one camera, not of the bed (f_D, networks).
           BadCamera: a camera that makes no sense, or whose range does not hold `depth`.
         """
         check_camera(camera)

@@ -110,7 +110,7 @@ def candidates_at(
 ) -> Candidates:
     """Candidates at positions (N_a, 2) of (u, v) per action, already inside the image (host).
 
-    On the ground a place is the nearest node: at most half its pitch away, 1 mm.
+    On the height map a place is the nearest node: at most half its pitch away, 1 mm.
 
     Args:
       state: where.
@@ -199,11 +199,11 @@ def touch(
     apart = (candidates.first >= (first + shape)[None]) | (first[None] >= candidates.first + shapes)
     touched = candidates.valid & ~apart.any(-1)
     most = jnp.full_like(cache.most, jnp.inf)
-    if maps is not None and state.keeps is not None and len(most) >= MANY:
+    if maps is not None and state.carry_over is not None and len(most) >= MANY:
         tried = jnp.arange(cache.changes.shape[1], dtype=jnp.int32) < candidates.num_strengths
         known = jnp.where(tried[None], -cache.changes, -jnp.inf).max(1)
         most = jnp.where(cache.stale, cache.most, known)
-        most += state.rise(*maps, candidates.first, shapes)
+        most += state.most_gain(*maps, candidates.first, shapes)
     return replace(
         cache,
         stale=cache.stale | touched,

@@ -102,30 +102,32 @@ def _in_turns(problem: SearchProblem, carry: Carry) -> Iterator[Carry]:
     alone = execution != ONE_BY_ONE or jax.default_backend() != "cpu"
     parts = 1 if alone else min(cores(), SIDE_BY_SIDE)
 
-    def evaluated(carry: Carry, todo: Todo) -> tuple[Array, ...]:
+    def evaluated(carry: Carry, batch: NextBatch) -> tuple[Array, ...]:
         return tuple(
             evaluate_part(
-                state, carry.now, todo.work, carry.cache.changes, jnp.int32(part), parts=parts,
+                state, carry.now, batch.work, carry.cache.changes, jnp.int32(part), parts=parts,
                 execution=execution,
             )
             for part in range(parts)
         )  # fmt: skip
 
-    def decided(carry: Carry, todo: Todo, changes: tuple[Array, ...]) -> tuple[Carry, Todo]:
+    def decided(
+        carry: Carry, batch: NextBatch, changes: tuple[Array, ...]
+    ) -> tuple[Carry, NextBatch]:
         room, left = jnp.int32(budget.room()), jnp.int32(budget.left)
-        return step(carry, todo, changes, state, candidates, problem.limits, room, left, fine)
+        return step(carry, batch, changes, state, candidates, problem.limits, room, left, fine)
 
-    def first(carry: Carry, todo: Todo) -> tuple[Carry, Todo]:
+    def first(carry: Carry, batch: NextBatch) -> tuple[Carry, NextBatch]:
         with ThreadPoolExecutor(1) as pool:
-            other = pool.submit(evaluated, carry, todo)
-            found = decided(carry, todo, (carry.cache.changes,) * parts)
+            other = pool.submit(evaluated, carry, batch)
+            found = decided(carry, batch, (carry.cache.changes,) * parts)
             jax.block_until_ready(other.result())
         return found
 
-    carry, todo = budget.call(first, carry, nothing_due(carry, candidates))
+    carry, batch = budget.call(first, carry, empty_batch(carry, candidates))
     while True:
-        changes = budget.call(evaluated, carry, todo)
-        carry, todo = budget.call(decided, carry, todo, changes)
+        changes = budget.call(evaluated, carry, batch)
+        carry, batch = budget.call(decided, carry, batch, changes)
         yield carry
 
 
@@ -188,24 +190,24 @@ def advance(
     def rest(carry: Carry, whole: Array) -> Array:
         return whole - (carry.result.evaluations - began)
 
-    def go_on(now: tuple[Carry, Todo]) -> Array:
+    def go_on(now: tuple[Carry, NextBatch]) -> Array:
         carry, _ = now
         return (carry.result.status < 0) & ((rest(carry, room) > 0) | (carry.local.round >= 0))
 
-    def one(now: tuple[Carry, Todo]) -> tuple[Carry, Todo]:
-        carry, todo = now
-        changes = evaluate(state, carry.now, todo.work, carry.cache.changes, execution)
-        ahead = rest(carry, room) - jnp.where(carry.local.round < 0, todo.count(candidates), 0)
-        given = carry, todo, (changes,), state, candidates, limits
+    def one(now: tuple[Carry, NextBatch]) -> tuple[Carry, NextBatch]:
+        carry, batch = now
+        changes = evaluate(state, carry.now, batch.work, carry.cache.changes, execution)
+        ahead = rest(carry, room) - jnp.where(carry.local.round < 0, batch.count(candidates), 0)
+        given = carry, batch, (changes,), state, candidates, limits
         return step(*given, ahead, rest(carry, left), fine)
 
-    todo = _next(carry, state, candidates, limits, room, fine)
-    return lax.while_loop(go_on, one, (carry, todo))[0]
+    batch = _next(carry, state, candidates, limits, room, fine)
+    return lax.while_loop(go_on, one, (carry, batch))[0]
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Todo:
+class NextBatch:
     """What is to be evaluated next."""
 
     work: Work
@@ -217,14 +219,14 @@ class Todo:
         return self.work.start[-1] * candidates.num_strengths
 
 
-def nothing_due(carry: Carry, candidates: Candidates) -> Todo:
+def empty_batch(carry: Carry, candidates: Candidates) -> NextBatch:
     """Nothing (host)."""
     places, strengths = carry.cache.changes.shape
     moves = len(candidates.start) - 1
     due, order = np.zeros(places, bool), np.zeros(places, np.int32)
     start, tried = np.zeros(moves + 1, np.int32), np.zeros((moves, strengths), np.float32)
     due, order, start, tried = jax.device_put((due, order, start, tried))
-    return Todo(Work(candidates.first, order, start, tried, candidates.num_strengths), due)
+    return NextBatch(Work(candidates.first, order, start, tried, candidates.num_strengths), due)
 
 
 def _next(
@@ -234,7 +236,7 @@ def _next(
     limits: SearchLimits,
     room: Array,
     fine: int | Array,
-) -> Todo:
+) -> NextBatch:
     """Stale candidates, as far as there is room, or the next round of a local search."""
 
     def look(carry: Carry) -> tuple[Work, Array]:
@@ -245,13 +247,13 @@ def _next(
         nothing = jnp.zeros_like(carry.cache.stale)
         return local_work(state, candidates, carry.local, fine), nothing
 
-    return Todo(*lax.cond(carry.local.round < 0, look, move, carry))
+    return NextBatch(*lax.cond(carry.local.round < 0, look, move, carry))
 
 
 @compiled
 def step(
     carry: Carry,
-    todo: Todo,
+    batch: NextBatch,
     changes: tuple[Array, ...],
     state: SearchState,
     candidates: Candidates,
@@ -259,7 +261,7 @@ def step(
     room: Array,
     left: Array,
     fine: int | Array,
-) -> tuple[Carry, Todo]:
+) -> tuple[Carry, NextBatch]:
     """What follows from candidates that were evaluated, in parts; and what to evaluate next.
 
     At most `left` evaluations are made, with those; of what comes next about `room` before the next
@@ -269,10 +271,10 @@ def step(
     whole = changes[0]
     for part in changes[1:]:  # each part left the others' rows as they were
         whole = jnp.where(part == known_before, whole, part)
-    cache = replace(carry.cache, changes=whole, stale=carry.cache.stale & ~todo.due)
+    cache = replace(carry.cache, changes=whole, stale=carry.cache.stale & ~batch.due)
     carry = replace(carry, cache=cache)
     looking = carry.local.round < 0
-    spent = jnp.where(looking, todo.count(candidates), 0)
+    spent = jnp.where(looking, batch.count(candidates), 0)
 
     def looked(carry: Carry) -> tuple[Local, Array]:
         """A local search begins when nothing is pending any more."""

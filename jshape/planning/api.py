@@ -118,7 +118,7 @@ def plan(
     )
     found = jax.device_get(PLANNERS[planner](problem))
     spent = problem.budget.elapsed
-    # The search's own distances are of the height map, and sums of changes, which drift by rounding.
+    # The search's own distances are of the height map, and sums of changes drift by rounding.
     how = Status(int(found.status)), float(limits.tolerance), int(found.evaluations)
     planned = predict_sequence(bank, first, goal, _acts(found, problem), *how)
     return replace(planned, seconds=spent)

@@ -1,9 +1,9 @@
 """Monte Carlo tree search (mctx, the extra `search`) over a short list of candidates.
 
-The list is made anew for every action: the locally refined best candidate of each move as the bed is.
-A node of the tree is the history of what
-was taken; its map is made again from that, which is cheaper than keeping a map per node.  Priors
-are the greedy gains in the node: without them tree search does poorly at this branching.
+For every action the list is made anew: the best candidate of each move after a local search.  A
+node of the tree is the history of what was taken; its map is made again from that, which is cheaper
+than keeping a map per node.  Priors are the greedy gains in the node: without them tree search does
+poorly at this branching.
 """
 
 from dataclasses import replace

@@ -22,7 +22,7 @@ class _Wait:
     """When it began and, unless JAX says more, when it is over; on the monotonic clock."""
 
     def __init__(self) -> None:
-        self.told: list[Callable[[], None]] = []
+        self.callbacks: list[Callable[[], None]] = []
 
     def note(self, event: str, duration_secs: float, **kwargs: object) -> None:
         """Take what JAX tells, in the thread that compiles."""
@@ -35,25 +35,25 @@ class _Wait:
         traced = event.endswith("trace_duration")
         self.over = now if compiled else now + MOST if traced else float("inf")
         if compiled:
-            for call in self.told:
+            for call in self.callbacks:
                 call()
 
 
 _wait: _Wait | None = None
 
 
-def listen(told: Callable[[], None] | None = None) -> None:
+def listen(callback: Callable[[], None] | None = None) -> None:
     """Begin to notice what is compiled.
 
     Args:
-      told: called each time that something was compiled, in the thread that did it.
+      callback: called each time that something was compiled, in the thread that did it.
     """
     global _wait
     if _wait is None:
         _wait = _Wait()
         jax.monitoring.register_event_duration_secs_listener(_wait.note)
-    if told is not None:
-        _wait.told.append(told)
+    if callback is not None:
+        _wait.callbacks.append(callback)
 
 
 def seconds() -> float | None:

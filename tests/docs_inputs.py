@@ -10,19 +10,15 @@ import jax
 import numpy as np
 
 from jshape import D435_BAZAR, PAPER_BOX, Camera, Pairs, metric, rollout, save_pairs, sim
-from jshape.camera import reproject
 from jshape.cli.main import main
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT, look, simulate_pairs, together
 from jshape.io.cameras import write_camera
-from jshape.io.images import write_depth_png
 from jshape.robot.cameras.played import Played
 from jshape.viz.style import png
 from tests.conftest import ROOT, SHARED
 
 APPLIED = (("knock", (130, 110)), ("poke", (330, 280)))
-FAR = Camera(640, 530, 780.0, 780.0, 319.5, 264.5, 0.57, 0.62)
-"""A camera that is not the bank's, 0.6 m above the bed."""
 
 
 def bed_and_goal() -> tuple[np.ndarray, np.ndarray]:
@@ -43,15 +39,6 @@ def samples(folder: Path) -> None:
     for path in list((folder / "samples").iterdir()):
         path.rename(folder / path.name)
     shutil.copy(folder / "poses.json", folder / "pairs.json")
-
-
-def far(folder: Path) -> None:
-    """The same bed, seen by another camera from higher up."""
-    for name, depth in zip(("far", "far-wanted"), bed_and_goal(), strict=True):
-        whole = np.where(depth > 0, depth, np.median(depth))
-        seen, _ = reproject(whole, PAPER_BOX, FAR, rise=0.15)
-        write_depth_png(folder / f"{name}.png", np.nan_to_num(np.asarray(seen)), DEPTH_UNIT)
-    write_camera(folder / "far.json", FAR, DEPTH_UNIT)
 
 
 def tilted(folder: Path) -> None:
@@ -170,9 +157,6 @@ INPUTS = {
     "now.png": samples,
     "wanted.png": samples,
     "camera.json": samples,
-    "far.png": far,
-    "far-wanted.png": far,
-    "far.json": far,
     "background-0.depth.png": tilted,
     "sr300.json": tilted,
     "pairs": lambda folder: save_pairs(pokes(8, 0), folder / "pairs"),

@@ -30,20 +30,20 @@ def opened(request):
     yield opened
     opened.arm.stop()
     opened.arm.close()
-    if opened.eye is not None:
-        opened.eye.close()
+    if opened.depth_camera is not None:
+        opened.depth_camera.close()
 
 
 def _surface(opened):
     """A point of the bed near its middle, in the camera's frame."""
-    if opened.eye is None:
+    if opened.depth_camera is None:
         return np.array([0.02, -0.01, 0.45])
-    camera, counts = opened.eye.camera, opened.eye.frame()
+    camera, counts = opened.depth_camera.camera, opened.depth_camera.frame()
     x, y = 0.02, -0.01
     u, v = (round(float(c)) for c in (x / 0.45 * camera.fx + camera.u0,
                                       y / 0.45 * camera.fy + camera.v0))  # fmt: skip
     around = counts[v - 3 : v + 4, u - 3 : u + 4]
-    return np.array([x, y, float(np.median(around[around > 0])) * opened.eye.depth_unit])
+    return np.array([x, y, float(np.median(around[around > 0])) * opened.depth_camera.depth_unit])
 
 
 def _base(opened):
@@ -70,7 +70,7 @@ def test_an_arm_goes_where_it_is_told_and_says_so(opened):
 @pytest.mark.full
 def test_an_action_is_six_operations_and_ends_at_home(opened):
     arm, done = opened.arm, []
-    perform(arm, load_hand(), "poke", _surface(opened), _base(opened), told=done.append)
+    perform(arm, load_hand(), "poke", _surface(opened), _base(opened), on_operation=done.append)
     assert [one.operation for one in done] == list(NAMES)
     assert all(one.effort_nm >= 0 for one in done)
     camera_base = np.linalg.inv(_base(opened))

@@ -173,6 +173,7 @@ def test_the_mesh_is_the_bed_of_the_step(chromium, viewer, planned):  # noqa: F8
             until(lambda k=k: f"step {k} of 3" in _text(chromium), f"step {k}")
 
 
+@pytest.mark.full
 def test_a_hostile_run_is_shown_as_text_and_no_face_crosses_a_gap(
     chromium, tmp_path, bank, molded  # noqa: F811
 ):  # fmt: skip
@@ -212,6 +213,7 @@ def test_a_hostile_run_is_shown_as_text_and_no_face_crosses_a_gap(
         assert outside(chromium) == [] and complaints(chromium) == []
 
 
+@pytest.mark.full
 def test_other_pages_are_not_answered(viewer):
     def asked(path="/", **headers):
         try:

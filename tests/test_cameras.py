@@ -302,6 +302,7 @@ def test_what_is_no_camera_is_said(tmp_path):
 
     refused("webcam: is not a camera; allowed: realsense\\[:SERIAL.*FOLDER, FILE.png", "webcam")
     refused("no such file", str(tmp_path / "none.db3"))
+    refused("none.json: no such file", "none.json")
     refused("neither camera.json", str(tmp_path))
     (tmp_path / "camera.json").write_text("{}")
     refused("missing width", str(tmp_path), BadCamera)

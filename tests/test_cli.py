@@ -27,7 +27,7 @@ from jshape.cli.parser import parse
 from jshape.errors import UnknownName
 from jshape.io.banks import MANIFEST
 from jshape.io.cameras import write_camera
-from jshape.planning.options import fields_of
+from jshape.planning.options import GROUPS
 from tests.conftest import ROOT
 
 
@@ -544,6 +544,13 @@ def test_uses_and_budgets(folder, capsys):
     assert result["planner"] == "improve" and len(result["steps"]) == 3
 
 
+def fields_of(keywords):
+    """All fields of the records among keywords of `plan`, by name."""
+    return {
+        k: v for name, kind in GROUPS.items() for k, v in vars(keywords.get(name, kind())).items()
+    }
+
+
 def test_every_option_reaches_the_planner(folder, monkeypatch):
     given = {}
     monkeypatch.setattr(
@@ -695,6 +702,7 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
         ([*PLAN[:3], "--bank", "flour-robt"], "did you mean flour-robot?"),
         ([*PLAN, "--camera", "d435_bazr"], "did you mean d435_bazar?"),
         ([*PLAN, "--camera-file", "realsense"], "neither a camera.json nor a preset"),
+        ([*PLAN, "--camera", "none.json"], "none.json: no such file"),
         (
             [*PLAN, "--max-steps", "٣"],
             "--max-steps: '٣': numbers are written with the digits 0 to 9",

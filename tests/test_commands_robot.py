@@ -16,7 +16,7 @@ import pytest
 from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
 from jshape.cli.main import main
-from jshape.cli.mold import MoldOptions, goal_of, gone_on, keep_on
+from jshape.cli.mold import MoldOptions, goal_of, keep_on, restored
 from jshape.cli.parser import parse
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile
@@ -185,7 +185,7 @@ def test_an_arm_that_hangs_in_everything_does_not_keep_the_program(goal, tmp_pat
 def blank_robot(eye, bank):
     """A robot without an arm, which nobody asks to look or act."""
     robot = Robot.__new__(Robot)
-    robot.eye, robot.view, robot.camera = eye, None, bank.camera
+    robot.depth_camera, robot.view, robot.camera = eye, None, bank.camera
     return robot
 
 
@@ -215,8 +215,8 @@ def test_a_goal_of_the_robots_own_camera_is_seen_as_the_bed_is(tmp_path, bank):
     dug = float(metric.to_mm(metric.distance(before, goal), PAPER_BOX))
     assert 8 < dug < 11  # 10 mm over 87 % of the bank's view, along slanted rays
     assert (before - goal).max() > 0.1 and (goal - before).max() < 0.01  # nothing is raised
-    again = blank_robot(robot.eye, bank)
-    gone_on(known, again, bank)
+    again = blank_robot(robot.depth_camera, bank)
+    restored(known, again, bank)
     np.testing.assert_array_equal(image_of_depth(now, PAPER_BOX, view=again.view).image, before)
 
 

@@ -53,7 +53,7 @@ def test_nothing_is_kept_where_it_is_not_wanted_or_possible(tmp_path, monkeypatc
 def test_compiling_is_noticed(monkeypatch):
     now, told = [10.0], []
     wait = compiling._Wait()
-    wait.told.append(lambda: told.append(now[0]))
+    wait.callbacks.append(lambda: told.append(now[0]))
     monkeypatch.setattr(compiling, "_wait", wait)
     monkeypatch.setattr(compiling.time, "monotonic", lambda: now[0])
 

@@ -87,6 +87,7 @@ def test_loops_begin_with_the_same_look_and_so_with_the_same_plan(finished):
     assert any(first.values())
 
 
+@pytest.mark.full
 def test_the_report_has_a_table_per_kind_and_all_figures(finished):
     out, summary = finished
     assert json.loads((out / "summary.json").read_text())["rows"] == summary["rows"]

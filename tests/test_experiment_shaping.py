@@ -43,6 +43,7 @@ def test_the_plan_is_what_was_applied_and_the_distance_falls(told):
     assert told.distances_mm[0] == pytest.approx(told.plan.distances_mm[0], rel=1e-5)
 
 
+@pytest.mark.full
 def test_the_tree_holds_the_best_of_each_step(told):
     layers = shaping.tree(told, count=3)
     assert [len(layer) for layer in layers] == [3, 3, 3]

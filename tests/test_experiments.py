@@ -199,6 +199,7 @@ def test_prediction_crosses_agents_and_csv_equals_json(tmp_path, pairs, capsys):
     assert all(f"{row['mean_mm']:.2f} ± {row['std_mm']:.2f}" in page for row in told["rows"])
 
 
+@pytest.mark.full
 def test_datasize_leaves_out_what_is_not_there(tmp_path, pairs):
     from benchmarks.experiments import datasize
 

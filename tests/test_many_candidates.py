@@ -73,7 +73,7 @@ def test_what_need_not_be_looked_at_again_cannot_gain_more(kind, hands):
         grew = 0
         for m, shape in enumerate(state.shapes):
             shapes = jnp.broadcast_to(jnp.asarray(shape), first[m].shape)
-            rise = state.rise(state.now, now, jnp.asarray(first[m]), shapes)
+            rise = state.most_gain(state.now, now, jnp.asarray(first[m]), shapes)
             assert (after[m] <= gains[m] + np.asarray(rise)).all()
             grew += np.count_nonzero(after[m] > gains[m] + 1e-7)
         assert grew > 0  # some do gain more than before
@@ -86,7 +86,7 @@ def test_bounds_and_turns_change_nothing_but_the_evaluations(kind, hands):
     assert len(candidates.first) >= MANY
     limits = SearchLimits(min_gain=1e-5)
     found = greedy.search(SearchProblem(state, candidates, limits, max_steps=6, fine=2))
-    state, limits = replace(state, keeps=None), SearchLimits(min_gain=1e-5)
+    state, limits = replace(state, carry_over=None), SearchLimits(min_gain=1e-5)
     whole = greedy.run(state, candidates, limits, max_steps=6, fine=jnp.int32(2))
     assert int(found.steps) == 6
     for name in ("steps", "move", "node", "strength", "status"):

@@ -96,6 +96,7 @@ def test_strength_scales_the_change(parts, examples, kind):
     np.testing.assert_allclose(change, strengths[:, None, None] * whole, atol=2e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["CR", "DC"])
 def test_a_missing_pixel_stays_one_and_spoils_no_other(parts, examples, kind):
     call = jax.jit(lambda roi: parts[kind](roi, PLACE))
@@ -136,6 +137,7 @@ def otsu_by_definition(size):
     return size > at
 
 
+@pytest.mark.full
 def test_b_is_otsus_threshold_eroded(delta):
     over = otsu_by_definition(np.abs(delta)).astype(np.uint8)
     square = np.ones((3, 3), np.uint8)
@@ -163,6 +165,7 @@ def test_mu_makes_the_means_alike(delta, examples):
     assert np.isfinite(refine(network(), outside, holed, Training()).offset)
 
 
+@pytest.mark.full
 def test_an_empty_b_leaves_the_mean_difference(examples):
     outside = Difference(jnp.full((H, W), 0.1))  # changed alike everywhere: nothing stands out
     spot = np.zeros((H, W), np.float32)
@@ -256,6 +259,7 @@ def test_what_cannot_be_trained_is_refused(pairs):
         fit(pairs, "C", widht=3)
 
 
+@pytest.mark.full
 def test_pairs_of_mixed_sizes_get_the_mean_roi(pairs):
     size = pairs.size + np.array([[-4, 2], [4, -2]] * 4)
     with pytest.warns(UserWarning, match="the mean difference is kept"):  # 3 epochs teach nothing

@@ -90,6 +90,7 @@ def test_a_wrong_hand_is_refused_in_one_line(old, new, said):
     assert "\n" not in str(found.value)
 
 
+@pytest.mark.full
 def test_commands_take_files_where_they_take_names(capsys):
     command = ["dataset", "simulate", "pairs", "--pairs", "1", "--frames", "1"]
     files = ["--material", "clay.toml", "--agents", "spatula.toml", "--actions", "scrape"]

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 from jshape import Camera, Status
 from jshape.models.bank import Bank
 from jshape.models.difference import Difference
-from jshape.planning.candidates import dense_positions, within
+from jshape.planning.candidates import dense_positions
 from jshape.planning.evaluate import candidates_at, empty_cache, refresh, sweep
 from jshape.planning.search import PLANNERS, beam, greedy, improve, refine
 from jshape.planning.search.base import (
@@ -82,6 +82,12 @@ def kernel_of(state, number):
     return state.kernels[kernel], state.kernels[kernel].member(member)
 
 
+def dense_within(reach):
+    """Positions of every action at which the hand may be placed."""
+    dense = dense_positions(BANK, 5).items()
+    return {name: at[reach[at[:, 1], at[:, 0]]] for name, at in dense}
+
+
 def made_problem(seed=0, count=5):
     """(problem, the goal's own sequence): at places and strengths between those that are tried."""
     rng = np.random.default_rng(seed)
@@ -90,7 +96,7 @@ def made_problem(seed=0, count=5):
     state = search_state(BANK, now, now)
     reach = np.ones(CAMERA.shape, bool)
     reach[:, :WALL] = False
-    where = within(dense_positions(BANK, 5), reach)
+    where = dense_within(reach)
     candidates = candidates_at(state, BANK, where, STRENGTHS, reach)
     low, high = (np.asarray(bound) for bound in least_and_most(state, candidates))
     own = sequence(
@@ -139,6 +145,7 @@ def test_no_search_is_worse_than_greedy(planner, seed):
     assert Status(int(found.status)) in (Status.NO_IMPROVEMENT, Status.MAX_STEPS)
 
 
+@pytest.mark.full
 def test_searching_longer_pays(planner):
     """On one of a few beds at least each search finds what greedy does not."""
     gains = []
@@ -301,6 +308,7 @@ def test_a_known_sequence_is_begun_with(name):
     assert float(search("greedy", problem).distance) > 1e-3  # which is why it helps
 
 
+@pytest.mark.full
 def test_what_is_known_of_another_map_is_used_where_they_are_equal():
     problem, own = made_problem(4)
     state, candidates = problem.state, problem.candidates
@@ -317,6 +325,7 @@ def test_what_is_known_of_another_map_is_used_where_they_are_equal():
     assert carry.used.tolist() == [1, 0, 0] and int(carry.result.status) == -1
 
 
+@pytest.mark.full
 def test_what_is_missing_is_put_in():
     problem, own = made_problem(4)
     fewer = measured(problem.state, without(own, 4))[0]
@@ -341,11 +350,12 @@ def test_of_a_known_sequence_what_is_not_allowed_is_left_out(name, spoil):
     check(problem, search(name, problem))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("strengths", [(1.0,), STRENGTHS])
 def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
     problem, _ = made_problem(3)
     state, reach = problem.state, np.asarray(problem.candidates.reachable)
-    where = within(dense_positions(BANK, 5), reach)
+    where = dense_within(reach)
     candidates = candidates_at(state, BANK, where, strengths, reach)
     changes = [np.asarray(change) for change in sweep(state, candidates)]
     best = [np.unravel_index(change.argmin(), change.shape) for change in changes]
@@ -446,6 +456,7 @@ def test_beam_equals_the_transcription(seed, max_steps):
     np.testing.assert_allclose(found.distance, distance, atol=1e-7)
 
 
+@pytest.mark.full
 def test_the_beam_goes_past_greedys_trap():
     """One wide action gains most at first, and nothing after it; two narrow ones do it all."""
     image = np.full(SMALL.shape, 0.25)

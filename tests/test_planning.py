@@ -152,6 +152,7 @@ def test_missing_depth_is_filled_and_reported_or_refused(bank, molded, rng):
         (lambda i: i[:-1], BadImage, r"\(394, 480\); the bank's camera makes \(395, 480\)"),
         (lambda i: np.stack([i] * 3, -1), BadImage, r"\(395, 480, 3\)"),
         (lambda i: (i * 255).astype(np.uint8), BadImage, "uint8.*jshape.weigh"),
+        (lambda i: np.zeros((*i.shape, 3), np.uint8), BadImage, r"\(395, 480, 3\)"),
         (lambda i: i.astype(complex), BadImage, "complex128"),
         (lambda i: np.where(i > 0, np.nan, i), BadImage, "NaN"),
         (lambda i: i * 300, BadImage, "150"),

@@ -220,6 +220,7 @@ def test_labels_that_do_not_fit_are_refused_with_what_was_found(on_disk, tmp_pat
     assert load_pairs(tmp_path / "out").action.tolist() == ["knock"]
 
 
+@pytest.mark.full
 def test_recordings_without_two_looks_at_the_bed(recorded, tmp_path, capsys):
     _, frames = recorded
     for name, part, match in (

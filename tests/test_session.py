@@ -58,7 +58,7 @@ def test_a_run_molds_the_bed_and_keeps_all_of_it(session, bank, molded):
     assert sorted(robot.arm.acted) == sorted(applied)
     assert summary == _summary(session) and summary["stop"] == "CONVERGED"
     assert summary["obtained_mm"] < 0.02 < 0.2 < summary["before_mm"]
-    assert robot.arm.stops and robot.arm.closed == 1 and robot.eye.closed == 1
+    assert robot.arm.stops and robot.arm.closed == 1 and robot.depth_camera.closed == 1
     run = runs.Run.open(session.run.folder)
     assert len(run) == 3 and run.depth(2).shape == bank.camera.shape
     for step in run.steps:
@@ -98,29 +98,31 @@ def _unplugged(robot):
     def lost(counts):
         raise CameraLost("test camera: nothing came for 5 s")
 
-    robot.eye.spoil = lost
+    robot.depth_camera.spoil = lost
 
 
 def _frozen(robot):
-    kept = robot.eye.frame()
-    robot.eye.spoil = lambda counts: kept
+    kept = robot.depth_camera.frame()
+    robot.depth_camera.spoil = lambda counts: kept
 
 
 def _without_depth(robot):
     holes = np.random.default_rng(0).random(robot.camera.shape) < 0.6
-    robot.eye.spoil = lambda counts: np.where(holes, 0, counts).astype(np.uint16)
+    robot.depth_camera.spoil = lambda counts: np.where(holes, 0, counts).astype(np.uint16)
 
 
 def _occluded(robot):
     def hand(counts):
-        counts[150:200, 100:160] = round(0.3 / robot.eye.depth_unit)
+        counts[150:200, 100:160] = round(0.3 / robot.depth_camera.depth_unit)
         return counts
 
-    robot.eye.spoil = hand
+    robot.depth_camera.spoil = hand
 
 
 def _moved(robot):
-    robot.eye.spoil = lambda counts: (counts + round(0.003 / robot.eye.depth_unit)).astype("uint16")
+    robot.depth_camera.spoil = lambda counts: (
+        counts + round(0.003 / robot.depth_camera.depth_unit)
+    ).astype("uint16")
 
 
 EYES = {
@@ -132,6 +134,7 @@ EYES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("fault", EYES)
 @pytest.mark.parametrize("after", [0, 1])
 def test_an_eye_that_fails_ends_the_run_in_a_clear_state(session, bank, molded, fault, after):
@@ -166,6 +169,7 @@ ARMS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("fault", ARMS)
 @pytest.mark.parametrize("when", ["above", "act", "clear"])
 def test_an_arm_that_fails_is_stopped_and_the_run_is_whole(session, bank, molded, fault, when):
@@ -191,11 +195,11 @@ def test_an_arm_that_fails_is_stopped_and_the_run_is_whole(session, bank, molded
 
 def _goes_on(session, bank, robot):
     """The same bed, a run resumed: the rest is done, and nothing twice."""
-    robot.eye.spoil = lambda counts: counts
+    robot.depth_camera.spoil = lambda counts: counts
     robot.arm.fails = lambda operation: None
     before = len(runs.Run.open(session.run.folder))
     again = Session.resume(session.run.folder, say=quiet)
-    fresh = robot_of(bank, robot.eye.image)
+    fresh = robot_of(bank, robot.depth_camera.image)
     with fresh:
         summary = mold(again, fresh, bank)
     assert summary["stop"] == "CONVERGED" and summary["obtained_mm"] < 0.02
@@ -236,7 +240,7 @@ def test_an_arm_that_cannot_even_stop_is_said_to(session, bank, molded):
     with pytest.raises(ArmError, match="test arm: begin: ConnectionResetError: the cable"), robot:
         mold(session, robot, bank)
     assert "did not stop: ConnectionError: still gone" in _summary(session)["why"]
-    assert robot.arm.closed == 1 and robot.eye.closed == 1
+    assert robot.arm.closed == 1 and robot.depth_camera.closed == 1
 
 
 def _planned(bank, molded):
@@ -260,7 +264,7 @@ def test_an_action_that_was_not_looked_at_is_not_done_twice(session, bank, molde
         session.mold(robot, bank, plan=planned, stop=StopCriteria(max_steps=3))
     again = Session.resume(session.run.folder, say=quiet)
     assert again.done == 2 and len(again.run) == 1
-    with robot_of(bank, robot.eye.image) as fresh:
+    with robot_of(bank, robot.depth_camera.image) as fresh:
         again.mold(fresh, bank, plan=planned, stop=StopCriteria(max_steps=3))
     places = planned.positions.tolist()
     wanted = [(name, *at) for name, at in zip(planned.actions, places, strict=True)]
@@ -390,7 +394,7 @@ def test_a_disk_that_is_full_at_any_write_leaves_what_goes_on_or_nothing(
             else:
                 assert notes == [f"jshape mold --resume --out {folder} goes on"]
                 session, resumed = Session.resume(folder, say=quiet), resumed + 1
-            with robot_of(bank, robot.eye.image) as again:
+            with robot_of(bank, robot.depth_camera.image) as again:
                 if session.done > len(session.run):  # done, and not looked at any more
                     with pytest.raises(JShapeError, match="are done; --overwrite replaces it"):
                         mold(session, again, bank, **few)
@@ -431,6 +435,7 @@ def test_a_torn_line_of_the_log_is_cut_off(tmp_path):
 HANG = ["frame", "home", "begin", "pose", "stop", "close", "eye.close"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("what", HANG)
 def test_whatever_hangs_the_run_ends_and_goes_on_later(session, bank, molded, what):
     """In the second action; a `stop` that hangs, once the camera failed too."""
@@ -444,7 +449,7 @@ def test_whatever_hangs_the_run_ends_and_goes_on_later(session, bank, molded, wh
         count += operation == "clear"
         if count == 1 and operation == "clear":
             if what == "frame":
-                robot.eye.spoil = hangs
+                robot.depth_camera.spoil = hangs
             elif what == "stop":
                 arm.stop = hangs
                 _unplugged(robot)
@@ -491,6 +496,7 @@ EVENTS = ["started", "homing", "looked", "planned", "acting", "operation", "stop
 PHASES = [(where, signal.SIGINT) for where in [*EVENTS, "frame", "home", "move", "append", "ask"]]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("where", "number"), [*PHASES, *(("move", number) for number in SIGNALS[1:])]
 )
@@ -531,7 +537,7 @@ def test_ctrl_c_in_any_phase_stops_the_arm_and_the_run_goes_on(
     monkeypatch.setattr(runs.Run, "append", append)
     robot = robot_of(bank, molded[0])
     moved, homed = robot.arm.move, robot.arm.home
-    robot.eye.spoil = lambda counts: press("frame") or counts
+    robot.depth_camera.spoil = lambda counts: press("frame") or counts
     robot.arm.move = lambda pose, **how: press("move") or moved(pose, **how)
     robot.arm.home = lambda: press("home") or homed()
     robot.arm.stop = stop
@@ -545,7 +551,7 @@ def test_ctrl_c_in_any_phase_stops_the_arm_and_the_run_goes_on(
             mold(session, robot, bank, confirm=ask)
     finally:
         signal.signal(number, before)
-    assert robot.arm.stops and robot.arm.closed == 1 and robot.eye.closed == 1
+    assert robot.arm.stops and robot.arm.closed == 1 and robot.depth_camera.closed == 1
     assert _summary(session)["state"] == "interrupted"
     assert _events(session)[-1] == "aborted"
     if where == "append":  # the rest is as short to go on with, and takes a second each
@@ -575,7 +581,7 @@ def test_a_signal_between_any_two_lines_of_the_ending_cuts_nothing_short(session
             assert problem.__notes__ == [f"jshape mold --resume --out {session.run.folder} goes on"]
         finally:
             sys.settrace(None)
-        assert count > 100 and robot.arm.stops and robot.eye.closed == 1
+        assert count > 100 and robot.arm.stops and robot.depth_camera.closed == 1
         assert _summary(session)["state"] == "interrupted" and _events(session)[-1] == "aborted"
         with pytest.raises(KeyboardInterrupt):  # heard again, and by who asks while it is handled
             try:
@@ -652,6 +658,7 @@ def _killed(folder, event):
     return done.returncode
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("event", [6, pytest.param(None, marks=pytest.mark.slow)])
 def test_a_killed_process_leaves_a_run_that_goes_on(tmp_path, bank, molded, event):
     """Dead at one event, or (slow) at each of them; what was done by then is on disk."""

@@ -555,6 +555,7 @@ def test_beds_that_cannot_be_are_refused(make):
 # --- Against independent samples ----------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("action", ACTIONS)
 def test_close_to_material_point_samples(shared_data, action):
     """Less than half of what doing nothing is off by; docs/simulator.md has all the numbers."""

@@ -85,6 +85,12 @@ def test_a_missing_field_is_named(tmp_path, name):
     assert str(path) in str(info.value)
 
 
+def test_other_names_of_the_principal_point_are_told_ours(tmp_path):
+    theirs = {{"u0": "cx", "v0": "cy"}.get(name, name): value for name, value in GOOD.items()}
+    with pytest.raises(BadCamera, match="unknown 'cx', 'cy'; .*did you mean u0, v0"):
+        read_camera(write(tmp_path / "c.json", theirs))
+
+
 @pytest.mark.parametrize("name", [*GOOD, "bits", "depth_unit"])
 @pytest.mark.parametrize(
     "value", ["433", None, [1], {"a": 1}, True, 10**400, ""], ids=lambda value: str(value)[:8]

@@ -67,7 +67,7 @@ def test_a_stroke_sinks_what_is_under_the_brush_with_walls_that_stand(editor):
     steep = np.abs(np.diff(change, axis=0)).max() / pixel
     bed = np.abs(np.diff(1e3 * editor.depth_of(editor.bed), axis=0)).max() / pixel
     assert 0.5 < steep < np.tan(np.radians(40)) + bed  # flour lies at 40 degrees
-    assert any("steep" in line for line in editor.told), editor.told
+    assert any("steep" in line for line in editor.warnings), editor.warnings
 
 
 def test_marks_do_not_add_up_and_can_be_taken_back(editor):
@@ -327,7 +327,7 @@ class Slow(SimulatedArm):
 def test_stop_ends_the_action_and_nothing_more_is_commanded(planned, tmp_path):
     robot = simulated_robot(planned.depth_of(planned.bed), planned.bank, "flour")
     arm = Slow(robot.arm)
-    robot = Robot(robot.eye, arm, load_hand(), planned.bank.camera)
+    robot = Robot(robot.depth_camera, arm, load_hand(), planned.bank.camera)
     bed = arm.world.bed
     controller = RunController(
         robot, planned.bank, planned.goal, tmp_path / "run", meta={"bank": planned.bank_name},

@@ -134,6 +134,7 @@ def test_stop_is_for_who_knows_the_path(served):
     assert asked(path, Host="rebound.example") == (404, None)
 
 
+@pytest.mark.full
 def test_unknown_paths_build_no_page_and_no_page_is_framed(served):
     assert served.get("/anything.png") == (404, "not here")
     with urllib.request.urlopen(served.url + "/favicon.ico", timeout=60) as answer:

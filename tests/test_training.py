@@ -73,6 +73,7 @@ def test_it_learns_and_is_reproducible(examples):
     assert losses(other) != losses(found)[:12]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("lives", [1, 2, 3])
 def test_a_killed_training_ends_where_an_uninterrupted_one_does(examples, lives):
     whole = train(roi_loss, zero(), examples, QUICK)
@@ -159,6 +160,7 @@ def test_too_few_pairs_are_refused(examples):
         train(roi_loss, zero(), blind, QUICK)
 
 
+@pytest.mark.full
 def test_missing_pixels_do_not_count(examples, rng):
     holes = rng.random(examples.prior.shape) < 0.2
     holed = examples._replace(posterior=np.where(holes, np.nan, examples.posterior))
@@ -288,6 +290,7 @@ def test_a_training_folder_of_something_else_is_refused(tmp_path, capsys, monkey
     assert main([*call[:3], str(tmp_path / "next"), *quick, "--start", str(out), "--json"]) == 0
 
 
+@pytest.mark.full
 def test_kinds_without_a_network(tmp_path, capsys):
     """Options they do not use are refused, and an interrupted training goes only on demand."""
     call = ["train", str(_small_dataset(tmp_path)), "--out", str(tmp_path / "bank"), "--kind", "D"]

@@ -123,6 +123,7 @@ def test_the_twin_is_an_arm_and_a_camera(flat):
     assert isinstance(flat.arm, Arm) and isinstance(flat.camera, DepthCamera)
 
 
+@pytest.mark.full
 def test_the_package_does_not_import_mujoco_by_itself():
     code = "import sys, jshape.robot.arms.mujoco; assert 'mujoco' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
@@ -150,6 +151,7 @@ def test_nothing_to_draw_with_is_one_line(flat, monkeypatch):
 # --- the camera ---------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("camera", [PAPER_BOX, D435_BAZAR], ids=["box", "whole"])
 def test_depth_equals_the_simulators_for_every_posture_at_home(camera):
     from jshape.robot.arms.mujoco import make_twin
@@ -255,7 +257,7 @@ def test_a_poke_changes_the_bed_as_the_simulator_says(fresh, hand):
         done.append(one)
         places.append((np.linalg.inv(fresh.base_camera) @ arm.pose())[:3, 3])
 
-    perform(arm, hand, "poke", point, fresh.base_camera, strength=0.9, told=told)
+    perform(arm, hand, "poke", point, fresh.base_camera, strength=0.9, on_operation=told)
     assert [one.operation for one in done] == ["above", "prepare", "contact", "act", "up", "clear"]
     contact, act, up = done[2], done[3], done[4]
     assert contact.contact and not act.contact
@@ -286,6 +288,7 @@ def test_a_turned_grasp_closes_and_is_within_its_thresholds(fresh, hand):
     assert np.abs(np.asarray(arm.twin.bed.height) - np.asarray(want.height)).mean() < 1e-4
 
 
+@pytest.mark.full
 def test_a_buried_obstacle_ends_the_act_and_the_action_goes_on(hand):
     from jshape.robot.arms.mujoco import make_twin
     from jshape.robot.twin.model import Obstacle

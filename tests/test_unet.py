@@ -63,6 +63,7 @@ def test_its_gradient_is_the_plain_networks(rng):
 
 
 # Blocks of one image, of three, a number that only 1 divides, and a side of one pixel.
+@pytest.mark.full
 @pytest.mark.parametrize("shape", [(3, 50, 44), (6, 20, 24), (7, 20, 24), (2, 1, 200)])
 def test_the_gradient_of_a_convolution_is_the_plain_ones(rng, shape):
     x, kernel = images(rng, (*shape, 3)), jnp.asarray(rng.normal(size=(3, 3, 3, 5)), jnp.float32)

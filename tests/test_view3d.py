@@ -68,6 +68,7 @@ def test_a_plan_foretells(planned, tmp_path):
         np.testing.assert_allclose(episode.goal, depth_of(planned.goal), atol=1e-6)
 
 
+@pytest.mark.full
 def test_a_run_of_a_robot_tells_what_was_seen_and_predicted(session, bank, molded):
     now, goal, applied = molded
     with robot_of(bank, now) as robot:
@@ -125,6 +126,7 @@ def test_a_run_of_the_demo_has_its_goal_and_start_from_the_plan(
     assert all(shown.predicted is not None for shown in episode.steps[1:])
 
 
+@pytest.mark.full
 def test_an_action_that_nobody_looked_at_is_told_of_and_a_resumed_run_too(session, bank, molded):
     done = []
 
@@ -144,7 +146,7 @@ def test_an_action_that_nobody_looked_at_is_told_of_and_a_resumed_run_too(sessio
         "interrupted: interrupted", "the last action was begun and not looked at"
     )  # fmt: skip
     again = Session.resume(folder, say=lambda line: None)
-    with robot_of(bank, robot.eye.image) as fresh:
+    with robot_of(bank, robot.depth_camera.image) as fresh:
         mold(again, fresh, bank)
     later = read_episode(folder)
     assert later.actions()[:2] == episode.actions() and len(later) == 2 + len(fresh.arm.acted)
@@ -238,6 +240,7 @@ def rerun_home(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.full
 def test_a_recording_holds_it_all_on_one_timeline(session, bank, molded, rerun_home):
     with robot_of(bank, molded[0]) as robot:
         mold(session, robot, bank)
@@ -349,6 +352,7 @@ def test_ctrl_c_ends_the_command_cleanly(planned, tmp_path, request):
     assert told.startswith("plan, 3 actions")
 
 
+@pytest.mark.full
 def test_the_command_writes_a_recording(planned, rerun_home, capsys):
     from jshape.cli.main import main
 

@@ -142,7 +142,7 @@ def trial(ready: Ready, hand: Hand, action: str, point: np.ndarray) -> dict[str,
     done: list[OperationResult] = []
     before, arm.watch = arm.watch, watch
     try:
-        perform(arm, hand, action, point, ready.base_camera, told=done.append)
+        perform(arm, hand, action, point, ready.base_camera, on_operation=done.append)
     finally:
         arm.watch = before
     touched = np.array(done[2].tool_mm)

@@ -47,7 +47,7 @@ def operations_strip(
                 pictures.append(see.picture())
                 titles.append(f"{name}: {done.operation}")
 
-            perform(ready.arm, hand, name, np.array(PLACE), ready.base_camera, told=told)
+            perform(ready.arm, hand, name, np.array(PLACE), ready.base_camera, on_operation=told)
     return strip(pictures, titles)
 
 

@@ -8,7 +8,7 @@ from jshape.app.run_controller import RunController
 from jshape.app.widgets import OneAtATime
 from jshape.robot.robot import Robot
 
-PATIENCE = 30.0
+END_TIMEOUT = 30.0
 """Seconds that a run is given to end."""
 
 
@@ -47,7 +47,7 @@ class AppContext:
         """End a run before the program does: the arm is stopped, and the run says so."""
         if self.controller is not None and self.controller.running:
             self.controller.stop()
-            self.controller.wait(PATIENCE)
+            self.controller.wait(END_TIMEOUT)
         self.robot_thread.shutdown(wait=False)
 
     @property

@@ -74,7 +74,7 @@ class GoalState:
         return self._goal
 
     @property
-    def told(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What of the drawing cannot be, and what no action can do about it, in sentences."""
         found = self._told if self.marks and self.goal is not None else {}
         lines = [*found.get("says", [])[1:], *found.get("warnings", [])]

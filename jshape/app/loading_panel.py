@@ -58,7 +58,7 @@ class LoadingPanel:
             f"bed: {editor.came_from}; {editor.distance_mm:.3f} mm from the goal on average, which "
             f"takes {out:.0f} cm³ away and brings {into:.0f} cm³{how}"
         )
-        self._told.text = "; ".join(editor.told)
+        self._told.text = "; ".join(editor.warnings)
 
     async def _typed(self, load: Callable[..., None]) -> None:
         if not (words := str(self._path.value or "").strip()):
@@ -101,7 +101,7 @@ class LoadingPanel:
 
         def work() -> None:
             editor.check_free()  # a run looks by itself
-            editor.see(seen(robot), robot.eye.name)
+            editor.see(seen(robot), robot.depth_camera.name)
 
         await self._context.do("looking", work, self._changed, self._context.robot_thread)
 

@@ -49,7 +49,7 @@ def simulated_robot(depth: np.ndarray, bank: Bank, material: str, seed: int = 0)
 
 def seen(robot: Robot) -> np.ndarray:
     """(H, W) image I of a look."""
-    return image_of_depth(robot.look(), robot.camera, where=robot.eye.name).image
+    return image_of_depth(robot.look(), robot.camera, where=robot.depth_camera.name).image
 
 
 class RunController:

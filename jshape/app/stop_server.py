@@ -13,7 +13,7 @@ from typing import Any
 from jshape.app.ports import refused
 from jshape.errors import JShapeError
 
-PATIENCE = 2.0
+REQUEST_TIMEOUT = 2.0
 """Seconds in which a request must have come whole."""
 
 
@@ -60,7 +60,7 @@ class StopServer(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: StopServer
-    timeout = PATIENCE
+    timeout = REQUEST_TIMEOUT
 
     def do_POST(self) -> None:
         self._answer(self.server.stop)

@@ -13,7 +13,7 @@ from jshape.errors import JShapeError, one_line
 
 LARGEST_UPLOAD = 64 * 2**20
 """Bytes of a file that may be sent to the page."""
-PATIENCE = 0.4
+BUSY_AFTER = 0.4
 """Seconds after which the page says that it is at work."""
 FIELDS: list[Any] = ["input", "select", "textarea"]
 """Elements whose keys are their own."""
@@ -67,7 +67,7 @@ class OneAtATime:
         doing = asyncio.get_running_loop().run_in_executor(thread, work)
         waiting, succeeded = None, False
         try:
-            done, _ = await asyncio.wait([doing], timeout=PATIENCE)
+            done, _ = await asyncio.wait([doing], timeout=BUSY_AFTER)
             if not done and not page.is_deleted:
                 with page:
                     waiting = ui.notification(f"{what} ...", spinner=True, timeout=None)

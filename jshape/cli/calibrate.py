@@ -23,14 +23,13 @@ class CalibrateOptions(Writes):
     out: Annotated[Path, File]
     """File for the camera's pose (JSON)."""
     camera_file: Annotated[Preset | None, CameraFile] = None
-    """camera.json, or a preset's name: gives errors in its pixels too."""
+    """camera.json or a preset's name, to say errors in its pixels too."""
     name: str = ""
-    """What to call the camera (default: as that file)."""
+    """Name of the camera (default: that of its file)."""
     method: Annotated[str | None, Parameter(choices=tuple(METHODS), metavar="NAME")] = None
-    """How it is found (default: the one that fits best)."""
+    """Method that finds the pose (default: the one that fits best)."""
     eye_in_hand: bool = False
-    """The camera is in the gripper, the target lies still (default: a fixed camera, the target in
-    the gripper)."""
+    """Camera in the gripper, target fixed (default: camera fixed, target in the gripper)."""
 
 
 def calibrate(poses: Path, /, options: CalibrateOptions) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from jshape.data.missing import said as said_of
 from jshape.data.view import plannable
 from jshape.io import files
 from jshape.io.cameras import camera_fields
-from jshape.robot.cameras.base import EndOfFrames, next_frame, still
+from jshape.robot.cameras.base import EndOfFrames, next_frame, traits_of
 from jshape.viz.style import drawn
 
 camera = App(name="camera")
@@ -31,9 +31,9 @@ class CameraOptions(LooksOnce, Writes):
     """Of `jshape camera check`."""
 
     out: Annotated[Path | None, File] = None
-    """Picture of what was measured."""
+    """Picture to write of what was measured."""
     frames: PositiveCount = 60
-    """How many."""
+    """Number of frames to measure."""
 
 
 @camera.command
@@ -54,7 +54,7 @@ def check(
             if not frames:
                 raise
     measured = camera_check.measure(
-        np.stack(frames), device.camera, device.depth_unit, still=still(device)
+        np.stack(frames), device.camera, device.depth_unit, still=traits_of(device).still
     )
     said = camera_check.verdict(measured.setup, device.camera)
     if all(fine for fine, _ in said):  # else that is to be mended first
@@ -97,8 +97,8 @@ def _print(result: dict[str, Any]) -> None:
     for line in result["verdict"]:
         print(f"  {'ok ' if line['good'] else 'BAD'} {line['says']}")
     bad = sum(not line["good"] for line in result["verdict"])
-    print(f"not good enough: {bad} of {len(result['verdict'])} to mend"
-          if bad else "good enough to record and to plan with")  # fmt: skip
+    fine = "good enough to record and to plan with"
+    print(f"not good enough: {bad} of {len(result['verdict'])} to mend" if bad else fine)
 
 
 @camera.command(name="list")

@@ -28,13 +28,13 @@ class Looks(Part):
     """How to look through a camera."""
 
     camera_file: Annotated[Path | None, CameraFile] = None
-    """camera.json to believe instead of what the camera says."""
+    """camera.json to use instead of what the camera says of itself."""
     topic: str | None = None
-    """Of a bag's depth frames (default: the only one)."""
+    """Topic of a bag's depth frames (default: the only one)."""
     temporal: Annotated[bool, Parameter(negative="--no-temporal")] = False
-    """RealSense: the SDK's temporal filter."""
+    """Temporal filter of a RealSense's SDK."""
     fill_holes: bool = False
-    """RealSense: the SDK's hole filling."""
+    """Hole filling of a RealSense's SDK."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class LooksOnce(Looks):
     """How to look through the one camera that a command is about."""
 
     depth_unit: Annotated[Positive | None, Parameter(metavar="METRES")] = None
-    """What 1 stands for in a bag's or picture's frames (default: as it says)."""
+    """Metres per count of a bag's or picture's frames (default: as it says)."""
 
 
 def opened(camera: str | None, options: LooksOnce) -> DepthCamera:

@@ -69,11 +69,18 @@ def build_app() -> App:
         help="Mold soft material by shaping depth images.",
         version=__version__,
         help_format="markdown",
-        default_parameter=Parameter(negative="", allow_repeating=True),
+        default_parameter=Parameter(negative="", allow_repeating=True, show_default=_shown),
     )
     for name, what in COMMANDS.items():
         app.command(f"jshape.cli.{name}:{name}", name=name, help=what)
     return app
+
+
+def _shown(default: Any) -> str | None:
+    """A default as the help shows it; None: it says nothing."""
+    if isinstance(default, list | tuple):
+        return ", ".join(map(str, default))
+    return None if default is None or default is False or default == "" else str(default)
 
 
 def leaf_of(app: App, words: Sequence[str]) -> Leaf | None:

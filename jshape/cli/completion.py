@@ -29,7 +29,7 @@ def completion(
     """Print the script; with `--json` it is the value of `script`.
 
     Args:
-      shell: Whose.
+      shell: The shell.
     """
     script = script_of(shell)
     print(script)

@@ -59,7 +59,7 @@ def config(*command: str, options: ConfigOptions = ConfigOptions()) -> dict[str,
     """What applies and where it comes from; with `--init` the example's file.
 
     Args:
-      command: All options of this one, such as dataset simulate.
+      command: Command whose options to list, such as dataset simulate.
     """
     if options.init:
         named = options.config or os.environ.get(settings.VARIABLE) or settings.NAME

@@ -39,19 +39,19 @@ class DatasetOptions(Simulates, Writes):
     """Of `jshape dataset simulate`."""
 
     pairs: PositiveCount = 25
-    """Per action and agent."""
+    """Number of pairs per action and agent."""
     actions: Annotated[list[Action] | None, Several] = None
-    """Which (default: all five)."""
+    """Actions to simulate (default: all five)."""
     agents: Annotated[list[Agent], Several] = field(default_factory=lambda: ["robot"])
-    """Who acts: names or FILE.toml."""
+    """Hands that act: names or FILE.toml."""
     beds: Annotated[list[str], Several] = field(default_factory=lambda: ["flat"])
-    """Flat, irregular, curved."""
+    """Shapes of the beds: flat, irregular, curved."""
     frames: PositiveCount = 5
-    """Averaged per look."""
+    """Number of frames averaged per look."""
     strengths: Annotated[tuple[Positive, Positive], Parameter(metavar="LOW HIGH")] = (1.0, 1.0)
-    """How many times as deep as the agent's own, drawn between these."""
+    """Bounds of the strengths drawn: multiples of the agent's own depth."""
     seed: Seed = 0
-    """Of everything random."""
+    """Random seed."""
 
 
 @dataset.command(help="simulated pairs of frames")
@@ -118,8 +118,8 @@ def info(dataset: Path, /, options: Common = Common()) -> dict[str, Any]:
         "groups": rows,
     }
     _print_camera(pairs.camera, pairs.depth_unit)
-    print(f"without depth: {missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels"
-          f"{said_of(left_out)}")  # fmt: skip
+    share = f"{missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels"
+    print(f"without depth: {share}{said_of(left_out)}")
     several = any(row["strength"] != [1.0, 1.0] for row in rows)
     print_table(
         ("action", "agent", "material", "pairs", "ROI (w x h)", "strength")[: 5 + several],
@@ -132,5 +132,4 @@ def info(dataset: Path, /, options: Common = Common()) -> dict[str, Any]:
 
 def _print_camera(camera: Camera, unit: float) -> None:
     fields = cameras.camera_fields(camera)
-    print(", ".join(f"{name} {value}" for name, value in fields.items()), f"depth_unit {unit}",
-          sep=", ")  # fmt: skip
+    print(", ".join(f"{name} {value}" for name, value in (fields | {"depth_unit": unit}).items()))

@@ -37,7 +37,7 @@ def annotate(
     """`jshape dataset annotate DATASET OUT`.
 
     Args:
-      dataset: Pairs of frames.
+      dataset: Folder with pairs of frames.
       out: Folder of the new data set; the same as DATASET with --overwrite replaces it.
     """
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)

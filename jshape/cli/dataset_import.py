@@ -20,14 +20,14 @@ class Labelled(Writes):
     """What was done in every pair, and by whom."""
 
     action: Action | None = None
-    """What was done, every time."""
+    """Action that was done in every pair."""
     agent: str | None = None
-    """Who or what did it: human, robot ..."""
+    """Who or what acted: human, robot ..."""
     material: str | None = None
-    """Flour, sand ..."""
+    """Material of the bed: flour, sand ..."""
     labels: Annotated[Path | None, File] = None
-    """Instead of --action: a CSV with the column action, of an import name too (agent and material
-    if need be); of a recording one row per action in order; '-' leaves one out."""
+    """CSV with a column action instead of --action (and agent and material, if need be): for an
+    import also a column name; for a recording one row per action, in order.  '-' leaves one out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class DatasetImportOptions(Labelled):
     """Of `jshape dataset import`."""
 
     camera_file: Annotated[Path | None, CameraFile] = None
-    """camera.json instead of SOURCE's own."""
+    """camera.json (default: SOURCE's own)."""
 
 
 def import_dataset(
@@ -44,7 +44,7 @@ def import_dataset(
     """`jshape dataset import SOURCE OUT`.
 
     Args:
-      source: camera.json with NAME_before.png and NAME_after.png, or before/ and after/.
+      source: Folder: camera.json with NAME_before.png and NAME_after.png, or before/ and after/.
       out: Folder of the new data set.
     """
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
@@ -115,8 +115,8 @@ def merge(out: Path, dataset: Path, /, *more: Path, options: Writes = Writes()) 
 
     Args:
       out: Folder of the new data set.
-      dataset: The first to take.
-      more: Others.
+      dataset: First data set.
+      more: The others.
     """
     whole = (dataset, *more)
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)

@@ -27,21 +27,21 @@ class Simulated(Simulates, Writes):
     """Of `jshape dataset simulate-recording`."""
 
     actions: Annotated[list[Action], Several] = field(default_factory=lambda: ["poke"])
-    """In turn."""
+    """Actions to do in turn."""
     count: PositiveCount = 6
-    """How many actions."""
+    """Number of actions."""
     agent: Agent = "human"
-    """Who acts: robot, human or FILE.toml."""
+    """Hand that acts: robot, human or FILE.toml."""
     bed: str = "flat"
-    """Flat, irregular or curved."""
+    """Shape of the bed: flat, irregular or curved."""
     still_frames: PositiveCount = 10
-    """Of the open bed between two visits of the hand."""
+    """Number of frames of the open bed between two visits of the hand."""
     idle: Count = 0
-    """Visits of the hand without a touch."""
+    """Number of visits of the hand without a touch."""
     level_every: Count = 0
-    """Level the bed after so many actions; 0: never."""
+    """Number of actions after which the bed is levelled; 0: never."""
     seed: Seed = 0
-    """Of everything random."""
+    """Random seed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,13 +49,13 @@ class Segmented(Labelled):
     """Of `jshape dataset segment`."""
 
     min_frames: PositiveCount = cutting.MIN_FRAMES
-    """Least length of a still segment."""
+    """Least length of a still segment, frames."""
     near_mm: Positive = cutting.NEAR_MM
-    """What rises this far above the bed is a hand or an arm."""
+    """Height above the bed from which something is a hand or an arm, mm."""
     reset_share: Share = cutting.RESET_SHARE
-    """A change of more than this share of the bed is levelling, and makes no pair."""
+    """Share of the bed, 0 to 1, above which a change is levelling and makes no pair."""
     allow_gaps: bool = False
-    """Frame numbers may be missing."""
+    """Accept a recording in which frame numbers are missing."""
 
 
 def simulate_recording(out: Path, /, options: Simulated = Simulated()) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from cyclopts import Parameter
 
 from jshape.cli.names import Agent, Simulates, Uses
 from jshape.cli.options import Count, Writes
@@ -18,11 +20,12 @@ class DemoOptions(Uses, Searches, Simulates, Writes):
     out: Path = Path("runs/demo")
     """Folder for the run."""
     actions: Count = 4
-    """Actions that make the goal."""
+    """Number of actions that make the goal."""
     agent: Agent = "robot"
-    """Who acts: a name or FILE.toml."""
+    """Hand that acts: a name or FILE.toml."""
     open_loop: bool = False
     """Plan once, then act blindly."""
+    reproject: Annotated[bool, Parameter(parse=False)] = False  # the camera is the bank's
 
 
 def demo(*, options: DemoOptions = DemoOptions()) -> dict[str, Any]:

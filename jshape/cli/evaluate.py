@@ -31,27 +31,31 @@ class EvaluateOptions(Trains, Writes):
     at_once = True
 
     bank: Bank | None = None
-    """Test this bank on the whole data set."""
+    """Bank to test on the whole data set."""
     kind: Kind | None = None
     """Kind to fit to each partition (default: D)."""
     kinds: Annotated[list[Kind] | None, Several] = None
-    """Several kinds to compare."""
+    """Kinds to fit to each partition and compare."""
     partitions: PositiveCount = 4
-    """How many."""
+    """Number of random partitions into training and test pairs."""
     across_agents: bool = False
     """Test each agent's bank on the others too."""
     sizes: Annotated[list[PositiveCount] | None, Several] = None
-    """Compare training sets of N pairs per action (the paper: 5 10 25 50 75)."""
+    """Sizes of training sets to compare, pairs per action (the paper: 5 10 25 50 75)."""
     start: Bank | None = None
-    """Adapt this bank with few pairs."""
+    """Bank to adapt with few pairs."""
     few: Annotated[list[PositiveCount] | None, Several] = None
-    """How many pairs per action (default: 5 10 25)."""
+    """Numbers of pairs per action to adapt with (default: 5 10 25)."""
     out: Path | None = None
     """Folder for the tables and pictures."""
 
 
 def evaluate(dataset: Path, /, options: EvaluateOptions = EvaluateOptions()) -> dict[str, Any]:
-    """`jshape evaluate DATASET`."""
+    """Measure the errors, print and write them.
+
+    Args:
+      dataset: Folder with pairs.csv.
+    """
     from jshape.learn import evaluate as evaluation
     from jshape.learn import report as scored
     from jshape.learn import scores as measure
@@ -116,8 +120,9 @@ def _explained(scores: Sequence[Any], comparisons: Sequence[Any]) -> list[str]:
     """Why a predictor is not better than another: there is nothing to win, or too few pairs."""
     found = []
     for c in comparisons:
-        base = next(s for s in scores if (s.predictor, s.action, s.agent, s.trained_on)
-                    == (c.against, c.action, c.agent, c.trained_on))  # fmt: skip
+        mine = c.against, c.action, c.agent, c.trained_on
+        of_all = ((s, (s.predictor, s.action, s.agent, s.trained_on)) for s in scores)
+        base = next(s for s, theirs in of_all if theirs == mine)
         whose = f"{c.action} of {c.agent}: f_{c.predictor} against f_{c.against}"
         if base.floor_mm is not None and base.mean_mm <= AT_FLOOR * base.floor_mm:
             found.append(

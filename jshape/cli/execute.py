@@ -7,7 +7,7 @@ from typing import Any
 from jshape.camera import differing
 from jshape.cli.names import Bank
 from jshape.cli.options import Share, plan_file
-from jshape.cli.robot import Runs, asking, begun, molded, resumed, robot_of, tell
+from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of, tell
 from jshape.errors import BadFile
 from jshape.io import banks
 from jshape.planning.maps import bank_for
@@ -20,9 +20,9 @@ class ExecuteOptions(Runs):
     """Of `jshape execute`."""
 
     bank: Bank | None = None
-    """Of the plan (default: the bundled one)."""
+    """Bank that the plan was made with (default: pressed-flour-robot)."""
     max_missing: Share = Constraints.max_missing
-    """Largest share of pixels without depth to fill."""
+    """Largest share, 0 to 1, of pixels without a reading that may be filled."""
 
 
 def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
@@ -43,11 +43,11 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
         if made.view is not None and made.view.above:
             bank = bank_for(bank, made.camera)
             robot.camera = bank.camera
-        if made.view is not None and not differing(made.view.source, robot.eye.camera, ""):
+        if made.view is not None and not differing(made.view.source, robot.depth_camera.camera, ""):
             robot.view = made.view  # the same looks as those it was made for
         if session is None:
             known = {"what": "execute", "plan": str(plan), "bank": str(bank_name)}
-            session = begun(options, made.goal, robot, **known)
+            session = new_session(options, made.goal, robot, **known)
         stop = StopCriteria(max_steps=max(len(made), 1))
         constraints = Constraints(max_missing=options.max_missing)
         how = {"plan": made, "confirm": confirm, "stop": stop, "constraints": constraints}

@@ -66,17 +66,17 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
     now = _bed(bed, options, bank)
     at = window_of(bank.camera, now.camera)
     window = None if at is None else (*at, bank.camera.width, bank.camera.height)
-    ground = bed_map(
+    surface = bed_map(
         now.depth, now.camera, window=window, max_missing=options.max_missing, where=bed
     )
-    wanted = wanted_of(options, bed, ground, now.camera, now.source, bank)
+    wanted = wanted_of(options, bed, surface, now.camera, now.source, bank)
     mask = options.reachable
     limits = Limits(
         steepest=_steepest(options, material, wanted.stands),
         floor=options.floor_mm / 1e3,
         reach=mask and read_mask(mask, {"the camera": now.camera.shape}),
     )
-    made = make_goal(ground, wanted.change, limits, balance=options.balanced, like=wanted.frame)
+    made = make_goal(surface, wanted.change, limits, balance=options.balanced, like=wanted.frame)
     result = {
         "made_from": wanted.name,
         "bed": bed,
@@ -86,8 +86,8 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
         "at": wanted.at,
         "material": material.name,
         "window": None if window is None else list(window),
-        "level_m": ground.level,
-        "filled": ground.filled,
+        "level_m": surface.level,
+        "filled": surface.filled,
         "left_out": now.left_out,
         **report(made, material),
     }

@@ -36,57 +36,58 @@ class GoalOptions(Part, Writes):
     """Of `jshape goal`."""
 
     text: Annotated[str | None, Parameter(metavar="WORD")] = None
-    """Letters, sunk or raised."""
+    """Letters to sink or raise."""
     mask: Annotated[str | None, File] = None
-    """A drawing, bright on dark: what to sink or raise."""
+    """Drawing to sink or raise, bright on dark."""
     height_map: Annotated[str | None, File] = None
-    """Grey levels between --depth-mm and --raise-mm, or metres (NPY)."""
+    """Height map: grey levels between --depth-mm and --raise-mm, or metres (NPY)."""
     mesh: Annotated[str | None, File] = None
-    """STL, OBJ or PLY, or a point cloud (PLY, PCD), seen from above."""
+    """Mesh (STL, OBJ, PLY) or point cloud (PLY, PCD), seen from above."""
     frame: Annotated[str | None, File] = None
     """Another depth image of the same camera."""
     actions: Annotated[str | None, Parameter(metavar="LIST")] = None
-    """What the bank predicts of 'knock 240,197; grasp 312,91x1.5@30' (u,v x strength @ degrees), of
-    a JSON file or of a plan.json."""
+    """Actions whose predicted result is the goal: 'knock 240,197; grasp 312,91x1.5@30' (u,v x
+    strength @ degrees), a JSON file or a plan.json."""
     out: Path | None = None
     """Folder for goal, bed, camera.json and picture."""
     depth_mm: Millimetres | None = None
-    """Sunk so deep (text, mask: 8)."""
+    """Depth below the bed, mm (default for text and mask: 8)."""
     raise_mm: Millimetres | None = None
-    """Raised so high."""
+    """Height above the bed, mm."""
     at: Annotated[Any, reads(place, "U,V")] = None
-    """Pixel of its middle (default: of the view)."""
+    """Pixel of the relief's middle (default: the middle of the view)."""
     size_mm: Millimetres | None = None
-    """Its longer side (default: six tenths of what fits; a mesh: its own)."""
+    """Longer side of the relief, mm (default: six tenths of what fits; a mesh: its own)."""
     turn: Annotated[float, reads(_degrees, "DEG")] = 0.0
-    """Clockwise as the camera sees it."""
+    """Turn of the relief in degrees, clockwise as the camera sees it."""
     invert: bool = False
-    """A drawing that is dark on bright."""
+    """Take the drawing as dark on bright."""
     mesh_unit: Literal["m", "cm", "mm", "inch"] | None = None
-    """Of the mesh (default: guessed)."""
+    """Unit of the mesh (default: guessed)."""
     mesh_up: Literal["x", "y", "z"] = "z"
-    """Its axis that points up."""
+    """Axis of the mesh that points up."""
     material: Material = "flour"
-    """A name or FILE.toml: slopes are at most its angle of repose, and of frames and actions what
-    it holds when pressed."""
+    """Material of the bed, a name or FILE.toml: it limits slopes to its angle of repose, those of
+    frames and actions to what it holds when pressed."""
     slope: Annotated[float | None, reads(_slope, "DEG")] = None
-    """Steepest slope instead."""
+    """Steepest slope in degrees (default: the material's)."""
     floor_mm: Millimetres = 1e3 * sim.DEPTH
-    """How deep the material is."""
+    """Depth of the material, mm."""
     balance: Annotated[
         list[Literal["around", "level"]] | None, Parameter(consume_multiple=(0, 1))
     ] = None
-    """As much in as out: spread the rest around it (if nothing else is said), or move the level."""
+    """Keep the volume: spread the rest around the relief (the default of --balance alone), or move
+    the bed's level."""
     reachable: Annotated[Path | None, Parameter(metavar="MASK")] = None
-    """Image that is not 0 where the bed may change."""
+    """Mask image, not 0 where the bed may change (default: everywhere)."""
     camera_file: Annotated[Preset | None, CameraFile] = None
     """camera.json, or a preset's name (default: camera.json beside BED, else the bank's)."""
     depth_unit: Positive | None = None
     """Metres per count of 16-bit images."""
     bank: Bank | None = None
-    """Name or folder, for --actions."""
+    """Bank that predicts --actions: a bundled name or a folder (default: pressed-flour-robot)."""
     max_missing: Share = Constraints.max_missing
-    """Largest share of pixels without depth to fill."""
+    """Largest share, 0 to 1, of pixels without a reading that may be filled."""
 
     @property
     def balanced(self) -> str | None:

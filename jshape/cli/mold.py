@@ -13,7 +13,7 @@ from jshape.cli.commands import build_app, leaf_of
 from jshape.cli.names import Uses
 from jshape.cli.options import Positive
 from jshape.cli.parser import value_of
-from jshape.cli.robot import Runs, asking, begun, molded, resumed, robot_of, tell
+from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of, tell
 from jshape.cli.search_options import KEPT, Searches, kept_of, reachable, search_of
 from jshape.cli.tables import say
 from jshape.data.intrinsics import within
@@ -27,6 +27,7 @@ from jshape.planning.devices import over_devices
 from jshape.planning.maps import bank_for, over_bed
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
+from jshape.robot.cameras.base import traits_of
 from jshape.robot.robot import Robot
 
 
@@ -58,10 +59,10 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
             assert desired is not None
             goal, bank, known = goal_of(desired, robot, bank, options)
             meta = {"what": "mold", "bank": str(bank_name), "goal": str(desired)}
-            session = begun(options, goal, robot, **meta, **kept_of(options), **known)
+            session = new_session(options, goal, robot, **meta, **kept_of(options), **known)
         else:
-            bank = gone_on(session.run.meta, robot, bank)
-        eye = robot.eye.camera
+            bank = restored(session.run.meta, robot, bank)
+        eye = robot.depth_camera.camera
         seen = robot.view or View(eye, bank.camera, window_of(bank.camera, eye))
         mask = reachable(options.reachable, eye.shape, bank, seen)
         how = keywords(search_of(options), reachable=mask)
@@ -83,9 +84,9 @@ def goal_of(
     Raises:
       BadFile, BadImage, BadCamera, BadBank: as for `jshape plan`.
     """
-    eye = robot.eye.camera
-    whole: Camera = getattr(robot.eye, "whole", eye)
-    own = Source(eye, robot.eye.depth_unit, robot.eye.name, True)
+    eye = robot.depth_camera.camera
+    whole: Camera = traits_of(robot.depth_camera).whole or eye
+    own = Source(eye, robot.depth_camera.depth_unit, robot.depth_camera.name, True)
     if path.suffix.lower() in points.SUFFIXES:
         source = own
     else:
@@ -107,25 +108,25 @@ def goal_of(
         depth = depth[at[1] : at[1] + eye.height, at[0] : at[0] + eye.width]
         source = source._replace(camera=eye)
     elif source.camera is not eye:
-        say(f"goal: {source.said}, of another camera than {robot.eye.name}")
+        say(f"goal: {source.said}, of another camera than {robot.depth_camera.name}")
     view, seen_by = over_bed(bank, source.camera, depth, str(path))
     known: dict[str, Any] = {}
     if view.target != bank.camera:
         if at is None and None in (source.camera.pose, eye.pose):
             raise BadCamera(
-                f"{path}: of another camera than {robot.eye.name} ({differing(theirs, eye, 'its')})"
-                "; nothing says how the two stand; make the goal from a frame of that camera, or "
+                f"{path}: of another camera than {robot.depth_camera.name} "
+                f"({differing(theirs, eye, 'its')}); nothing says how the two stand; make the goal from a frame of that camera, or "
                 "give both a pose (jshape calibrate)"
             )
         known["view"] = camera_fields(view.target)
-        gone_on(known, robot, bank)
+        restored(known, robot, bank)
     image = image_of_depth(
         depth, view.target, max_missing=options.max_missing, where=str(path), view=view
     ).image
     return image, seen_by, known
 
 
-def gone_on(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
+def restored(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
     """The bank, and the robot, as a run began: see `goal_of`.
 
     Raises:
@@ -137,7 +138,7 @@ def gone_on(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
     if not isinstance(fields, dict):
         raise BadFile(f"the run's view is {quoted(fields)}; expected the fields of a camera")
     target = camera_from(fields, "the run's view")
-    robot.view, robot.camera = View(robot.eye.camera, target), target
+    robot.view, robot.camera = View(robot.depth_camera.camera, target), target
     return bank_for(bank, target)
 
 

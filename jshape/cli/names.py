@@ -30,7 +30,7 @@ class Uses(Common):
     """The option of commands that plan with a bank."""
 
     bank: Bank | None = None
-    """Name or folder (default: the bundled one)."""
+    """Bank to predict with: a bundled name or a folder (default: pressed-flour-robot)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,4 +38,4 @@ class Simulates(Common):
     """The option of commands with a simulated bed."""
 
     material: Annotated[Material, Parameter(metavar="NAME|FILE.toml")] = "flour"
-    """Of a simulated bed."""
+    """Material of a simulated bed."""

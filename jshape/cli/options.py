@@ -135,7 +135,7 @@ class Common:
     json: bool = False
     """Print the result as JSON."""
     config: Annotated[str | None, File] = None
-    """Settings (default: $JSHAPE_CONFIG, else jshape.toml here); off: none."""
+    """Settings file, or off for none (default: $JSHAPE_CONFIG, else jshape.toml here)."""
     given: Annotated[Mapping[str, str], Parameter(parse=False)] = field(default_factory=dict)
     """Fields that were given, each with where: `cli`, or the file."""
 
@@ -176,9 +176,9 @@ class Serves(Common):
     """The options of commands that serve a page."""
 
     host: str = "127.0.0.1"
-    """To listen at (127.0.0.1: only here)."""
+    """Address to listen at; 127.0.0.1 is this computer only."""
     port: Port = 8080
-    """To listen at; 0: any free one."""
+    """Port to listen at; 0: any free one."""
     no_open: bool = False
     """Open no browser."""
 
@@ -188,9 +188,9 @@ class Part(Common):
     """Which part of the frames is the bed."""
 
     depth_range: DepthRange | None = None
-    """Metres between which the bed lies (default: camera.json's, or 0.42,0.47)."""
+    """Depths between which the bed lies, metres (default: camera.json's, or 0.42,0.47)."""
     window: Window | None = None
-    """The part of the frames to take: the box (default: all)."""
+    """Part of the frames that holds the box, pixels (default: all)."""
 
 
 def plan_file(path: Path) -> Path:

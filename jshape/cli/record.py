@@ -21,7 +21,7 @@ from jshape.data.missing import only_readings
 from jshape.data.missing import said as said_of
 from jshape.errors import JShapeError
 from jshape.io import folders, recordings
-from jshape.robot.cameras.base import FRAMES, CameraLost, DepthCamera, EndOfFrames, still
+from jshape.robot.cameras.base import FRAMES, CameraLost, DepthCamera, EndOfFrames, traits_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,13 +29,13 @@ class RecordOptions(LooksOnce, Writes):
     """Of `jshape record`."""
 
     out: Path
-    """Folder of the recording."""
+    """Folder for the recording."""
     frames: PositiveCount | None = None
-    """How many (default: until Ctrl-C)."""
+    """Number of frames (default: until Ctrl-C)."""
     seconds: Duration | None = None
-    """How long (default: until Ctrl-C)."""
+    """Length of the recording (default: until Ctrl-C)."""
     every: Duration | None = None
-    """Time between frames, as 0.5s (default: all that come)."""
+    """Time between frames, such as 0.5s (default: all that come)."""
 
 
 def record(
@@ -96,8 +96,8 @@ def record(
 def _print(result: dict[str, Any], camera: DepthCamera) -> None:
     size, count = camera.camera, result["frames"]
     frames = f"{count} frame{'s' * (count > 1)} of {size.width}x{size.height}"
-    print(f"{camera.name}: {frames} in {result['seconds']:.1f} s ({result['stopped']}): "
-          f"{result['out']}")  # fmt: skip
+    took = f"{result['seconds']:.1f} s ({result['stopped']})"
+    print(f"{camera.name}: {frames} in {took}: {result['out']}")
     share = result["valid_share"]
     print(f"{share:.1%} of the pixels have a reading{said_of(result['left_out'])}", end="")
     print("" if share >= VALID_LEAST else "; too few: see jshape camera check")
@@ -105,18 +105,16 @@ def _print(result: dict[str, Any], camera: DepthCamera) -> None:
 
 def _frames(camera: DepthCamera, options: RecordOptions) -> tuple[int | None, Iterator[np.ndarray]]:
     """How many frames there will be, if that is known; and the frames."""
-    live = bool(getattr(camera, "live", False))
+    live, still, _ = traits_of(camera)
     if not live and (options.seconds or options.every):
         raise JShapeError(
             f"{camera.name}: --seconds and --every are for live cameras; "
             "of a recording, --frames says how many"
         )
     asked = options.frames
-    if asked is None and still(camera) and not options.seconds:
+    if asked is None and still and not options.seconds:
         asked = 1  # it would go on for ever, all the same
-    elif asked is None and not live:
-        asked = getattr(camera, "count", None)
-    count = options.frames or (asked if still(camera) else None)
+    count = options.frames or (asked if still else None)
     return asked, _take(camera, count, options)
 
 
@@ -137,7 +135,7 @@ def _take(camera: DepthCamera, count: int | None, options: RecordOptions) -> Ite
             start = due = now
         if options.seconds is not None and now - start > options.seconds:
             return
-        alike = before is not None and not still(camera) and np.array_equal(counts, before)
+        alike = not (before is None or traits_of(camera).still) and np.array_equal(counts, before)
         same = same + 1 if alike and counts.any() else 0
         before = counts
         if same + 1 >= FRAMES:

@@ -50,13 +50,13 @@ class Robots(Looks, Simulates):
     camera_file: Annotated[Path | None, File] = None
     temporal: Annotated[bool, Parameter(negative="--no-temporal")] = True
     base: Annotated[Path | None, Parameter(metavar="POSE")] = None
-    """Of the camera, from `jshape calibrate`."""
+    """Pose of the camera, from `jshape calibrate`."""
     gripper: Annotated[Path | None, Parameter(metavar="POSE")] = None
-    """Of the gripper, for a camera in the hand."""
+    """Pose of the gripper when the camera looks, for a camera in the hand."""
     hand: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
-    """limits.yaml and ACTION.yaml (default: the twin's)."""
+    """Folder of the hand's limits.yaml and ACTION.yaml (default: the twin's)."""
     frames: PositiveCount = 15
-    """Of a look."""
+    """Number of frames whose median is one look."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,11 +65,11 @@ class Runs(Robots, Writes):
 
     arm: Arm = "dry"
     out: Path
-    """Folder of the run."""
+    """Folder for the run."""
     yes: bool = False
     """Act without asking."""
     resume: bool = False
-    """Go on with the run in --out from what is seen now."""
+    """Resume the run in --out from what is seen now."""
 
 
 @contextmanager
@@ -99,9 +99,9 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
         stack.callback(_let_go, arm)
         stack.callback(stop_arm, arm)
         if eye is None:
-            if opened.eye is None:
+            if opened.depth_camera is None:
                 raise JShapeError(f"the arm {options.arm} brings no camera; name one with --camera")
-            eye = GuardedCamera(opened.eye)
+            eye = GuardedCamera(opened.depth_camera)
             stack.callback(_let_go, eye)
             base_camera = opened.base_camera if base_camera is None else base_camera
         if base_camera is None and opened.moves:
@@ -233,9 +233,9 @@ def resumed(options: Any) -> Session:
     return session
 
 
-def begun(options: Runs, goal: np.ndarray, robot: Robot, /, **known: Any) -> Session:
+def new_session(options: Runs, goal: np.ndarray, robot: Robot, /, **known: Any) -> Session:
     """A new run in `--out`, with what one that goes on must know."""
-    meta = {"arm": options.arm, "camera": robot.eye.name, **known}
+    meta = {"arm": options.arm, "camera": robot.depth_camera.name, **known}
     return Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
 
 

@@ -41,21 +41,25 @@ class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
     """The fields of the records of `jshape.plan`, as the command line reads them."""
 
     planner: Annotated[str, Parameter(choices=tuple(PLANNERS), metavar="NAME")] = "greedy"
-    """Which search; greedy is the quickest."""
+    """Search to plan with; greedy is the quickest."""
     devices: Devices | None = None
     """CPU devices that share the work (default: one per core, at most 8)."""
     positions: Annotated[str | None, Parameter(metavar="CxR|FILE")] = None
-    """A grid of positions for each action, paper for the paper's 15, or a JSON file (default: every
-    `--stride` pixels)."""
+    """Positions to try: a grid such as 21x15 for each action, paper (the paper's 15) or a JSON file
+    (default: every `--stride` pixels)."""
     stride: PositiveCount | None = None
     strengths: Positives = field(default_factory=lambda: list(SearchSpace.strengths))
     yaws: PositiveCount | None = None
+    """Number of yaw angles to try, evenly over half a turn; 1: the hand is not turned (default: 4
+    where the bank's predictors can be turned)."""
     out_of_bounds: Literal["refuse", "shift", "drop"] = "refuse"
+    """Treatment of given positions whose ROI leaves the image."""
     reachable: Annotated[str | None, Parameter(metavar="MASK")] = None
-    """Image, not 0 where the hand may be placed, of the frames' size or the bank's."""
+    """Mask image of the frames' size or the bank's, not 0 where the hand may be placed (default:
+    everywhere)."""
     clearance_mm: Nonnegative = Constraints.clearance_mm
     max_uses: list[Use] | None = None
-    """Use an action at most N times; may be given again."""
+    """Action and how often it may be used at most; repeat the option for others."""
     max_missing: Share = Constraints.max_missing
     max_steps: Count = StopCriteria.max_steps
     min_gain_mm: Nonnegative = StopCriteria.min_gain_mm

@@ -8,6 +8,7 @@ The command line beats the file.
 import os
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -175,8 +176,8 @@ def tokens_of(argument: Argument, key: str, value: Any, folder: Path, where: str
     else:
         value = [value]
     texts = [_read(argument, key, one, folder) for one in value]
-    return [Token(keyword=f"--{key}", value=text, source=where, index=index)
-            for index, text in enumerate(texts)]  # fmt: skip
+    token = partial(Token, keyword=f"--{key}", source=where)
+    return [token(value=text, index=index) for index, text in enumerate(texts)]
 
 
 def _read(argument: Argument, key: str, value: Any, folder: Path) -> str:

@@ -21,9 +21,9 @@ class StudioOptions(Uses, Robots, Serves):
 
     arm: Arm | None = None
     dataset: Path | None = None
-    """To annotate: a folder with pairs.csv."""
+    """Folder with pairs.csv to annotate."""
     out: Path = Path("studio")
-    """For runs and what is saved."""
+    """Folder for runs and what is saved."""
     port: Port = 8077
 
 

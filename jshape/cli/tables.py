@@ -44,8 +44,10 @@ def bar(what: str, total: int | None = None, done: int = 0) -> Iterator[Callable
     console = Console(stderr=True)
     quiet = not sys.stderr.isatty()
     # Drawn when it is told of something: `waiting` speaks in between.
-    with Progress(*columns, console=console, transient=True, disable=quiet, auto_refresh=False,
-                  redirect_stdout=False, redirect_stderr=False) as shown:  # fmt: skip
+    off: dict[str, Any] = dict.fromkeys(
+        ("auto_refresh", "redirect_stdout", "redirect_stderr"), False
+    )
+    with Progress(*columns, console=console, transient=True, disable=quiet, **off) as shown:
         task = shown.add_task(what, total=total, completed=done, said="")
         yield partial(shown.update, task, refresh=True)
 

@@ -50,22 +50,26 @@ class TrainOptions(Trains, Writes):
     """Of `jshape train`."""
 
     out: Path
-    """Folder of the new bank."""
+    """Folder for the new bank."""
     kind: Kind = "P"
-    """P: a tool pressed into the ground, the best; D: the mean difference; C, DC: a U-Net, alone or
-    after D; CR, DCR: the same, refined as in the paper."""
+    """Kind of predictor. P: a tool pressed into the bed, the best; D: the mean difference; C, DC: a
+    U-Net, alone or after D; CR, DCR: the same, refined as in the paper."""
     licence: str = ""
     """Licence of the bank, for its manifest."""
     start: Bank | None = None
-    """Train on from this bank."""
+    """Bank to start the training from."""
     restart: bool = False
-    """Forget an interrupted training in OUT.training instead of going on with it."""
+    """Forget an interrupted training in OUT.training instead of resuming it."""
     devices: Devices | None = None
     """CPU devices that share a network's batches (default: 1)."""
 
 
 def train(dataset: Path, /, options: TrainOptions) -> dict[str, Any]:
-    """`jshape train DATASET --out BANK`."""
+    """Train a bank, judge it on pairs that were held out, write it.
+
+    Args:
+      dataset: Folder with pairs.csv.
+    """
     keeps = options.kind not in WITHOUT_CHECKPOINTS
     if not keeps:
         why = f": kind {options.kind} trains no network and does not use it"

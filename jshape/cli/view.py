@@ -17,9 +17,9 @@ class ViewOptions(Serves, Writes):
     """Of `jshape view`."""
 
     save: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
-    """Write a Rerun recording, open no browser."""
+    """Rerun recording to write instead of opening a browser."""
     camera_file: Annotated[Path | None, File] = None
-    """camera.json, if the run's bank is gone."""
+    """camera.json of the run, where its bank is gone."""
 
 
 def view(run: Path, /, options: ViewOptions = ViewOptions()) -> dict[str, Any]:

@@ -27,15 +27,15 @@ class WaypointsOptions(Writes):
     """Of `jshape waypoints`."""
 
     out: Annotated[Path, File]
-    """.json, .yaml or .yml."""
+    """File to write: .json, .yaml or .yml."""
     base: Annotated[Path | None, Parameter(metavar="POSE")] = None
     """Pose of the camera from `jshape calibrate` (default: poses in the camera's frame)."""
     gripper: Annotated[Path | None, Parameter(metavar="POSE")] = None
-    """JSON with base_gripper when the camera looked, for a camera in the hand."""
+    """Pose of the gripper when the camera looked, for a camera in the hand (JSON: base_gripper)."""
     hand: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
-    """Procedures and limits (default: the bundled)."""
+    """Folder of the hand's limits.yaml and ACTION.yaml (default: the bundled one)."""
     place_depth: Positive = PAPER_Z
-    """Depth from the bank's camera at which its places are meant, metres."""
+    """Depth from the bank's camera at which the plan's positions are meant, metres."""
 
 
 def waypoints(plan: Path, /, options: WaypointsOptions) -> dict[str, Any]:

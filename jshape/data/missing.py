@@ -81,8 +81,8 @@ def _codes(values: np.ndarray) -> list[float]:
         rising = found[::sign] ** sign
         for k in range(min(CODES, len(found) - 1), 0, -1):
             counts = held[::sign][-k:]
-            if (rising[-k] >= factor * rising[-k - 1] and counts.min() >= MANY
-                    and counts.sum() < most):  # fmt: skip
+            alone = rising[-k] >= factor * rising[-k - 1]
+            if alone and counts.min() >= MANY and counts.sum() < most:
                 codes += found[::sign][-k:].tolist()
                 break
     return codes

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from jshape.errors import BadFile, JShapeError, one_line
+from jshape.errors import BadFile, JShapeError, needs, one_line
 from jshape.io.mcap_index import scan_where_no_index
 
 SUFFIXES = (".bag", ".db3", ".mcap")
@@ -23,14 +23,10 @@ class Messages:
     """The messages of an open bag, by topic; whatever rosbags raises becomes one line."""
 
     def __init__(self, path: Path):
-        try:
+        hint = f"a bag (a RealSense's own also plays as realsense:{path.name})"
+        with needs("ros", f"{path}: {hint}"):
             from rosbags import rosbag1, rosbag2
             from rosbags.typesys import Stores, get_typestore
-        except ImportError:
-            raise JShapeError(
-                f"{path}: bags are read by rosbags: pip install 'jshape[ros]' (what a RealSense "
-                f"recorded also plays as realsense:{path.name})"
-            ) from None
         if not path.exists():
             raise BadFile(f"{path}: no such file")
         if path.is_dir() and not (path / METADATA).is_file():

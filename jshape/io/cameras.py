@@ -131,6 +131,8 @@ def camera_from(content: dict[str, Any], where: str) -> Camera:
     except BadCamera as problem:
         lacking = " missing " in str(problem)
         means = [text for name, text in _MEANS.items() if lacking and name not in content]
+        if not lacking and {"cx", "cy"} & set(content):
+            means = ["; did you mean u0, v0?"]
         raise BadCamera(f"{problem}{''.join(means)}") from None
     del found["depth_unit"]
     lens, pose = found["lens"], found["pose"]
@@ -164,8 +166,7 @@ def described(text: str, depth_unit: float | None = None) -> tuple[Camera, float
             )
         return PRESETS[text], depth_unit or DEPTH_UNIT, False
     if not Path(text).exists():
-        raise BadCamera(
-            f"{text}: neither a camera.json nor a preset ({', '.join(PRESETS)}) that describes a "
-            f"camera{did_you_mean(text, PRESETS)}"
-        )
+        what = "no such file" if Path(text).suffix else "neither a camera.json nor a preset"
+        near = did_you_mean(text, PRESETS)
+        raise BadCamera(f"{text}: {what}; allowed: camera.json, {', '.join(PRESETS)}{near}")
     return *read_camera(text, depth_unit), True

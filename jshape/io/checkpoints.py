@@ -16,7 +16,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from jshape.errors import BadFile, JShapeError, one_line
+from jshape.errors import BadFile, needs, one_line
 from jshape.io.files import check_sums, read_json, refused, sha256, write_json
 from jshape.io.folders import atomic_folder, check_writable
 from jshape.io.records import read_record
@@ -144,10 +144,8 @@ def _whole(place: Path) -> bool:
 
 
 def _orbax() -> Any:
-    try:
+    with needs("networks", "a checkpoint"):
         from orbax.checkpoint import v1  # 0.6 s
-    except ImportError:
-        raise JShapeError("checkpoints need Orbax: pip install 'jshape[networks]'") from None
     return v1
 
 

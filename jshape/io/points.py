@@ -17,7 +17,7 @@ import numpy as np
 from jshape._typing import Float, Int
 from jshape.camera import Camera
 from jshape.data.depth import outside_range
-from jshape.errors import BadFile, BadImage, one_line, quoted
+from jshape.errors import BadFile, BadImage, needs, one_line, quoted
 from jshape.io.cameras import DEPTH_UNIT
 from jshape.io.files import read_bytes
 from jshape.io.images import read_depth
@@ -176,10 +176,8 @@ def _ply_or_obj(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray | None]
     """Points and faces of a PLY or OBJ."""
     kind = path.suffix.lower()[1:]
     name = kind.upper()
-    try:
+    with needs("mesh", f"{path}: reading {name}"):
         import trimesh
-    except ImportError:
-        raise BadFile(f"{path}: reading {name} needs trimesh: pip install 'jshape[mesh]'") from None
     if kind == "ply" and not data.startswith(b"ply"):
         raise BadFile(f"{path}: is not a PLY file")
     if kind == "obj":  # one mesh: trimesh makes one of each material, of thousands in minutes

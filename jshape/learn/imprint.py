@@ -1,4 +1,4 @@
-"""Fitting f_P: the maps of a pressed tool from the ground before and after."""
+"""Fitting f_P: the maps of a pressed tool from the bed before and after."""
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -34,9 +34,9 @@ CONTACT = 0.3
 LOWERS = 0.1
 """An action whose mean change lowers nothing by this share of what it raises has no tool: a handful
 that is poured displaces 0.1 mm and raises 18.  `swell` goes with what a tool displaces on flat
-ground, and against next to nothing it predicted 14 mm off where the mean difference was 2.3."""
+bed, and against next to nothing it predicted 14 mm off where the mean difference was 2.3."""
 DEPTHS = range(-10, 11, 2)
-"""How far from the median depth of the ground the depth of the places is looked for, mm."""
+"""How far from the median depth of the bed the depth of the places is looked for, mm."""
 DOUBT = 4.0
 """How much more alike they must look per metre off the median: 0.4 % per millimetre."""
 SCALES = {
@@ -57,7 +57,7 @@ EDGE = 2e-4
 
 
 class Shown(NamedTuple):
-    """What n pairs show on a grid of the ground."""
+    """What n pairs show on the height map."""
 
     before: Float[Array, "n rows columns"]
     """Surfaces as depth, metres."""
@@ -107,7 +107,7 @@ def fit_imprint(
 
 
 def mean_imprint(examples: Examples, camera: Camera) -> Imprint:
-    """The mean change of the ground as an f_P without a tool: what f_D is, seen from above."""
+    """The mean change of the bed as an f_P without a tool: what f_D is, seen from above."""
     filled, seen = complete(examples)
     grid = grid_below(OrthographicGrid.over(camera, filled.roi), filled)
     return first_guess(grid, shown_on(grid, filled, seen), tool=False)
@@ -156,7 +156,7 @@ def grid_below(
     """The grid over the ROI of `blank`, at the depth where places are meant.
 
     That is not known: of `depths` around the median of what was seen (mm), it is the one from which
-    the changes of all pairs look most alike, per strength.  On flat ground all do, and the median
+    the changes of all pairs look most alike, per strength.  On a flat bed all do, and the median
     is right.
     """
     camera, (w, h) = blank.camera, blank.roi
@@ -185,7 +185,7 @@ def grid_below(
 def _surfaces(
     grid: OrthographicGrid, examples: Examples
 ) -> tuple[Float[Array, "n rows columns"], Float[Array, "n rows columns"]]:
-    """The ground below ROIs of I before and after; one pair after the other, to spare memory."""
+    """The bed below ROIs of I before and after; one pair after the other, to spare memory."""
 
     def one(pair):
         prior, posterior, corner = pair
@@ -209,13 +209,13 @@ def _at_nodes(seen: np.ndarray, grid: OrthographicGrid) -> np.ndarray:
 
 
 def has_tool(shown: Shown) -> bool:
-    """Whether the action lowers the ground: else there is nothing for a tool to level."""
+    """Whether the action lowers the bed: else there is nothing for a tool to level."""
     mean = _mean_change(shown)
     return float(mean.max()) >= LOWERS * float(-mean.min())
 
 
 def first_guess(grid: OrthographicGrid, shown: Shown, *, tool: bool = True) -> Imprint:
-    """A tool as deep as the mean change, which is the prediction on flat ground.
+    """A tool as deep as the mean change, which is the prediction on a flat bed.
 
     Without a tool all of the mean change is `rest`.
     """
@@ -227,7 +227,7 @@ def first_guess(grid: OrthographicGrid, shown: Shown, *, tool: bool = True) -> I
     return Imprint(
         grid,
         reference=jnp.where(jnp.abs(mean) > 0.5 * jnp.abs(mean).max(), jnp.float32(0.0), -6.0),
-        # Below the ground beside the tool by 3 mm: it is felt by hills, not by the flat.
+        # Below the bed beside the tool by 3 mm: it is felt by hills, not by the flat.
         tool=mean - 3e-3,
         give=touched.astype(jnp.float32),
         rest=rest,

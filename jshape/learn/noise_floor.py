@@ -22,7 +22,7 @@ from jshape.models.orthographic import OrthographicGrid
 SAME_BED_MM = 0.75
 """Two frames of one bed differ by less on average: 0.5 mm for a noisy D435, 0 without noise."""
 FLAT_MM = 1.0
-"""A ROI whose ground has a smaller standard deviation is flat."""
+"""A ROI whose bed has a smaller standard deviation is flat."""
 ENOUGH = 3
 """Least couples of pairs that a floor is taken from: fewer say nothing."""
 AROUND = 2

@@ -17,24 +17,24 @@ class Training:
     """How predictors are trained.  `fit(pairs, kind, **options)` takes these names."""
 
     epochs: int = 500
-    """Most passes over the training pairs (the paper's 500)."""
+    """Most passes over the training pairs; the paper's number."""
     batch: int = 8
     """Pairs per step, at most."""
     learning_rate: float = 2e-4
-    """Adam's step (the paper's); beta1 0.5, beta2 0.999 and epsilon 1e-8 are fixed."""
+    """Learning rate of Adam, the paper's; beta1 0.5, beta2 0.999 and epsilon 1e-8 are fixed."""
     validation: float = 0.2
     """Share of the pairs, at least one, that is kept out to choose the best parameters by; 0 keeps
     none out and chooses by the training loss."""
     patience: int = 50
-    """Epochs without a better loss after which training stops; 0 never stops early."""
+    """Number of epochs without a better loss after which training stops; 0: never."""
     seed: int = 0
-    """Of the first parameters, the validation split, and the order of the pairs."""
+    """Random seed of the first parameters, the validation split and the order of the pairs."""
     save_every: int = 10
-    """Epochs between two checkpoints, where checkpoints are kept."""
+    """Number of epochs between two checkpoints, where checkpoints are kept."""
     width: int = 32
     """Features of the U-Net's first block; the paper's 32 goes up to 512."""
     morphology: str = "erode"
-    """What B goes through after Otsu: "erode" (the paper) or "dilate" (its authors' code)."""
+    """Morphology of the mask after Otsu: "erode" (the paper) or "dilate" (its authors' code)."""
 
 
 def settings_from(options: dict[str, Any]) -> Training:

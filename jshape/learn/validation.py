@@ -101,7 +101,7 @@ def fit(
     Args:
       pairs: of any actions; each action's ROI size is the mean over its pairs.
       kind: "D" is f_D, the mean difference (Eq. DiffImage), which needs no training; "P" a tool
-        pressed into the ground; "C" a U-Net (Eq. Coutput), "DC" one applied to I + ΔI (Eq. lossD);
+        pressed into the bed; "C" a U-Net (Eq. Coutput), "DC" one applied to I + ΔI (Eq. lossD);
         "CR" and "DCR" the same two, refined (Eq. RCoutput, Eq. DRCoutput).
       start: a bank of the same kind with all the actions, whose predictors training starts from:
         few pairs are then enough.  Their ROI sizes are used.
@@ -240,7 +240,7 @@ def _worse(errors: np.ndarray, others: np.ndarray) -> bool:
 def without_worse(bank: Bank, pairs: Pairs, rows: list[Validation]) -> Bank:
     """The bank with the mean difference of all pairs for the actions it is better for.
 
-    In a bank of f_P it is the mean change of the ground, so that the hand can still be turned and
+    In a bank of f_P it is the mean change of the bed, so that the hand can still be turned and
     the camera be another one.
     """
     worse = {row.action for row in rows if row.worse}

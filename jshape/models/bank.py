@@ -34,7 +34,7 @@ from jshape.models.turn import square
 )
 @dataclass(frozen=True, eq=False, repr=False)
 class Bank:
-    """The predictors of all actions, for one camera.  `kind` names the idea: "D" is f_D."""
+    """The predictors of all actions, for one camera.  `kind` names the idea: "P" is f_P."""
 
     camera: Camera
     predictors: tuple[Any, ...]
@@ -42,7 +42,7 @@ class Bank:
     actions: tuple[str, ...]
     """Names of the actions."""
     kind: str = "D"
-    """The predictors' kind: "D", "C", "CR", "DC", "DCR", ..."""
+    """The predictors' kind: "P", "D", "C", "CR", "DC" or "DCR"""
     errors_mm: Float[Array, "A"] | None = None
     """How wrong each action's prediction usually is: the mean |true - predicted| over its ROI on
     pairs that it was not fitted to, mm.  NaN: not known for that action; None: for none of them.
@@ -121,7 +121,7 @@ class Bank:
           depth: how far from it the bed is where actions are placed, metres.
 
         Raises:
-          BadBank: predictors that are images of one camera, not of the ground (f_D, networks).
+          BadBank: predictors that are images of one camera, not of the bed (f_D, networks).
           BadCamera: a camera that makes no sense, or whose range does not hold `depth`.
         """
         check_camera(camera)

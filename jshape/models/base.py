@@ -26,7 +26,7 @@ class Predictor(ABC):
 
     turns: ClassVar[bool] = False
     """Whether `turned` works: the search then tries several yaws of the hand."""
-    keeps: ClassVar[float | None] = None
+    carry_over: ClassVar[float | None] = None
     """What a change of the bed by 1 leaves after the action, node by node: something from 0 to 1,
     give or take this share of all changes below the window.  None: not known.  A search that knows
     it need not evaluate most candidates again after an action (see `evaluate.pending`)."""

@@ -20,7 +20,7 @@ class Difference(Predictor):
     """f_D of one action: adds the mean change ΔI to a ROI."""
 
     turns: ClassVar[bool] = True
-    keeps: ClassVar[float | None] = 0.0
+    carry_over: ClassVar[float | None] = 0.0
     on_host: ClassVar[bool] = True
     delta: Float[Any, "h w"]
     """ΔI, the mean of posterior minus prior over the training pairs, units of I."""

@@ -1,16 +1,16 @@
-"""f_P: a tool learned per action, pressed into the ground to a depth set by what lies below it.
+"""f_P: a tool learned per action, pressed into the bed to a depth set by what lies below it.
 
 The paper closes with a coarse physical model refined by data; this is one.  On a metric grid seen
 from above (`orthographic`), with surfaces s as depth (positive is lower):
 
-    r      = s - Σ reference·s              relief against the mean of the ground below the tool
+    r      = s - Σ reference·s              relief against the mean of the bed below the tool
     cut    = max(tool + (x - 1)·stroke - r, 0), softly    what stands above the tool's underside
     change = give·cut + x·rest + (x - 1)·min(x, 1)·deep + swell·(volume - x) + min(x, 1)·follow·r
 
 where x is the strength: how many times as deep as the trained action.  `tool`, `give`, `rest`,
 `deep`, `swell` and `follow` are maps over the grid, fitted to pairs together with the number
 `stroke` and the weights of the reference.  f_D is the special case tool = -infinity, deep = swell =
-follow = 0; what it misses is that a tool levels the ground below it: where it presses, the surface
+follow = 0; what it misses is that a tool levels the bed below it: where it presses, the surface
 after does not depend on the one before.
 """
 
@@ -29,7 +29,7 @@ from jshape.models.orthographic import OrthographicGrid
 from jshape.models.turn import square, turn
 
 SOFT = 1e-3
-"""How softly the tool's edge meets the ground, metres: contact fades over about this height."""
+"""How softly the tool's edge meets the bed, metres: contact fades over about this height."""
 
 
 @jax.tree_util.register_dataclass
@@ -38,23 +38,23 @@ class Imprint(Predictor):
     """f_P of one action: maps over a metric grid, and where the grid lies."""
 
     turns: ClassVar[bool] = True
-    keeps: ClassVar[float | None] = 0.2
-    """`follow`, `swell` and the mean of the ground below reach farther: 0.1 was enough for all but
+    carry_over: ClassVar[float | None] = 0.2
+    """`follow`, `swell` and the mean of the bed below reach farther: 0.1 was enough for all but
     1 of 300,000 candidates of 30 actions."""
     on_host: ClassVar[bool] = True
     grid: OrthographicGrid
     """The grid, and the camera that sees it."""
     reference: Float[Any, "rows columns"]
-    """Logarithms of the weights of the ground's reference depth; softmax makes them sum to 1."""
+    """Logarithms of the weights of the bed's reference depth; softmax makes them sum to 1."""
     tool: Float[Any, "rows columns"]
     """How far the tool's underside is below the reference, metres."""
     give: Float[Any, "rows columns"]
     """Share of what stands above the underside that gives way.  Signed: beside the tool it may be
     below 0, where hills are felt by rising further."""
     rest: Float[Any, "rows columns"]
-    """Change on ground of any shape, metres; negative is raised: the rims."""
+    """Change on a bed of any shape, metres; negative is raised: the rims."""
     swell: Float[Any, "rows columns"]
-    """Change when twice as much is displaced as on flat ground, metres."""
+    """Change when twice as much is displaced as on a flat bed, metres."""
     follow: Float[Any, "rows columns"]
     """Change per metre of relief."""
     deep: Float[Any, "rows columns"]
@@ -110,12 +110,12 @@ class Imprint(Predictor):
     def change(
         self, surface: Float[Any, "*B rows columns"], strength: Any = 1.0
     ) -> Float[Any, "*B rows columns"]:
-        """How much lower the ground is after the action, metres."""
+        """How much lower the bed is after the action, metres."""
         return self.on_grid().change(surface, strength)
 
     @property
     def deepest(self) -> Float[Array, ""]:
-        """Greatest lowering of flat ground at strength 1, metres: a stroke where none is known."""
+        """Greatest lowering of a flat bed at strength 1, metres: a stroke where none is known."""
         return (jnp.maximum(self.give, 0.0) * _soft(self.tool) + self.rest).max()
 
     def search_grid(self) -> OrthographicGrid:
@@ -123,7 +123,7 @@ class Imprint(Predictor):
         return self.grid
 
     def on_grid(self) -> "PreparedImprint":
-        """What of a change does not depend on the ground, computed once for many grounds."""
+        """What of a change does not depend on the bed, computed once for many beds."""
         xp = namespace(self)
         give, least = xp.asarray(self.give), np.float32(1e-6 * self.give.size)
         weights = xp.exp(xp.asarray(self.reference) - xp.asarray(self.reference).max())
@@ -145,7 +145,7 @@ class Imprint(Predictor):
 
 _OUTSIDE = {"reference": -50.0, "tool": -0.1}
 _OUTSIDE |= dict.fromkeys(("give", "rest", "swell", "follow", "deep"), 0.0)
-"""Beyond a turned map: not below the tool, 100 mm above all ground, no change."""
+"""Beyond a turned map: not below the tool, 100 mm above any bed, no change."""
 
 
 @jax.tree_util.register_dataclass
@@ -162,19 +162,19 @@ class PreparedImprint:
     deep: Float[Any, "rows columns"]
     stroke: Float[Any, ""]
     volume: Float[Any, "1 1"]
-    """Displaced on flat ground at strength 1, metres times nodes."""
+    """Displaced on a flat bed at strength 1, metres times nodes."""
     least: Float[Any, ""]
 
     def __call__(
         self, surface: Float[Any, "*B rows columns"], first: Any, strength: Any
     ) -> Float[Any, "*B rows columns"]:
-        """The ground after the action, metres: the same wherever its first node is."""
+        """The bed after the action, metres: the same wherever its first node is."""
         return surface + self.change(surface, strength)
 
     def change(
         self, surface: Float[Any, "*B rows columns"], strength: Any = 1.0
     ) -> Float[Any, "*C rows columns"]:
-        """How much lower the ground is after the action, metres; batched over both arguments."""
+        """How much lower the bed is after the action, metres; batched over both arguments."""
         xp = namespace(self, surface, strength)
         strength = xp.asarray(strength, np.float32)[..., None, None]
         rank = max(surface.ndim, strength.ndim)

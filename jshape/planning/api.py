@@ -67,7 +67,7 @@ def plan(
       bank: a `Bank`, the name of a bundled one or a folder; None is the bundled default.
       planner: which search (docs/planning.md says which when).
       space: what is tried.
-      constraints: what is allowed.
+      constraints: what is allowed; `max_missing` and `reproject` are for `plan_depth`.
       stop: when the sequence ends.
       budget: what the search may spend.
       start: an earlier plan for about the same images, which `refine` and `improve` begin with if
@@ -114,11 +114,11 @@ def _planned(
         raise UnknownName("planner", planner, PLANNERS)
     if start is not None and not isinstance(start, Plan):
         raise JShapeError(f"start is a {type(start).__name__}; it must be a Plan")
-    for (name, kind), record in zip(
-        GROUPS.items(), (space, constraints, stop, budget), strict=True
-    ):  # fmt: skip
+    records = space, constraints, stop, budget
+    for (name, kind), record in zip(GROUPS.items(), records, strict=True):
         if not isinstance(record, kind):
             raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
+    constraints.refuse(["max_missing"], "plan takes weighed images; plan_depth reads depth")
     limits = tasks.limits(bank, stop, constraints.max_uses)
     seed, max_steps = tasks.seed(budget.seed), int(stop.max_steps)
     free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
@@ -224,6 +224,9 @@ def plan_depth(
     the plan's `filled` says how many.  The luminance keeps fractions of a level, so that a bed
     seen in 16 bits is not rounded to the 256 levels of the paper's camera.
 
+    To plan on a window of the frames as they are, as `--window` does: `part = camera.crop(...)`,
+    slice both frames likewise, and pass `camera=part, bank=bank.seen_by(part, bed_depth)`.
+
     Args:
       z0: (H, W) depth of the bed now.
       zstar: (H, W) the depth wanted.
@@ -295,7 +298,7 @@ def plan_views(
     if view is not None and view.above:
         seen = now.known & wanted.known
         goal = np.where(seen, goal, now.image)
-    found = _planned(bank, now.image, goal, seen, constraints=constraints, **more)
+    found = _planned(bank, now.image, goal, seen, constraints=constraints.of_images(), **more)
     filled, clamped = (now.filled, wanted.filled), (now.clamped, wanted.clamped)
     return replace(found, filled=filled, clamped=clamped, view=view)
 
@@ -307,15 +310,15 @@ def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:
       BadImage: naming what came and what is allowed.
     """
     array = np.asarray(unmasked(image))
+    if array.shape != camera.shape and array.dtype.kind in "buif":
+        raise BadImage(
+            f"{where} has shape {array.shape}; the bank's camera makes {camera.shape} "
+            "(rows, columns)"
+        )
     if array.dtype.kind != "f":
         raise BadImage(
             f"{where} has type {array.dtype}; a weighed image I has floats in [0, 1] "
             "(see jshape.weigh; for raw depth call jshape.plan_depth)"
-        )
-    if array.shape != camera.shape:
-        raise BadImage(
-            f"{where} has shape {array.shape}; the bank's camera makes {camera.shape} "
-            "(rows, columns)"
         )
     bad = int(np.count_nonzero(~np.isfinite(array)))
     if bad:

@@ -130,10 +130,3 @@ def reachable(
         clear = f" {clearance_mm:g} mm from its ends" if clearance_mm else ""
         raise BadImage(f"reachable leaves no pixel{clear} where the hand may be placed")
     return free
-
-
-def within(positions: dict[str, np.ndarray], free: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Those positions at which the hand may be placed."""
-    if free is None:
-        return positions
-    return {name: at[free[at[:, 1], at[:, 0]]] for name, at in positions.items()}

@@ -10,6 +10,7 @@ mask or other strengths compile nothing anew.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -81,15 +82,6 @@ class Candidates:
     def __len__(self) -> int:
         return int(np.count_nonzero(self.valid)) * int(self.num_strengths)
 
-    def locate(self, index: int) -> tuple[int, int, int]:
-        """(move number, place number, strength number) of a candidate (host)."""
-        place, strength = divmod(index, int(self.num_strengths))
-        for number, count in enumerate(self.counts):
-            if place < count:
-                return number, place, strength
-            place -= count
-        raise IndexError(index)
-
     def of_move(self, number: int, values: Array | None = None) -> np.ndarray:
         """One move's places: their rows of `first`, or of other values of all places (host)."""
         mine = np.asarray(self.valid) & (np.asarray(self.move) == number)
@@ -118,7 +110,7 @@ def candidates_at(
 ) -> Candidates:
     """Candidates at positions (N_a, 2) of (u, v) per action, already inside the image (host).
 
-    On the ground a place is the nearest node: at most half its pitch away, 1 mm.
+    On the height map a place is the nearest node: at most half its pitch away, 1 mm.
 
     Args:
       state: where.
@@ -207,11 +199,11 @@ def touch(
     apart = (candidates.first >= (first + shape)[None]) | (first[None] >= candidates.first + shapes)
     touched = candidates.valid & ~apart.any(-1)
     most = jnp.full_like(cache.most, jnp.inf)
-    if maps is not None and state.keeps is not None and len(most) >= MANY:
+    if maps is not None and state.carry_over is not None and len(most) >= MANY:
         tried = jnp.arange(cache.changes.shape[1], dtype=jnp.int32) < candidates.num_strengths
         known = jnp.where(tried[None], -cache.changes, -jnp.inf).max(1)
         most = jnp.where(cache.stale, cache.most, known)
-        most += state.rise(*maps, candidates.first, shapes)
+        most += state.most_gain(*maps, candidates.first, shapes)
     return replace(
         cache,
         stale=cache.stale | touched,
@@ -267,8 +259,8 @@ def evaluate(
         return jnp.where(done[:, None], new, changes)
 
     whole = PartitionSpec()
-    return jax.shard_map(mine, mesh=execution.mesh, in_specs=(whole,) * 4, out_specs=whole,
-                         check_vma=False)(state, now, work, changes)  # fmt: skip
+    specs: dict[str, Any] = {"in_specs": (whole,) * 4, "out_specs": whole, "check_vma": False}
+    return jax.shard_map(mine, mesh=execution.mesh, **specs)(state, now, work, changes)
 
 
 def _evaluate(state, now, work, changes, chunk, share):

@@ -1,7 +1,7 @@
 """Moves of a search, and the compiled kernels that they share.
 
 Moves with one window size share one kernel: their effects are stacked along a leading axis, and the
-kernel gathers the one it needs.  On the ground, zeros around an effect change nothing: all
+kernel gathers the one it needs.  On the height map, zeros around an effect change nothing: all
 directions of a hand share the window of its turned ones, and all moves the kernel that applies
 them.  Arrays are `[v, u]`.
 """
@@ -147,6 +147,6 @@ def _union(shapes: Sequence[tuple[int, int]]) -> tuple[int, int]:
 
 
 def grid_of(bank: Bank) -> OrthographicGrid | None:
-    """The grid of the ground that the bank works on; None: on the image."""
+    """The height-map grid that the bank works on; None: on the image."""
     grids = [predictor.search_grid() for predictor in bank.predictors]
     return grids[0] if grids and all(g is not None for g in grids) else None

@@ -1,7 +1,7 @@
 """What a plan may try, must keep to, ends at and may spend.
 
-`jshape.plan`, `jshape.plan_depth`, `mold`, the command line, jshape.toml and the studio all take
-these four records, and the defaults of all of them stand here alone.  They suit goals that the
+`jshape.plan`, `jshape.plan_depth`, `mold`, the command line and jshape.toml all take these four
+records; their defaults, which the studio plans with, stand here alone.  They suit goals that the
 trained hand did not make: dense positions, gentle and deep strengths, turned hands, and no action
 that gains less than half of its usual error.  `PAPER` is the paper's own search.
 """
@@ -13,7 +13,7 @@ from functools import wraps
 from typing import Any
 
 from jshape._typing import ArrayLike
-from jshape.errors import BadOption, did_you_mean, quoted
+from jshape.errors import BadOption, JShapeError, did_you_mean, quoted
 
 DEFAULT_BANK = "pressed-flour-robot"
 YAWS = 4
@@ -23,6 +23,10 @@ STRIDE = 12
 """Pixels between positions, where the ROIs are not small and nothing else is said."""
 ERROR_MARGIN = 0.5
 """Where the bank knows its errors and nothing else is said."""
+
+
+WINDOW = "for a window of frames, crop them, and plan with camera.crop(...) and bank.seen_by(...)"
+"""What to do where the command line has `--window`."""
 
 
 def hinted(function: Callable) -> Callable:
@@ -44,6 +48,8 @@ def _unknown(name: str, known: Sequence[str]) -> str:
         if name in _names(kind):
             where = f"{group}={kind.__name__}({name}=...)"
             return f"unknown option {quoted(name)}; it is a field of {group}: {where}"
+    if name == "window":
+        return f"unknown option {quoted(name)}; {WINDOW}"
     near = did_you_mean(name, [*known, *(one for kind in GROUPS.values() for one in _names(kind))])
     return f"unknown option {quoted(name)}{near or '; allowed: ' + ', '.join(known)}"
 
@@ -57,19 +63,19 @@ class SearchSpace:
     """What is tried: where, how deep and with which yaws."""
 
     positions: ArrayLike | Mapping[str, ArrayLike] | str | None = None
-    """(N, 2) of (u, v) ROI centres for all actions, a mapping of action to such, a grid "21x15"
+    """ROI centres (N, 2) of (u, v) for all actions, a mapping of action to such, a grid "21x15"
     (columns x rows) that spans the image for each action, or "paper": the paper's 15, the same for
-    all actions.  None: every `stride` pixels, the best of them refined by a local search."""
+    all actions (default: every `stride` pixels, the best of them refined by a local search)."""
     stride: int | None = None
-    """Pixels along u and v between positions, where none are given.  None: 12, or a quarter of the
-    smallest ROI's shorter side where that is less."""
+    """Distance of positions along u and v, pixels, where none are given (default: 12, or a quarter
+    of the smallest ROI's shorter side where that is less)."""
     strengths: Sequence[float] = (0.2, 0.5, 1.0, 1.6, 2.3)
-    """How many times as deep as trained each action is tried."""
+    """Strengths to try: multiples of the trained depth of an action."""
     yaws: int | Mapping[str, int] | None = None
-    """Number of yaw angles of the hand in [0, pi), for all actions or each; 1 disables rotation.
-    None: 4 where the bank's predictors can be turned."""
+    """Number of yaw angles to try, evenly over half a turn; 1: the hand is not turned (default: 4
+    where the bank's predictors can be turned).  A mapping says it for each action."""
     out_of_bounds: str = "refuse"
-    """What to do with given positions whose ROI leaves the image: "refuse", "shift" or "drop"."""
+    """Treatment of given positions whose ROI leaves the image: "refuse", "shift" or "drop"."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +83,23 @@ class Constraints:
     """What is allowed."""
 
     reachable: ArrayLike | None = None
-    """(H, W), not 0 where the hand may be placed; None is everywhere."""
+    """Mask (H, W), not 0 where the hand may be placed (default: everywhere)."""
     clearance_mm: float = 0.0
-    """Least distance of positions to the image's edge and to what `reachable` leaves out."""
+    """Least distance of positions to the image's edge and to what `reachable` leaves out, mm."""
     max_uses: Mapping[str, int] | None = None
-    """How often each action may be used."""
+    """Action and how often it may be used at most (default: no limit)."""
     max_missing: float = 0.1
-    """Largest share of a depth image's pixels without a reading that may be filled."""
+    """Largest share, 0 to 1, of a depth image's pixels without a reading that may be filled."""
+
+    def refuse(self, names: Sequence[str], why: str) -> None:
+        """Raise JShapeError where a field that says nothing here is not at its default."""
+        for name in names:
+            if getattr(self, name) != getattr(Constraints, name):
+                raise JShapeError(f"constraints: {name} has no effect here: {why}")
+
+    def of_images(self) -> "Constraints":
+        """Those for images: frames were read already."""
+        return replace(self, max_missing=Constraints.max_missing)
 
 
 @dataclass(frozen=True)
@@ -91,14 +107,14 @@ class StopCriteria:
     """When the sequence ends."""
 
     max_steps: int = 16
-    """Most actions."""
+    """Most actions in the plan."""
     min_gain_mm: float = 0.005
-    """An action must lower the distance by more than this; below it the camera's noise decides."""
+    """Least gain of an action, mm; below the default the camera's noise decides."""
     tolerance_mm: float = 0.0
-    """The goal is reached when the distance is at most this."""
+    """Distance at which the goal counts as reached, mm."""
     error_margin: float | None = None
-    """An action must also gain more than this many times the usual error of its prediction.
-    None: 0.5 where the bank knows its errors, else 0."""
+    """Least gain of an action, in multiples of the usual error of its prediction (default: 0.5
+    where the bank knows its errors, else 0)."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +122,11 @@ class SearchBudget:
     """What the search may spend; it returns the best plan found until then."""
 
     seconds: float | None = None
-    """Time, compiling not counted."""
+    """Time limit, seconds, compiling not counted (default: none)."""
     evaluations: int | None = None
-    """Predictions."""
+    """Most predictions made (default: no limit)."""
     seed: int = 0
-    """Of searches that draw (`mcts`)."""
+    """Random seed of searches that draw (`mcts`)."""
 
 
 GROUPS: dict[str, type] = {
@@ -158,12 +174,3 @@ def options(base: Mapping[str, Any] | None = None, /, **named: Any) -> dict[str,
 OTHERS = ("bank", "planner", "start", "execution", "camera", "depth_unit")
 """Keywords that are no records: `start` and `execution` are of `plan`, `camera` and `depth_unit` of
 `plan_depth`, the others of both."""
-
-
-def fields_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """All fields of the records among some keywords, by name."""
-    found: dict[str, Any] = {}
-    for group, kind in GROUPS.items():
-        record = keywords.get(group) or kind()
-        found |= {name: getattr(record, name) for name in _names(kind)}
-    return found

@@ -116,18 +116,14 @@ class Plan:
 
     def rest(self, done: int) -> "Plan":
         """What is left of the plan after its first `done` actions."""
+        names = ("positions", "rois", "strengths", "yaws", "offsets", "clipped", "patches")
         return replace(
             self,
             actions=self.actions[done:],
             distances=self.distances[done:],
             initial=None if self.initial is None else self.images[min(done, len(self))],
-            **{
-                name: getattr(self, name)[done:]
-                for name in (
-                    "positions", "rois", "strengths", "yaws", "offsets", "clipped", "patches"
-                )
-            },
-        )  # fmt: skip
+            **{name: getattr(self, name)[done:] for name in names},
+        )
 
     @property
     def camera_positions(self) -> np.ndarray:

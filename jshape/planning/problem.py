@@ -93,10 +93,8 @@ def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -
     margin = stop.error_margin
     if margin is None:
         margin = 0.0 if bank.errors_mm is None else ERROR_MARGIN
-    numbers = {
-        "min_gain_mm": stop.min_gain_mm, "tolerance_mm": stop.tolerance_mm, "error_margin": margin
-    }  # fmt: skip
-    for name, value in numbers.items():
+    for name in ("min_gain_mm", "tolerance_mm", "error_margin"):
+        value = margin if name == "error_margin" else getattr(stop, name)
         if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
             raise JShapeError(f"{name} is {quoted(value)}; it must be a number from 0")
     if margin and bank.errors_mm is None:

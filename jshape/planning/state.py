@@ -1,7 +1,7 @@
 """Where a search works: a map of the bed, the same wanted, and what each move does to a window.
 
 Banks of f_D and networks are searched on the image itself: a node is a pixel.  Banks of f_P are
-searched on the ground seen from above, which is looked at once instead of once per candidate: what
+searched on the height map, which is resampled once instead of once per candidate: what
 a move does there is the same at every place, and a window has a quarter of the pixels.  Arrays are
 `[v, u]`; places are (v, u) here, since they index arrays.
 """
@@ -26,7 +26,7 @@ from jshape.planning.kernels import Kernel, Move, grid_of, prepared
 TOGETHER = 65_536
 """Nodes of windows that are evaluated together."""
 MARGIN = 4
-"""Nodes beyond the image's edge: windows of the ground are up to a node larger than their ROI."""
+"""Nodes beyond the image's edge: windows of nodes are up to a node larger than their ROI."""
 
 
 @jax.tree_util.register_dataclass
@@ -46,8 +46,8 @@ class SearchState:
     """Pixel (v, u) of the node (0, 0)."""
     pitch: Float[Array, "2"]
     """Pixels per node along v and u."""
-    keeps: float | None = field(default=None, metadata=STATIC)
-    """The predictors' own (see `Predictor.keeps`), the greatest."""
+    carry_over: float | None = field(default=None, metadata=STATIC)
+    """The predictors' own (see `Predictor.carry_over`), the greatest."""
 
     @property
     def distance(self) -> Float[Array, ""]:
@@ -165,7 +165,7 @@ class SearchState:
             return 1
         return int(np.clip(TOGETHER // math.prod(kernel.shape), 1, 8))
 
-    def rise(
+    def most_gain(
         self,
         before: Float[Array, "R C"],
         after: Float[Array, "R C"],
@@ -179,7 +179,7 @@ class SearchState:
         |e + x| - |e| + |x|: by nothing where the map came nearer to the goal without passing it.
         """
         near = jnp.abs(after - self.goal) - jnp.abs(before - self.goal)
-        more = near + (1.0 + (self.keeps or 0.0)) * jnp.abs(after - before)
+        more = near + (1.0 + (self.carry_over or 0.0)) * jnp.abs(after - before)
         more = (more if self.weight is None else more * self.weight) / self.size
         # Sums of windows as differences of sums from the corner, by products with triangles.
         rows, columns = (np.tri(n + 1, n, k=-1, dtype=np.float32) for n in more.shape)
@@ -227,12 +227,12 @@ def on_images(
     seen: Bool[np.ndarray, "H W"] | None = None,
 ) -> SearchState:
     """The field with moves that are already prepared; pixels that were not `seen` count nothing."""
-    known = [predictor.keeps for predictor in bank.predictors]
-    keeps = None if None in known else max(known, default=None)
+    known = [predictor.carry_over for predictor in bank.predictors]
+    carry_over = None if None in known else max(known, default=None)
     grid = grid_of(bank)
     if grid is not None:
         state = _on_grid(bank.camera, grid, image, goal, moves, kernels, seen)
-        return replace(state, keeps=keeps)
+        return replace(state, carry_over=carry_over)
     return SearchState(
         now=jnp.asarray(image, jnp.float32),
         goal=jnp.asarray(goal, jnp.float32),
@@ -242,7 +242,7 @@ def on_images(
         limits=jnp.array([0.0, 1.0], jnp.float32),
         origin=jnp.zeros(2, jnp.float32),
         pitch=jnp.ones(2, jnp.float32),
-        keeps=keeps,
+        carry_over=carry_over,
     )
 
 
@@ -264,7 +264,7 @@ def _on_grid(
     kernels: tuple[Kernel, ...],
     seen: Bool[np.ndarray, "H W"] | None,
 ) -> SearchState:
-    """The whole view as one grid of the ground, at the pitch of the bank's own."""
+    """The whole view as one height map, at the pitch of the bank's own."""
     height, width = camera.shape
     # The grid's size is static, and so is taken from the ROI of an action and its grid.
     rows, columns = (

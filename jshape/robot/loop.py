@@ -186,7 +186,7 @@ def mold(
     depth, image = look()
     ahead = first
     if ahead is None:
-        ahead = plan(image, goal, constraints=constraints, stop=stop, **search)
+        ahead = plan(image, goal, constraints=constraints.of_images(), stop=stop, **search)
     if afresh:
         ahead = _seen_anew(ahead, image, goal, bank)
     run = Molding(goal, ahead, [image], [depth])
@@ -233,7 +233,7 @@ def mold(
             if action in uses:
                 uses[action] -= 1
             now = {
-                "constraints": replace(constraints, max_uses=uses),
+                "constraints": replace(constraints.of_images(), max_uses=uses),
                 "stop": replace(stop, max_steps=steps),
             }
             ahead = plan(image, goal, start=ahead, **now, **search)

@@ -213,9 +213,9 @@ def perform(
     *,
     strength: float = 1.0,
     yaw: float = 0.0,
-    told: Callable[[OperationResult], None] = lambda done: None,
+    on_operation: Callable[[OperationResult], None] = lambda done: None,
 ) -> list[OperationResult]:
-    """Carry an action out as `prepare` has it; `told` is called after each operation.
+    """Carry an action out as `prepare` has it; `on_operation` is called after each operation.
 
     Any failure, Ctrl-C included, stops the arm before the error is passed on.
 
@@ -234,7 +234,7 @@ def perform(
             x, y, z = ((camera_base @ arm.pose())[:3, 3] * 1000.0).tolist()
             done = OperationResult(operation.name, contact, effort, (x, y, z))
             all_done.append(done)
-            told(done)
+            on_operation(done)
     except BaseException:
         stop_arm(arm)
         raise

@@ -4,15 +4,13 @@ import os
 from pathlib import Path
 from typing import Any
 
-from jshape.errors import BadFile, JShapeError, one_line, quoted
+from jshape.errors import BadFile, needs, one_line, quoted
 from jshape.io.files import read_bytes
 from jshape.io.records import read_record
 from jshape.robot.procedure import ArmLimits, Hand, Procedure
 
-try:
+with needs("robot", "a hand or waypoint file"):
     import yaml
-except ImportError:
-    raise JShapeError("hands and waypoints need PyYAML: pip install 'jshape[robot]'") from None
 
 LIMITS = "limits.yaml"
 FILE_LIMIT = 2**16

@@ -24,31 +24,32 @@ class Robot(AbstractContextManager):
 
     def __init__(
         self,
-        eye: DepthCamera | GuardedCamera,
+        depth_camera: DepthCamera | GuardedCamera,
         arm: Arm | GuardedArm,
         hand: Hand,
         camera: Camera,
         *,
         base_camera: Float[np.ndarray, "4 4"] | None = None,
         frames: int = FRAMES,
-        told: Callable[[OperationResult], None] = lambda done: None,
-        looked: Callable[[np.ndarray], None] = lambda depth: None,
+        on_operation: Callable[[OperationResult], None] = lambda done: None,
+        on_look: Callable[[np.ndarray], None] = lambda depth: None,
     ):
         """A robot whose looks are those of a bank's camera.
 
         Args:
-          eye: takes the frames; behind deadlines from now on, like the arm.
+          depth_camera: takes the frames; behind deadlines from now on, like the arm.
           arm: acts.
           hand: the procedures of its actions, and its limits.
           camera: the bank's.
-          base_camera: pose of `eye` in the arm's base frame; None: they are the same.
+          base_camera: pose of `depth_camera` in the arm's base frame; None: they are the same.
           frames: of which a look is the median.
-          told: called after each operation of an action.
-          looked: called with each look (H, W), metres.
+          on_operation: called after each operation of an action.
+          on_look: called with each look (H, W), metres.
         """
         self.camera = camera
-        self._sight = eye if isinstance(eye, GuardedCamera) else GuardedCamera(eye)
-        self.eye = self._sight.inside
+        guarded = isinstance(depth_camera, GuardedCamera)
+        self._guarded = depth_camera if guarded else GuardedCamera(depth_camera)
+        self.depth_camera = self._guarded.inside
         """The camera, for what it says of itself."""
         self.guard = arm if isinstance(arm, GuardedArm) else GuardedArm(arm)
         """The way to the arm: every call goes through it, STOP too."""
@@ -57,9 +58,9 @@ class Robot(AbstractContextManager):
         self.moved = False
         """The arm was told to move."""
         self._frames = frames
-        self.told = told
+        self.on_operation = on_operation
         """Called after each operation of an action."""
-        self.looked = looked
+        self.on_look = on_look
         """Called with each look."""
         self.view: View | None = None
         """How looks become those of the bank's camera; None: they hold its image."""
@@ -79,14 +80,15 @@ class Robot(AbstractContextManager):
           BadCamera: the camera is not the bank's, and no view says how it is seen.
           Occluded: something is in front of the bed.
         """
-        depth = look(self._sight, self._frames)
+        depth = look(self._guarded, self._frames)
         if self.view is None:
-            self.view = View(self.eye.camera, self.camera, cut_of(self.eye.camera, self.camera))
-        seen = self.view.depth(depth, self.eye.name)
-        check_clear(seen, self.camera, self.eye.name)
+            source = self.depth_camera.camera
+            self.view = View(source, self.camera, cut_of(source, self.camera))
+        seen = self.view.depth(depth, self.depth_camera.name)
+        check_clear(seen, self.camera, self.depth_camera.name)
         self._whole = None
         self._seen = seen
-        self.looked(seen)
+        self.on_look(seen)
         return seen
 
     def act(
@@ -99,14 +101,14 @@ class Robot(AbstractContextManager):
         """Carry an action out at pixel (u, v) of the bank's image; ArmError: it did not."""
         self.moved = True
         given = (self.guard, self._hand, action, self.point(position), self._base_bank)
-        perform(*given, strength=strength, yaw=yaw, told=self.told)
+        perform(*given, strength=strength, yaw=yaw, on_operation=self.on_operation)
 
     def point(self, position: tuple[float | int, float | int]) -> Float[np.ndarray, "3"]:
         """The point of the surface under a place, in the frame of the bank's camera, metres."""
         if self._seen is None or self.view is None:
             raise JShapeError("look before you act")
         if self._whole is None:  # once a look: a plan's actions are all checked on the first
-            self._whole, _ = fill_missing(self._seen, limit=1.0, where=self.eye.name)
+            self._whole, _ = fill_missing(self._seen, limit=1.0, where=self.depth_camera.name)
         return surface_point(self._whole, self.camera, position)
 
     @property
@@ -138,7 +140,7 @@ class Robot(AbstractContextManager):
             stop_arm(self.guard)
             self.guard.close()
         finally:
-            self._sight.close()
+            self._guarded.close()
 
     def __exit__(self, *problem: object) -> None:
         self.close()

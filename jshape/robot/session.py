@@ -146,7 +146,7 @@ class Session:
                 return self._all_done(stop.max_steps)
             if done > len(self.run):
                 self._say("the last action was begun and not looked at: it counts as done")
-            robot.told, robot.looked = self._operation, self._looked
+            robot.on_operation, robot.on_look = self._operation, self._looked
             search |= {"stop": left, "first": plan, "replan": plan is None and not blind}
             try:
                 self._note("resumed" if self._resumed else "started", steps=done)

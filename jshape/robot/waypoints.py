@@ -15,17 +15,15 @@ import numpy as np
 from jshape import metric
 from jshape._typing import Float
 from jshape.actions import PAPER_Z
-from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName, quoted
+from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName, needs, quoted
 from jshape.io.files import write_atomic, write_json
 from jshape.planning.plan import Plan
 from jshape.robot.procedure import Hand, Operation, check_reach, poses_of
 from jshape.robot.rigid import check_rigid, quaternion_of
 from jshape.robot.surface import surface_point
 
-try:
+with needs("robot", "a hand or waypoint file"):
     import yaml
-except ImportError:
-    raise JShapeError("hands and waypoints need PyYAML: pip install 'jshape[robot]'") from None
 
 FORMAT = "jshape-waypoints"
 VERSION = 1

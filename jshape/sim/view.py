@@ -108,7 +108,7 @@ def sensor(
       depth: metres; 0 and whatever is not a finite positive number is no reading.
       noise: standard deviation at 0.45 m, metres; grows with the square of the depth (stereo).
       hole_share: share of the pixels that go missing, in clumps; on average this on level
-        ground, and three times as much where the depth jumps.
+        bed, and three times as much where the depth jumps.
       sigma_px: the noise is white noise blurred by this many pixels, so that its correlation
         over a distance r is exp(-r² / 4 sigma_px²): 0.83 at 2 px, 0.47 at 4 px.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from jshape.app.pictures import colour_of, differing
 from jshape.app.view.episode import Episode, EpisodeStep
-from jshape.errors import BadFile, JShapeError
+from jshape.errors import BadFile, JShapeError, needs
 from jshape.io.files import write_atomic
 from jshape.io.images import to_counts
 
@@ -224,11 +224,6 @@ def _curves(rrb: Any, origin: str, name: str, values: list[float | None]) -> Any
 
 
 def _rerun() -> Any:
-    try:
+    with needs("rerun", "a Rerun recording"):
         import rerun
-    except ImportError as problem:
-        raise JShapeError(
-            f"Rerun recordings need rerun-sdk, which does not import ({problem}): "
-            "pip install 'jshape[rerun]'"
-        ) from None
     return rerun

@@ -58,14 +58,12 @@ def _children(problem: SearchProblem, carry: Carry) -> list[Carry]:
     best, carry = listed(problem, carry, WIDTH)
     if best is None:
         return []
+    where = carry, problem.state, problem.candidates
     return [
-        problem.budget.call(
-            greedy.take, carry, problem.state, problem.candidates,
-            best.move[k], best.first[k], best.strength[k],
-        )
+        problem.budget.call(greedy.take, *where, best.move[k], best.first[k], best.strength[k])
         for k in range(len(best.gain))
         if float(best.gain[k]) > 0
-    ]  # fmt: skip
+    ]
 
 
 def listed(problem: SearchProblem, carry: Carry, width: int) -> tuple[Local | None, Carry]:
@@ -84,10 +82,9 @@ def listed(problem: SearchProblem, carry: Carry, width: int) -> tuple[Local | No
             break
         if problem.budget.over:
             return None, carry
-    best, more = problem.budget.call(
-        best_candidates, carry, problem.state, problem.candidates, problem.limits,
-        jnp.int32(problem.fine), jnp.int32(problem.budget.left), width=width,
-    )  # fmt: skip
+    where = carry, problem.state, problem.candidates, problem.limits
+    numbers = jnp.int32(problem.fine), jnp.int32(problem.budget.left)
+    best, more = problem.budget.call(best_candidates, *where, *numbers, width=width)
     problem.budget.spend(int(more))
     return best, carry
 
@@ -123,8 +120,5 @@ def best_candidates(
 def _as_set(result: SearchResult) -> tuple:
     """What a sequence does, whatever the order."""
     steps = int(result.steps)
-    rows = zip(
-        result.move[:steps].tolist(), map(tuple, result.node[:steps].tolist()),
-        result.strength[:steps].tolist(), strict=True,
-    )  # fmt: skip
-    return tuple(sorted(rows))
+    done = (one[:steps].tolist() for one in (result.move, result.node, result.strength))
+    return tuple(sorted((move, tuple(node), deep) for move, node, deep in zip(*done, strict=True)))

@@ -23,7 +23,7 @@ from jshape.planning.evaluate import (
     evaluate,
     touch,
     work_of,
-)  # fmt: skip
+)
 from jshape.planning.search.base import (
     UNLIMITED,
     SearchLimits,
@@ -102,30 +102,32 @@ def _in_turns(problem: SearchProblem, carry: Carry) -> Iterator[Carry]:
     alone = execution != ONE_BY_ONE or jax.default_backend() != "cpu"
     parts = 1 if alone else min(cores(), SIDE_BY_SIDE)
 
-    def evaluated(carry: Carry, todo: Todo) -> tuple[Array, ...]:
+    def evaluated(carry: Carry, batch: NextBatch) -> tuple[Array, ...]:
         return tuple(
             evaluate_part(
-                state, carry.now, todo.work, carry.cache.changes, jnp.int32(part), parts=parts,
+                state, carry.now, batch.work, carry.cache.changes, jnp.int32(part), parts=parts,
                 execution=execution,
             )
             for part in range(parts)
         )  # fmt: skip
 
-    def decided(carry: Carry, todo: Todo, changes: tuple[Array, ...]) -> tuple[Carry, Todo]:
+    def decided(
+        carry: Carry, batch: NextBatch, changes: tuple[Array, ...]
+    ) -> tuple[Carry, NextBatch]:
         room, left = jnp.int32(budget.room()), jnp.int32(budget.left)
-        return step(carry, todo, changes, state, candidates, problem.limits, room, left, fine)
+        return step(carry, batch, changes, state, candidates, problem.limits, room, left, fine)
 
-    def first(carry: Carry, todo: Todo) -> tuple[Carry, Todo]:
+    def first(carry: Carry, batch: NextBatch) -> tuple[Carry, NextBatch]:
         with ThreadPoolExecutor(1) as pool:
-            other = pool.submit(evaluated, carry, todo)
-            found = decided(carry, todo, (carry.cache.changes,) * parts)
+            other = pool.submit(evaluated, carry, batch)
+            found = decided(carry, batch, (carry.cache.changes,) * parts)
             jax.block_until_ready(other.result())
         return found
 
-    carry, todo = budget.call(first, carry, nothing_due(carry, candidates))
+    carry, batch = budget.call(first, carry, empty_batch(carry, candidates))
     while True:
-        changes = budget.call(evaluated, carry, todo)
-        carry, todo = budget.call(decided, carry, todo, changes)
+        changes = budget.call(evaluated, carry, batch)
+        carry, batch = budget.call(decided, carry, batch, changes)
         yield carry
 
 
@@ -188,40 +190,43 @@ def advance(
     def rest(carry: Carry, whole: Array) -> Array:
         return whole - (carry.result.evaluations - began)
 
-    def go_on(now: tuple[Carry, Todo]) -> Array:
+    def go_on(now: tuple[Carry, NextBatch]) -> Array:
         carry, _ = now
         return (carry.result.status < 0) & ((rest(carry, room) > 0) | (carry.local.round >= 0))
 
-    def one(now: tuple[Carry, Todo]) -> tuple[Carry, Todo]:
-        carry, todo = now
-        changes = evaluate(state, carry.now, todo.work, carry.cache.changes, execution)
-        return _step(
-            carry, todo, (changes,), state, candidates, limits, rest(carry, room),
-            rest(carry, left), fine,
-        )  # fmt: skip
+    def one(now: tuple[Carry, NextBatch]) -> tuple[Carry, NextBatch]:
+        carry, batch = now
+        changes = evaluate(state, carry.now, batch.work, carry.cache.changes, execution)
+        ahead = rest(carry, room) - jnp.where(carry.local.round < 0, batch.count(candidates), 0)
+        given = carry, batch, (changes,), state, candidates, limits
+        return step(*given, ahead, rest(carry, left), fine)
 
-    todo = _next(carry, state, candidates, limits, room, fine)
-    return lax.while_loop(go_on, one, (carry, todo))[0]
+    batch = _next(carry, state, candidates, limits, room, fine)
+    return lax.while_loop(go_on, one, (carry, batch))[0]
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Todo:
+class NextBatch:
     """What is to be evaluated next."""
 
     work: Work
     due: Bool[Array, "N"]
     """Candidates that are then known; none while a local search is in progress."""
 
+    def count(self, candidates: Candidates) -> Array:
+        """Evaluations, where candidates are evaluated."""
+        return self.work.start[-1] * candidates.num_strengths
 
-def nothing_due(carry: Carry, candidates: Candidates) -> Todo:
+
+def empty_batch(carry: Carry, candidates: Candidates) -> NextBatch:
     """Nothing (host)."""
     places, strengths = carry.cache.changes.shape
     moves = len(candidates.start) - 1
     due, order = np.zeros(places, bool), np.zeros(places, np.int32)
     start, tried = np.zeros(moves + 1, np.int32), np.zeros((moves, strengths), np.float32)
     due, order, start, tried = jax.device_put((due, order, start, tried))
-    return Todo(Work(candidates.first, order, start, tried, candidates.num_strengths), due)
+    return NextBatch(Work(candidates.first, order, start, tried, candidates.num_strengths), due)
 
 
 def _next(
@@ -231,7 +236,7 @@ def _next(
     limits: SearchLimits,
     room: Array,
     fine: int | Array,
-) -> Todo:
+) -> NextBatch:
     """Stale candidates, as far as there is room, or the next round of a local search."""
 
     def look(carry: Carry) -> tuple[Work, Array]:
@@ -242,12 +247,13 @@ def _next(
         nothing = jnp.zeros_like(carry.cache.stale)
         return local_work(state, candidates, carry.local, fine), nothing
 
-    return Todo(*lax.cond(carry.local.round < 0, look, move, carry))
+    return NextBatch(*lax.cond(carry.local.round < 0, look, move, carry))
 
 
-def _step(
+@compiled
+def step(
     carry: Carry,
-    todo: Todo,
+    batch: NextBatch,
     changes: tuple[Array, ...],
     state: SearchState,
     candidates: Candidates,
@@ -255,20 +261,20 @@ def _step(
     room: Array,
     left: Array,
     fine: int | Array,
-) -> tuple[Carry, Todo]:
+) -> tuple[Carry, NextBatch]:
     """What follows from candidates that were evaluated, in parts; and what to evaluate next.
 
-    At most `left` evaluations are made, with those, and about `room` before the next look at the
-    clock.
+    At most `left` evaluations are made, with those; of what comes next about `room` before the next
+    look at the clock.
     """
     known_before, began = carry.cache.changes, carry.result.evaluations
     whole = changes[0]
     for part in changes[1:]:  # each part left the others' rows as they were
         whole = jnp.where(part == known_before, whole, part)
-    cache = replace(carry.cache, changes=whole, stale=carry.cache.stale & ~todo.due)
+    cache = replace(carry.cache, changes=whole, stale=carry.cache.stale & ~batch.due)
     carry = replace(carry, cache=cache)
     looking = carry.local.round < 0
-    spent = jnp.where(looking, todo.work.start[-1] * candidates.num_strengths, 0)
+    spent = jnp.where(looking, batch.count(candidates), 0)
 
     def looked(carry: Carry) -> tuple[Local, Array]:
         """A local search begins when nothing is pending any more."""
@@ -289,26 +295,8 @@ def _step(
     carry = lax.cond(
         local.round == fine, lambda s: _decided(s, state, candidates, limits), lambda s: s, carry
     )
-    rest = jnp.minimum(room, left) - spent - more
+    rest = jnp.minimum(room, left - spent) - more
     return carry, _next(carry, state, candidates, limits, jnp.maximum(rest, 0), fine)
-
-
-@compiled
-def step(
-    carry: Carry,
-    todo: Todo,
-    changes: tuple[Array, ...],
-    state: SearchState,
-    candidates: Candidates,
-    limits: SearchLimits,
-    room: Array,
-    left: Array,
-    fine: int | Array,
-) -> tuple[Carry, Todo]:
-    """`_step` where `room` is that for what comes next alone."""
-    done = todo.work.start[-1] * candidates.num_strengths
-    room = jnp.minimum(room, UNLIMITED - done) + done
-    return _step(carry, todo, changes, state, candidates, limits, room, left, fine)
 
 
 def _decided(
@@ -329,7 +317,7 @@ def _decided(
     carry = replace(carry, result=replace(result, status=status), local=local)
     return lax.cond(
         status < 0,
-        lambda s: _take(
+        lambda s: take(
             s, state, candidates, local.move[best], local.first[best], local.strength[best]
         ),
         lambda s: s,
@@ -342,7 +330,9 @@ def known(cache: CandidateCache) -> CandidateCache:
     return replace(cache, changes=jnp.where(cache.stale[:, None], 0.0, cache.changes))
 
 
-def _take(carry: Carry, state: SearchState, candidates: Candidates, move, first, strength) -> Carry:
+@compiled
+def take(carry: Carry, state: SearchState, candidates: Candidates, move, first, strength) -> Carry:
+    """Apply a move to the map and note it."""
     now = state.act(move, carry.now, first, strength)
     shape = jnp.asarray(state.shapes)[move]
     result, k = carry.result, carry.result.steps
@@ -362,15 +352,6 @@ def _take(carry: Carry, state: SearchState, candidates: Candidates, move, first,
     )
 
 
-@compiled
-def take(
-    carry: Carry, state: SearchState, candidates: Candidates, move: Array, first: Array,
-    strength: Array,
-) -> Carry:  # fmt: skip
-    """Apply a move to the map and note it."""
-    return _take(carry, state, candidates, move, first, strength)
-
-
 @jax.jit
 def last(
     carry: Carry, state: SearchState, candidates: Candidates, limits: SearchLimits
@@ -382,7 +363,7 @@ def last(
     room = carry.result.steps < limits.max_steps
     carry = lax.cond(
         (best.gain[0] > 0) & room & (carry.result.distance > limits.tolerance),
-        lambda s: _take(s, state, candidates, best.move[0], best.first[0], best.strength[0]),
+        lambda s: take(s, state, candidates, best.move[0], best.first[0], best.strength[0]),
         lambda s: s,
         carry,
     )

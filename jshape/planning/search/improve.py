@@ -15,7 +15,7 @@ from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchProblem, SearchResult, Status, better, compiled, ended
 from jshape.planning.search.greedy import Carry
 from jshape.planning.search.local import no_local
-from jshape.planning.search.sequence import begun, measured, without
+from jshape.planning.search.sequence import measured, warm_start, without
 from jshape.planning.state import SearchState
 
 PASSES = 4
@@ -27,7 +27,7 @@ LEAST = 1e-7
 def search(problem: SearchProblem) -> SearchResult:
     """What greedy finds, or what was to begin with, improved; never worse than either."""
     best = greedy.search(problem)
-    start = begun(problem)
+    start = warm_start(problem)
     if start is not None:
         best = better(best, replace(start, status=best.status))
     return improved(problem, best)

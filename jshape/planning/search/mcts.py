@@ -1,9 +1,9 @@
 """Monte Carlo tree search (mctx, the extra `search`) over a short list of candidates.
 
-The list is made anew for every action: the polished best candidate of each move as the bed is.
-A node of the tree is the history of what
-was taken; its map is made again from that, which is cheaper than keeping a map per node.  Priors
-are the greedy gains in the node: without them tree search does poorly at this branching.
+For every action the list is made anew: the best candidate of each move after a local search.  A
+node of the tree is the history of what was taken; its map is made again from that, which is cheaper
+than keeping a map per node.  Priors are the greedy gains in the node: without them tree search does
+poorly at this branching.
 """
 
 from dataclasses import replace
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jshape._typing import Array, Float, Int
-from jshape.errors import JShapeError
+from jshape.errors import needs
 from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchProblem, SearchResult, Status, better, compiled, ended
 from jshape.planning.search.beam import listed
@@ -53,11 +53,8 @@ def search(problem: SearchProblem) -> SearchResult:
             _policy, mine, problem.state, carry.now, carry.result.distance, *listed
         )
         problem.budget.spend(work)
-        moves, firsts, strengths = listed
-        carry = problem.budget.call(
-            greedy.take, carry, problem.state, problem.candidates,
-            moves[choice], firsts[choice], strengths[choice],
-        )  # fmt: skip
+        move = (of_all[choice] for of_all in listed)
+        carry = problem.budget.call(greedy.take, carry, problem.state, problem.candidates, *move)
         best = better(best, replace(carry.result, status=best.status))
         if float(best.distance) <= float(problem.limits.tolerance):
             return ended(problem, best, Status.CONVERGED)
@@ -65,12 +62,8 @@ def search(problem: SearchProblem) -> SearchResult:
 
 
 def _mctx() -> Any:
-    try:
+    with needs("search", "planner mcts"):
         import mctx
-    except ImportError:
-        raise JShapeError(
-            "planner mcts needs mctx, which is not installed: pip install 'jshape[search]'"
-        ) from None
     return mctx
 
 

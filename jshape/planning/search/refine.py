@@ -22,7 +22,7 @@ from jshape.planning.search.base import (
     compiled,
     ended,
 )
-from jshape.planning.search.sequence import begun, carry_out, least_and_most
+from jshape.planning.search.sequence import carry_out, least_and_most, warm_start
 from jshape.planning.state import SearchState
 
 ROUNDS = 24
@@ -40,7 +40,7 @@ LEAST = 0.001
 def search(problem: SearchProblem) -> SearchResult:
     """What greedy finds, or what was to begin with, refined; never worse than either."""
     best = greedy.search(problem)
-    start = begun(problem)
+    start = warm_start(problem)
     if start is not None:
         best = better(best, replace(start, status=best.status))
     return refined(problem, best)

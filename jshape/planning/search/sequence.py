@@ -84,7 +84,7 @@ def measured(state: SearchState, result: SearchResult) -> tuple[SearchResult, Ar
     return replace(result, distance=distances[-1]), now, distances
 
 
-def begun(problem: SearchProblem) -> SearchResult | None:
+def warm_start(problem: SearchProblem) -> SearchResult | None:
     """The sequence to begin with, measured; None if there is none, or no budget for it (host).
 
     Its places and strengths are moved into the candidates' bounds.  Left out is what is farther

@@ -191,7 +191,7 @@ class OpenedArm:
     """An arm, and what comes with it."""
 
     arm: Arm
-    eye: DepthCamera | None = None
+    depth_camera: DepthCamera | None = None
     """The camera above its own bed, which simulations bring."""
     base_camera: Float[np.ndarray, "4 4"] | None = None
     """Pose of that camera in the arm's base frame."""

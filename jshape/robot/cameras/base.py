@@ -27,7 +27,10 @@ class EndOfFrames(CameraLost):
 
 @runtime_checkable
 class DepthCamera(Protocol):
-    """A source of depth frames, started; `contextlib.closing` closes it at the end of a block."""
+    """A source of depth frames, started; `contextlib.closing` closes it at the end of a block.
+
+    It may have the attributes of `CameraTraits` too.
+    """
 
     name: str
     """What people call it: model and serial number, or the file's name."""
@@ -105,7 +108,7 @@ def look(camera: DepthCamera, frames: int = FRAMES) -> Float[np.ndarray, "H W"]:
       BadImage: another unit would bring the depths into the camera's range.
     """
     stack = np.stack([next_frame(camera) for _ in range(frames)])
-    if frames > 2 and stack[0].any() and (stack == stack[0]).all() and not still(camera):
+    if frames > 2 and stack[0].any() and (stack == stack[0]).all() and not traits_of(camera).still:
         raise CameraLost(f"{camera.name}: {frames} frames are the same to the bit: a frozen stream")
     seen = (stack > 0).sum(0)
     # Sorted, the readings stand behind the zeros: four times as fast as a masked median.
@@ -120,6 +123,17 @@ def look(camera: DepthCamera, frames: int = FRAMES) -> Float[np.ndarray, "H W"]:
     return check_unit(depth, camera.camera, camera.name, camera.depth_unit)
 
 
-def still(camera: DepthCamera) -> bool:
-    """Whether a camera may send the same frame again: a picture, a simulation without noise."""
-    return bool(getattr(camera, "still", False))
+class CameraTraits(NamedTuple):
+    """What a camera may say of itself besides, as attributes of these names; else the defaults."""
+
+    live: bool = False
+    """Its frames are of now, not of a recording."""
+    still: bool = False
+    """The same frame again is no fault: a picture, a simulation without noise."""
+    whole: Camera | None = None
+    """The camera whose frames it cuts its own out of."""
+
+
+def traits_of(camera: object) -> CameraTraits:
+    """What a camera says of itself."""
+    return CameraTraits(*(getattr(camera, *one) for one in CameraTraits._field_defaults.items()))

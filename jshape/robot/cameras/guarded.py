@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager
 import numpy as np
 
 from jshape._typing import Num
-from jshape.robot.cameras.base import CameraLost, DepthCamera, still
+from jshape.robot.cameras.base import CameraLost, DepthCamera, traits_of
 from jshape.robot.worker import Worker
 
 HANGS = 30.0
@@ -22,7 +22,7 @@ class GuardedCamera(AbstractContextManager):
         """Guard a camera: all frames are taken from one thread."""
         self.inside = inside
         self.name, self.camera, self.depth_unit = inside.name, inside.camera, inside.depth_unit
-        self.still = still(inside)
+        self.still = traits_of(inside).still
         self._hangs, self._closing = hangs, closing
         self._worker = Worker(self.name)
 

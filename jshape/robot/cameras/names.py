@@ -8,7 +8,7 @@ from jshape.io import bags
 from jshape.io.cameras import read_camera
 from jshape.io.recordings import CAMERA
 from jshape.robot.cameras.base import CameraSettings, DepthCamera
-from jshape.robot.cameras.files import FILES, PICTURES, format_of, open_file
+from jshape.robot.cameras.files import FILES, format_of, open_file
 from jshape.robot.cameras.played import windowed
 from jshape.robot.cameras.realsense import open_realsense
 from jshape.robot.cameras.simulated import open_simulated
@@ -83,7 +83,7 @@ def _no_camera(text: str) -> str:
     if path.is_dir():
         what = f"is a folder with neither {CAMERA} (a recording) nor {bags.METADATA} (a bag)"
     else:
-        known = path.suffix.lower() in (*bags.SUFFIXES, *PICTURES)
-        what = "no such file" if known or "/" in text else "is not a camera"
+        lacking = not path.exists() and (path.suffix or "/" in text)
+        what = "no such file" if lacking else "is not a camera"
     allowed = ", ".join(dict.fromkeys(name for name, _ in names()))
     return f"{text}: {what}; allowed: {allowed}{did_you_mean(text.partition(':')[0], CAMERAS)}"

@@ -8,7 +8,7 @@ import numpy as np
 
 from jshape._typing import Num
 from jshape.camera import Camera
-from jshape.robot.cameras.base import CameraLost, DepthCamera, EndOfFrames, still
+from jshape.robot.cameras.base import CameraLost, DepthCamera, EndOfFrames, traits_of
 
 
 class Played(AbstractContextManager):
@@ -87,8 +87,8 @@ def windowed(inside: DepthCamera, left: int, top: int, width: int, height: int) 
         inside.camera.crop(left, top, width, height),
         inside.depth_unit,
         calls(lambda: np.ascontiguousarray(inside.frame()[part])),
-        still=still(inside),
-        live=bool(getattr(inside, "live", False)),
+        still=traits_of(inside).still,
+        live=traits_of(inside).live,
         close=inside.close,
         whole=inside.camera,
     )

@@ -115,8 +115,8 @@ def goal_of(
         if at is None and None in (source.camera.pose, eye.pose):
             raise BadCamera(
                 f"{path}: of another camera than {robot.depth_camera.name} "
-                f"({differing(theirs, eye, 'its')}); nothing says how the two stand; make the goal from a frame of that camera, or "
-                "give both a pose (jshape calibrate)"
+                f"({differing(theirs, eye, 'its')}); nothing says how the two stand; make the goal "
+                "from a frame of that camera, or give both a pose (jshape calibrate)"
             )
         known["view"] = camera_fields(view.target)
         restored(known, robot, bank)

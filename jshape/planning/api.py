@@ -224,8 +224,7 @@ def plan_depth(
     the plan's `filled` says how many.  The luminance keeps fractions of a level, so that a bed
     seen in 16 bits is not rounded to the 256 levels of the paper's camera.
 
-    To plan on a window of the frames as they are, as `--window` does: `part = camera.crop(...)`,
-    slice both frames likewise, and pass `camera=part, bank=bank.seen_by(part, bed_depth)`.
+    To plan on a part of the frames, as `--window` does, set both frames to NaN beyond it.
 
     Args:
       z0: (H, W) depth of the bed now.

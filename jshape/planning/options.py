@@ -25,7 +25,7 @@ ERROR_MARGIN = 0.5
 """Where the bank knows its errors and nothing else is said."""
 
 
-WINDOW = "for a window of frames, crop them, and plan with camera.crop(...) and bank.seen_by(...)"
+WINDOW = "for a part of the frames, set both to NaN beyond it (jshape.plan_depth)"
 """What to do where the command line has `--window`."""
 
 

@@ -56,9 +56,7 @@ class View:
         left, top = self.window
         return depth[top : top + self.target.height, left : left + self.target.width]
 
-    def pixels(
-        self, positions: np.ndarray, depth: ArrayLike | None = None
-    ) -> Float[np.ndarray, "N 2"]:
+    def pixels(self, positions: np.ndarray, depth: ArrayLike | None = None) -> np.ndarray:
         """Where positions (N, 2) of (u, v) in the target's image are in the source's, whole pixels.
 
         `depth` (N,) is the surface's there, metres; None: the middle of the target's range.

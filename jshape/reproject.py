@@ -60,14 +60,7 @@ def reproject(
     """
     depth = jnp.asarray(depth, jnp.float32)
     flat, (height, width) = depth.reshape(-1), depth.shape
-    between = _between(source, target)
-    x, y = target.rays()
-    x, y, one = jnp.asarray(x), jnp.asarray(y), jnp.float32(1.0)
-    begin, along = ((x, y, 0 * one), (0 * one, 0 * one, one))
-    if not target.orthographic:
-        begin, along = ((0 * one,) * 3, (x, y, one))
-    base = [sum(between[k, j] * begin[j] for j in range(3)) + between[k, 3] for k in range(3)]
-    ray = [sum(between[k, j] * along[j] for j in range(3)) for k in range(3)]
+    base, ray = target.lines(_between(source, target))
 
     def seen_at(t):
         """Pixel (u, v) of the source, and depth from it, of the points at depths t."""

@@ -131,7 +131,9 @@ class Camera:
             begin, along = ((x, y, zero), (zero, zero, one))
         if to is None:
             return begin, along
-        turned = [tuple(sum(to[k, j] * a[j] for j in range(3)) for k in range(3)) for a in (begin, along)]
+        turned = [
+            tuple(sum(to[k, j] * a[j] for j in range(3)) for k in range(3)) for a in (begin, along)
+        ]
         return tuple(b + to[k, 3] for k, b in enumerate(turned[0])), turned[1]
 
     def points(self, luminance: ArrayLike) -> Float[Array, "H W 3"]:

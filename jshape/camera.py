@@ -119,6 +119,22 @@ class Camera:
         u, v = (np.arange(n, dtype=np.float32) for n in (self.width, self.height))
         return self.at(u[None, :], v[:, None], z)
 
+    def lines(self, to: Any = None) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+        """Where the ray of each pixel begins, and how far it goes per metre of depth: x, y and z.
+
+        In the frame that the matrix `to` (at least (3, 4)) leads to; None is the camera's own.
+        """
+        (x, y), zero, one = self.rays(), np.float32(0.0), np.float32(1.0)
+        begin, along = ((zero, zero, zero), (x, y, one))
+        if self.orthographic:
+            begin, along = ((x, y, zero), (zero, zero, one))
+        if to is None:
+            return begin, along
+        turned = [
+            tuple(sum(to[k, j] * a[j] for j in range(3)) for k in range(3)) for a in (begin, along)
+        ]
+        return tuple(b + to[k, 3] for k, b in enumerate(turned[0])), turned[1]
+
     def points(self, luminance: ArrayLike) -> Float[Array, "H W 3"]:
         """The visible point cloud of a luminance image, metres: the mapping m.  Eq. pinhole2."""
         if np.shape(luminance) != self.shape:

@@ -13,6 +13,9 @@ from jshape.errors import BadCamera, BadImage, one_line, quoted
 
 _HEIGHT_HINT = "; say which camera took it (camera=, --camera-file), and it is seen from above"
 
+MANY = 50_000
+"""Readings that tell a unit as well as all do, in a tenth of the time."""
+
 
 def to_metres(
     raw: ArrayLike, depth_unit: float, where: str, left_out: Counter[str] | None = None
@@ -118,7 +121,8 @@ def check_unit(
       BadImage: with the unit that would fit.
     """
     found = depth[~missing(depth)]
-    median = float(np.median(found)) if found.size else float(camera.z_min)
+    some = found[:: 1 + found.size // MANY]
+    median = float(np.median(some)) if found.size else float(camera.z_min)
     low, high = float(camera.z_min), float(camera.z_max)
     hint = _unit_hint(median, low / 1.5, 1.5 * high, depth_unit)
     if hint and not low / 3 <= median <= 3 * high:

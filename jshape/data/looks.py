@@ -1,12 +1,11 @@
 """From the depth frames of cameras that stand anywhere to one height map of the bed."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
-from scipy import ndimage
 
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera, check_camera
@@ -328,29 +327,41 @@ def _without_gaps(depth: np.ndarray, per_metre: float) -> np.ndarray:
         return depth
     side = 2 * max(1, round(1e-3 * GAP_MM * per_metre / 2)) + 1
     # A closing by a square: what it covers is narrower than the square.
-    closed = ndimage.maximum_filter(known.astype(np.uint8), side, mode="constant")
-    closed = ndimage.minimum_filter(closed, side, mode="constant").astype(bool)
-    rows, columns = (at + 1 for at in np.nonzero(closed & ~known))
+    square, border = np.ones((side, side), np.uint8), {"borderType": 0, "borderValue": 0}
+    closed = cv2.erode(cv2.dilate(known.astype(np.uint8), square, **border), square, **border)
+    rows, columns = (at + 1 for at in np.nonzero((closed > 0) & ~known))
     whole = np.pad(depth, 1, constant_values=np.nan)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # all four unknown: known a step later
-        for _ in range(4 * side):  # the mean of the neighbours: Laplace's equation
-            around = [whole[rows + v, columns + u] for v, u in ((0, 1), (0, -1), (1, 0), (-1, 0))]
-            whole[rows, columns] = np.nanmean(around, 0)
+    flat, wide = whole.reshape(-1), whole.shape[1]
+    here = rows * wide + columns
+    beside = here + np.array([[1], [-1], [wide], [-wide]])
+    for _ in range(4 * side):  # the mean of the neighbours: Laplace's equation
+        around = flat[beside]
+        there = np.isfinite(around)
+        total, count = np.where(there, around, 0).sum(0), there.sum(0)
+        flat[here] = np.where(count > 0, total / np.maximum(count, 1), np.nan)  # known a step later
     return whole[1:-1, 1:-1]
 
 
 def _check_still(found: HeightMap, like: HeightMap, where: str) -> None:
-    """Refuse a look from which most of the bed lies elsewhere than in the one before.
+    """Refuse a look from which the bed lies elsewhere, as a whole, than in the one before.
+
+    Molding lowers some of the bed and raises some: what it changes is no plane, what a camera does
+    that moves is one.
 
     Raises:
       BadCamera: the camera moved.
     """
-    both = found.mask & like.mask
-    gap = np.abs(np.asarray(found.heights) - np.asarray(like.heights))[both]
-    off = float(np.median(gap)) if gap.size else np.inf
-    if off > APART:
+    step = max(1, int(np.sqrt(found.mask.size / _POINTS)))
+    some = np.s_[::step, ::step]
+    gap = (np.asarray(found.heights) - np.asarray(like.heights))[some]
+    both = (found.mask & like.mask)[some]
+    if not both.any():
+        raise BadCamera(f"{where}: sees nothing that the look before saw: did the camera move?")
+    rows, columns = np.nonzero(both)
+    gap, terms = gap[both], np.stack([rows, columns, np.ones_like(rows)], 1).astype(np.float32)
+    off, plane = float(np.median(np.abs(gap))), np.linalg.lstsq(terms, gap, rcond=None)[0]
+    if off > APART and np.median(np.abs(gap - terms @ plane)) < off / 2:
         raise BadCamera(
-            f"{where}: most of the bed lies {1e3 * off:.1f} mm from where the look before saw it "
-            f"(at most {1e3 * APART:g} mm): did the camera move?"
+            f"{where}: the bed lies {1e3 * off:.1f} mm from where the look before saw it (median, "
+            f"at most {1e3 * APART:g} mm): did the camera move?"
         )

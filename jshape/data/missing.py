@@ -70,22 +70,30 @@ def readings(depth: ArrayLike) -> Readings:
 
 def _codes(values: np.ndarray) -> list[float]:
     """Exact values far beyond all others, which some sensors write for "no reading"."""
-    if values.dtype == np.uint16:  # five times as fast as sorting them
-        held = np.bincount(values.reshape(-1))
-        found = np.flatnonzero(held)
-        held = held[found]
-    else:
-        found, held = np.unique(values, return_counts=True)
-    found, codes, most = found.astype(np.float64), [], len(values) / 2
+    codes, most = [], len(values) / 2
     for sign, factor in ((1, FAR), (-1, NEAR)):
-        rising = found[::sign] ** sign
+        found, held = _outermost(values, sign)
+        rising = found**sign
         for k in range(min(CODES, len(found) - 1), 0, -1):
-            counts = held[::sign][-k:]
-            alone = rising[-k] >= factor * rising[-k - 1]
-            if alone and counts.min() >= MANY and counts.sum() < most:
-                codes += found[::sign][-k:].tolist()
+            alone = rising[k - 1] >= factor * rising[k]
+            if alone and held[:k].min() >= MANY and held[:k].sum() < most:
+                codes += found[:k].tolist()
                 break
     return codes
+
+
+def _outermost(values: np.ndarray, sign: int) -> tuple[np.ndarray, np.ndarray]:
+    """The greatest (or least) values, the outermost first, and how many pixels hold each.
+
+    As many as can tell codes from readings: they end with one that too few pixels hold for a code.
+    """
+    found, held = [], []
+    while len(values) and len(found) <= CODES and (not held or held[-1] >= MANY):
+        found.append(values.max() if sign > 0 else values.min())
+        others = values[values != found[-1]]
+        held.append(len(values) - len(others))
+        values = others
+    return np.array(found, np.float64), np.array(held)
 
 
 def spread(values: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""What a depth camera straight above the bed sees: perspective, noise, missing pixels.
+"""What a depth camera sees of the bed: perspective, lens, noise, missing pixels.
 
 Depth images are `[v, u]`, float32, metres along the optical axis; 0 means "no reading".
 """
@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from jshape._typing import Array, ArrayLike, Float, Key, Num
-from jshape.camera import Camera
+from jshape.camera import Camera, single
 from jshape.sim.bed import DEPTH, Bed
 
 SURFACE = 0.45
@@ -26,11 +26,17 @@ AIM = 6
 """Rounds of false position inside the last step, to well below a micrometre where it is smooth."""
 MARGIN = 1e-5
 """Rays start this far above the highest place and end this far below the lowest one, metres."""
+FLATTEST = 0.05
+"""Rays that go down by less than this per metre across, 3 degrees, read nothing: they meet a level
+bed nowhere, or where float32 no longer tells the depths apart."""
 
 
 @jax.jit
 def render(bed: Bed, camera: Camera, z_floor: float | Array = Z_FLOOR) -> Float[Array, "H W"]:
     """Depth image of a bed, metres, without noise.
+
+    The bed's frame is that of a camera straight above its middle: x along u, y along v, z down.
+    `camera.pose` leads to it from the camera's; without one the camera is that one.
 
     Every ray walks down from above the highest place until it is below the surface: the first
     surface it meets wins, as for a real camera.  A step is the gap to the surface, shortened by
@@ -38,19 +44,23 @@ def render(bed: Bed, camera: Camera, z_floor: float | Array = Z_FLOOR) -> Float[
     cells across the bed: a ray that grazes a crest may miss it by less than that.  False position
     inside the last step finishes, so that the result is always a point of the surface.  The number
     of steps follows the bed (rough and steep ones take more).  Outside the box the bed goes on as
-    at its wall.
+    at its wall.  Rays that do not go down (`FLATTEST`), or begin in the bed, read 0.
     """
-    x, y = camera.rays()
-    across = jnp.sqrt(x**2 + y**2)
+    begin, along = camera.lines(None if camera.pose is None else single(camera.pose))
+    across = jnp.sqrt(along[0] ** 2 + along[1] ** 2)
+    down = jnp.where(along[2] > FLATTEST * across, along[2], jnp.nan)
     rise_x, rise_y = (jnp.abs(jnp.diff(bed.height, axis=a)).max() / bed.cell for a in (1, 0))
-    fastest = 1.0 + jnp.hypot(rise_x, rise_y) * across  # of the gap's change along the ray
+    fastest = down + jnp.hypot(rise_x, rise_y) * across  # of the gap's change along the ray
     top, bottom = z_floor - bed.height.max() - MARGIN, z_floor - bed.height.min() + MARGIN
+    # A camera between the hills looks from where it is.
+    top, bottom = jnp.maximum((top - begin[2]) / down, 0.0), (bottom - begin[2]) / down
     stride = STRIDE * bed.cell / jnp.maximum(across, 1e-6)
     stride = jnp.maximum(stride, (bottom - top) / MOST)
 
-    def gap(z):
+    def gap(t):
+        x, y, z = (b + t * a for b, a in zip(begin, along, strict=True))
         # Rounding must not leave a ray above the bottom for ever.
-        return jnp.where(z < bottom, z_floor - _sample(bed, x * z, y * z) - z, -MARGIN)
+        return jnp.where(t < bottom, z_floor - _sample(bed, x, y) - z, -MARGIN)
 
     def walk(state):
         low, left, high, left_high = state
@@ -70,11 +80,13 @@ def render(bed: Bed, camera: Camera, z_floor: float | Array = Z_FLOOR) -> Float[
         z = low + (high - low) * left / (left - left_high)
         return low, left, high, left_high, z, gap(z), above
 
-    start = jnp.full(camera.shape, top, jnp.float32)
+    start = jnp.broadcast_to(top, camera.shape)
     left = jnp.full(camera.shape, MARGIN, jnp.float32)
     state = jax.lax.while_loop(lambda s: (s[3] > 0).any(), walk, (start, left, start, left))
     state = (*state, state[2], state[3], state[3] <= 0)
-    return jax.lax.fori_loop(0, AIM, aim, state)[4]
+    depth = jax.lax.fori_loop(0, AIM, aim, state)[4]
+    outside = z_floor - _sample(bed, *begin[:2]) - begin[2] > 0
+    return jnp.where(outside & (depth > 0), depth, 0.0)
 
 
 def _sample(bed, x, y):

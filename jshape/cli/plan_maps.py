@@ -16,6 +16,7 @@ from jshape.io import banks, files, folders
 from jshape.io.maps import SUFFIX, read_map
 from jshape.planning import plan_file as plans
 from jshape.planning.api import plan
+from jshape.planning.maps import bank_for
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
 from jshape.planning.plan import Plan
@@ -77,8 +78,7 @@ def plan_maps(
     if options.out is not None:
         with folders.atomic_folder(options.out, options.overwrite, contents=contents) as folder:
             found.to_json(folder / "plan.json")
-        middle = (float(found.camera.z_min) + float(found.camera.z_max)) / 2
-        rois = bank.seen_by(found.camera, middle).rois
+        rois = bank_for(bank, found.camera).rois
         for file, picture in drawn(partial(pictures, found, rois)).items():
             files.write_atomic(options.out / file, picture)
         result["out"] = str(options.out)

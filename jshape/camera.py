@@ -53,9 +53,9 @@ class Camera:
     """Bits of a luminance."""
     orthographic: bool = field(default=False, metadata=STATIC)
     """Whether rays are parallel, as in a map of heights: fx and fy are then pixels per metre."""
-    lens: tuple[float, ...] | None = None
+    lens: tuple[Any, ...] | None = None
     """k1, k2, p1, p2, k3, k4, k5, k6 of the rational Brown-Conrady model; None: straight rays."""
-    pose: tuple[tuple[float, ...], ...] | None = None
+    pose: tuple[tuple[Any, ...], ...] | None = None
     """(4, 4) from the camera's frame to one that several cameras share, such as the robot's base,
     metres; None: its own is that frame."""
 
@@ -138,9 +138,7 @@ class Camera:
     def points(self, luminance: ArrayLike) -> Float[Array, "H W 3"]:
         """The visible point cloud of a luminance image, metres: the mapping m.  Eq. pinhole2."""
         if np.shape(luminance) != self.shape:
-            raise BadImage(
-                _wrong("luminance", np.shape(luminance), f"{self.shape} (rows, columns)")
-            )
+            raise BadImage(_wrong("luminance", luminance, f"{self.shape} (rows, columns)"))
         z = self.depth(luminance)
         return jnp.stack(jnp.broadcast_arrays(*self.rays(z), z), axis=-1)
 
@@ -151,7 +149,7 @@ class Camera:
         camera sees); points behind the camera or outside the image are dropped.
         """
         if len(np.shape(points)) != 2 or np.shape(points)[1] != 3:
-            raise BadImage(_wrong("a point cloud", np.shape(points), "(P, 3)"))
+            raise BadImage(_wrong("a point cloud", points, "(P, 3)"))
         px, py, z = jnp.asarray(unmasked(points), jnp.float32).T
         ahead = jnp.isfinite(px) & jnp.isfinite(py) & jnp.isfinite(z) & (z > 0)
         safe_z = jnp.where(ahead, z, 1.0)
@@ -230,8 +228,8 @@ def unmasked(values: ArrayLike) -> ArrayLike:
     return np.where(np.ma.getmaskarray(values), np.nan, numbers)
 
 
-def _wrong(what: str, came: tuple[int, ...], expected: str) -> str:
-    return f"{what} has shape {came}; expected {expected}"
+def _wrong(what: str, came: ArrayLike, expected: str) -> str:
+    return f"{what} has shape {np.shape(came)}; expected {expected}"
 
 
 def check_camera(camera: Camera, where: str = "camera") -> Camera:
@@ -274,7 +272,7 @@ def check_camera(camera: Camera, where: str = "camera") -> Camera:
     if camera.lens is not None:
         _check_lens(camera, where)
     if camera.pose is not None:
-        _check_pose(camera.pose, where)
+        check_pose(camera.pose, where)
     return camera
 
 
@@ -303,7 +301,8 @@ def _check_lens(camera: Camera, where: str) -> None:
         )
 
 
-def _check_pose(pose: Any, where: str) -> None:
+def check_pose(pose: Any, where: str, name: str = "pose") -> None:
+    """Refuse (BadCamera) what is no (4, 4) of a rotation and a translation in metres."""
     try:
         matrix = np.asarray(pose, np.float64)
     except (TypeError, ValueError):
@@ -313,13 +312,12 @@ def _check_pose(pose: Any, where: str) -> None:
     rigid = rigid and np.linalg.det(turn) > 0 and np.allclose(matrix[3], (0, 0, 0, 1))
     if not rigid:
         raise BadCamera(
-            f"{where}: pose is {quoted(pose)}; it must be the 4x4 matrix of a rotation and a "
-            "translation (metres), from the camera's frame to the common one"
+            f"{where}: {name} is {quoted(pose)}; it must be the 4x4 matrix of a rotation and a "
+            "translation (metres), from its own frame to the common one"
         )
-    far = float(np.abs(matrix[:3, 3]).max())
-    if far > FARTHEST:
+    if (far := float(np.abs(matrix[:3, 3]).max())) > FARTHEST:
         raise BadCamera(
-            f"{where}: pose moves by {far:g}; it is in metres, at most {FARTHEST:g} (in "
+            f"{where}: {name} moves by {far:g}; it is in metres, at most {FARTHEST:g} (in "
             f"millimetres it would be {far / 1e3:g} m)"
         )
 

@@ -6,6 +6,9 @@ import reprlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+LENS_WAY = "jshape heightmap makes a height map of its frames, which plans need no camera for"
+"""What to do with frames of a lens that distorts: banks of images take straight rays."""
+
 
 class JShapeError(Exception):
     """Root of all jshape errors; `except jshape.JShapeError` catches any of them."""

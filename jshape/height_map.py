@@ -136,6 +136,13 @@ def map_of(depth: Float[Any, "R C"], camera: Camera, frame: Frame | None = None)
     return HeightMap(heights, pitch, origin, np.isfinite(heights), frame)
 
 
+def places_on(camera: Camera, positions: ArrayLike) -> Float[np.ndarray, "K 2"]:
+    """X and y on its map, metres, of pixels (K, 2) of (u, v) of a camera of `camera_above`."""
+    u, v = np.asarray(positions, float).reshape(-1, 2).T
+    x, y = (u - float(camera.u0)) / float(camera.fx), (float(camera.v0) - v) / float(camera.fy)
+    return np.stack([x, y], -1)
+
+
 def as_frame(matrix: ArrayLike) -> Frame:
     """A (4, 4) matrix as nested tuples."""
     return tuple(tuple(float(x) for x in row) for row in np.asarray(matrix))

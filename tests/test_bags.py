@@ -1,6 +1,8 @@
 """Bags of ROS 1, ROS 2 and MCAP, written here: what is read from them, and every damage named."""
 
+import contextlib
 import re
+import struct
 import sys
 from dataclasses import replace
 
@@ -11,6 +13,7 @@ import pytest
 from jshape import Camera
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
 from jshape.io.bags import open_bag
+from jshape.io.rvl import decode_rvl
 
 pytest.importorskip("rosbags")
 
@@ -19,10 +22,12 @@ from tests.written_bags import (  # noqa: E402
     INFO,
     TOPIC,
     depth_bag,
+    encode_rvl,
     image,
     info,
     packed,
     png,
+    rvl,
     without_index,
     write_bag,
 )
@@ -67,7 +72,7 @@ def refused(match, path, kind=BadFile, frames=False, **options):
 
 
 @pytest.mark.parametrize("how", FORMATS)
-@pytest.mark.parametrize("make", [image, packed], ids=["plain", "compressedDepth"])
+@pytest.mark.parametrize("make", [image, packed, rvl], ids=["plain", "compressedDepth", "RVL"])
 def test_counts_come_to_the_bit(how, make, tmp_path, counts):
     bag, frames = read(depth_bag(tmp_path / "bag", how, SMALL, counts, make))
     np.testing.assert_array_equal(frames, counts)
@@ -232,9 +237,101 @@ def test_intrinsics_that_may_be_others_are_a_question(tmp_path, counts):
 
     one("either", "/d/depth", "K says fx 50, fy 51, .* rectified frames, fx 433, .*--camera", p=P)
     lens = {"distortion": (0.1, -0.2, 0.0, 0.0, 0.0)}
-    one("bent", "/d/image_raw", r"distorts \(coefficients 0.1, -0.2, .*; if they are, P .* 433,",
+    one("bent", "/d/depth", r"distorts \(coefficients 0.1, -0.2, .*; if they are, P .* 433,",
         p=P, **lens)  # fmt: skip
-    one("bent, no P", "/d/image_raw", "not say that the frames are rectified$", p=(0,) * 4, **lens)
+    one("bent, no P", "/d/depth", "neither raw nor that the frames are rectified$", p=(0,) * 4,
+        **lens)  # fmt: skip
+
+
+EIGHT = (0.4, 0.1, 1e-3, -2e-3, 0.02, 0.5, 0.05, 0.03)
+"""k1, k2, p1, p2, k3, k4, k5, k6."""
+
+
+@pytest.mark.parametrize("how", ["ros1", "ros2"])
+@pytest.mark.parametrize(
+    "model, distortion, lens",
+    [
+        ("plumb_bob", (0.1, -0.02, 1e-3, 2e-3, 5e-3), (0.1, -0.02, 1e-3, 2e-3, 5e-3, 0, 0, 0)),
+        ("plumb_bob", (0.1, -0.02, 0.0, 0.0), (0.1, -0.02, 0, 0, 0, 0, 0, 0)),
+        ("rational_polynomial", EIGHT, EIGHT),
+        ("rational_polynomial", (*EIGHT, 0.0, 0.0, 0.0, 0.0), EIGHT),
+        ("", EIGHT, EIGHT),
+        ("plumb_bob", (0.0,) * 5, None),
+        ("equidistant", (0.0,) * 4, None),
+    ],
+)
+def test_raw_frames_have_the_lens_of_k_and_d(how, model, distortion, lens, tmp_path, counts):
+    said = {"model": model, "distortion": distortion, "p": P}
+    part = {"size": (90, 80), "roi": (8, 6, 80, 60), "binning": 2}
+    for name, more in (("whole", {}), ("part", part)):
+        topics = [("/d/image_raw", [image(counts[0])]),
+                  ("/d/camera_info", [info(SMALL, **said, **more)])]  # fmt: skip
+        camera = read(write_bag(tmp_path / name, how, topics))[0].camera
+        assert camera.lens == lens and camera.width == 40
+    assert camera.fx == 25.0, "region and binning change K, and D no bit"
+
+
+@pytest.mark.parametrize(
+    "said, match",
+    [
+        ({"model": "equidistant", "distortion": (0.1, 0, 0, 0)}, "is of the model 'equidistant'; "),
+        ({"distortion": (*EIGHT, 0.01)}, "has 9 coefficients of distortion, .* behind the eighth"),
+        ({"distortion": (-9.0, 0, 0, 0, 0)}, "no straight rays belong to the image's edge"),
+        ({"distortion": (np.nan, 0, 0, 0, 0)}, "lens is .*; it must be 8 numbers"),
+    ],
+)
+def test_lenses_that_are_not_read_are_refused(said, match, tmp_path, counts):
+    topics = [("/d/image_raw", [image(counts[0])]), ("/d/camera_info", [info(SMALL, **said)])]
+    refused(match, write_bag(tmp_path / "bag", "ros2", topics), BadCamera)
+
+
+def test_hostile_rvl_is_refused(rng):
+    whole = encode_rvl(np.where(rng.random((30, 40)) < 0.3, 0, rng.integers(1, 60000, (30, 40))))
+    words = whole[8:]
+    size = struct.Struct("<II")
+    bad = {
+        "no size": whole[:5],
+        "empty": size.pack(40, 30),
+        "cut off": whole[: len(whole) // 2],
+        "more pixels": size.pack(41, 30) + words,
+        "a number without end": size.pack(40, 30) + b"\xff" * 4000,
+        "a long number": size.pack(40, 30) + b"\xff" * 8 + b"\0" * 4000,
+        "runs of nothing": size.pack(40, 30) + b"\0" * 4000,
+    }
+    for name, data in bad.items():
+        with pytest.raises(BadImage, match="^x: the RVL stream is cut off or damaged$"):
+            decode_rvl(data, "x")
+            pytest.fail(name)
+    for sides in ((0, 30), (2**16, 2**16), (2**32 - 1, 2**32 - 1)):
+        with pytest.raises(BadImage, match="pixels; 1 to 67,108,864 are read"):
+            decode_rvl(size.pack(*sides) + words, "x")
+    for _ in range(300):  # damage anywhere: refused, or another image of this size
+        broken = bytearray(whole)
+        for at in rng.integers(8, len(whole), 3):
+            broken[at] = rng.integers(256)
+        with contextlib.suppress(BadImage):
+            assert decode_rvl(bytes(broken), "x").shape == (30, 40)
+
+
+@pytest.mark.parametrize("name", ["extremes", "zeros", "one", "long runs"])
+def test_rvl_comes_to_the_bit(name, rng):
+    frame = {
+        "extremes": rng.choice([0, 1, 65535], (7, 9)),
+        "zeros": np.zeros((5, 4)),
+        "one": np.full((1, 1), 65535),
+        "long runs": np.repeat([0, 40000, 0, 3], 700).reshape(40, 70),
+    }[name].astype(np.uint16)
+    np.testing.assert_array_equal(decode_rvl(encode_rvl(frame), "x"), frame)
+
+
+def test_rvl_without_a_name_and_a_png_that_is_none(tmp_path, counts):
+    def bag(name, form):
+        topics = [("/d/depth", [packed(counts[0], form, rvl=True)]),
+                  ("/d/camera_info", [info(SMALL)])]  # fmt: skip
+        return write_bag(tmp_path / name, "ros1", topics)
+
+    np.testing.assert_array_equal(read(bag("old", "; compressedDepth"))[1][0], counts[0])
+    refused("holds no PNG", bag("png", "; compressedDepth png"), BadImage, frames=True)
 
 
 def test_a_camera_info_that_changes_ends_the_frames(tmp_path, counts):
@@ -362,7 +459,7 @@ def test_what_is_no_depth_image_is_said(tmp_path, counts):
 
     one("colour", image(counts[0], "rgb8"), "is 'rgb8'; depth is one of 16UC1, 32FC1")
     one("short", image(counts[0, :, :7].copy(), "32FC1"), "the frame is cut off")
-    one("rvl", _rvl(counts[0]), "holds no PNG; RVL is not read")
+    one("rvl", _rvl(counts[0]), "pixels; 1 to 67,108,864 are read")
     one("jpeg", packed(counts[0], "; jpeg compressed bgr8"), "packed depth is compressedDepth or")
     one("float", png(counts[0], "32FC1; png compressed"), "packed depth is compressedDepth or a")
     one("nothing", _zeros(counts[0] * np.float32(1e-3)), "compressedDepth's numbers are 0 and 0")

@@ -141,10 +141,25 @@ def test_wrong_intrinsics_are_refused(lens, match):
         realsense_camera(source=device.source())
 
 
-def test_a_lens_that_distorts_is_refused():
-    device = Virtual(SMALL, UNIT, coeffs=(0.1, 0.0, 0.0, 0.0, 0.0))
-    with pytest.raises(BadCamera, match="the lens distorts .*; rectify the frames first"):
+def test_a_lens_is_the_sdks():
+    coeffs = (0.08, -0.2, 1e-3, -2e-3, 0.05)
+    device = Virtual(SMALL, UNIT, coeffs=coeffs)
+    camera = realsense_camera(source=device.source()).camera
+    np.testing.assert_allclose(camera.lens, (*coeffs, 0, 0, 0), rtol=1e-6)
+    lens = device.profile.as_video_stream_profile().get_intrinsics()
+    point = [0.11, -0.07, 0.4]
+    theirs = rs.rs2_project_point_to_pixel(lens, point)
+    np.testing.assert_allclose(camera.pixel(*point), theirs, atol=1e-3)
+
+
+@pytest.mark.parametrize("model", ["inverse_brown_conrady", "modified_brown_conrady"])
+def test_lenses_of_other_models_are_refused_unless_they_are_straight(model):
+    model = getattr(rs.distortion, model)
+    device = Virtual(SMALL, UNIT, coeffs=(0.1, 0.0, 0.0, 0.0, 0.0), model=model)
+    with pytest.raises(BadCamera, match="brown_conrady, of which none but brown_conrady is read"):
         realsense_camera(source=device.source())
+    straight = Virtual(SMALL, UNIT, model=model)
+    assert realsense_camera(source=straight.source()).camera.lens is None
 
 
 # Recordings of the SDK.

@@ -12,13 +12,13 @@ SERIAL = "000000000001"
 class Virtual:
     """A virtual D435; with `path`, the SDK's own recorder writes what is pushed to a .db3."""
 
-    def __init__(self, camera: Camera, unit: float, path=None, coeffs=(0.0,) * 5):
+    def __init__(self, camera: Camera, unit: float, path=None, coeffs=(0.0,) * 5, model=None):
         self.camera, self.unit, self.count = camera, unit, 0
         lens = rs.intrinsics()
         lens.width, lens.height = camera.width, camera.height
         lens.fx, lens.fy = float(camera.fx), float(camera.fy)
         lens.ppx, lens.ppy = float(camera.u0), float(camera.v0)
-        lens.model, lens.coeffs = rs.distortion.brown_conrady, list(coeffs)
+        lens.model, lens.coeffs = model or rs.distortion.brown_conrady, list(coeffs)
         self.device = rs.software_device()
         self.device.register_info(rs.camera_info.name, "virtual D435")
         self.device.register_info(rs.camera_info.serial_number, SERIAL)

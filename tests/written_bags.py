@@ -67,7 +67,7 @@ def image(array, encoding=None, big=False, pad=0):
     return make
 
 
-def packed(array, quality="; compressedDepth png"):
+def packed(array, quality="; compressedDepth png", rvl=False):
     """A maker of what compressed_depth_image_transport sends: counts, or metres as 1/z."""
     if array.dtype == np.uint16:
         name, a, b, counts = "16UC1", 0.0, 0.0, array
@@ -77,7 +77,8 @@ def packed(array, quality="; compressedDepth png"):
         good = np.isfinite(array) & (array > 0) & (array < FARTHEST)
         inverse = a / np.where(good, array, 1.0) + b
         counts = np.where(good, np.rint(inverse), 0).astype(np.uint16)
-    data = struct.pack("<iff", 0, a, b) + cv2.imencode(".png", counts)[1].tobytes()
+    data = struct.pack("<iff", 0, a, b)
+    data += encode_rvl(counts) if rvl else cv2.imencode(".png", counts)[1].tobytes()
 
     def make(types, k, ros1):
         return types["sensor_msgs/msg/CompressedImage"](
@@ -86,6 +87,39 @@ def packed(array, quality="; compressedDepth png"):
         )  # fmt: skip
 
     return make
+
+
+def rvl(array):
+    """The same, packed by RVL."""
+    return packed(array, "; compressedDepth rvl", rvl=True)
+
+
+def encode_rvl(counts: np.ndarray) -> bytes:
+    """Counts (H, W) as image_transport packs them: its loop over the pixels, written out."""
+    nibbles, before, at = [], 0, 0
+    flat = [int(count) for count in counts.reshape(-1)]
+
+    def number(value):
+        while True:
+            nibbles.append(value & 7 | (8 if value > 7 else 0))
+            value >>= 3
+            if not value:
+                return
+
+    while at < len(flat):
+        zeros = next((k for k, count in enumerate(flat[at:]) if count), len(flat) - at)
+        at += zeros
+        there = next((k for k, count in enumerate(flat[at:]) if not count), len(flat) - at)
+        number(zeros)
+        number(there)
+        for count in flat[at : at + there]:
+            difference, before = count - before, count
+            number(2 * difference if difference >= 0 else -2 * difference - 1)
+        at += there
+    nibbles += [0] * (-len(nibbles) % 8)
+    text = "".join(f"{nibble:x}" for nibble in nibbles)
+    words = [int(text[k : k + 8], 16) for k in range(0, len(text), 8)]
+    return struct.pack(f"<II{len(words)}I", *counts.shape[::-1], *words)
 
 
 def png(array, form="16UC1; png compressed "):
@@ -122,6 +156,7 @@ def info(camera: Camera, distortion=(0.0,) * 5, size=None, p=None, roi=(), binni
 
     `p` holds other numbers for P (fx, fy, u0, v0), `roi` left, top, width, height and do_rectify.
     """
+    model = wrong.pop("model", "plumb_bob")
     n = {f: float(wrong.get(f, getattr(camera, f))) for f in ("fx", "fy", "u0", "v0")}
     width, height = size or (camera.width, camera.height)
     k9 = np.array([n["fx"], 0, n["u0"], 0, n["fy"], n["v0"], 0, 0, 1], float)
@@ -134,7 +169,7 @@ def info(camera: Camera, distortion=(0.0,) * 5, size=None, p=None, roi=(), binni
             x_offset=left, y_offset=top, height=h, width=w, do_rectify=bool(distinct)
         )
         return types["sensor_msgs/msg/CameraInfo"](
-            header(types, k, ros1), height, width, "plumb_bob", np.array(distortion, float), k9,
+            header(types, k, ros1), height, width, model, np.array(distortion, float), k9,
             np.eye(3).reshape(-1), p12, binning, binning, region,
         )  # fmt: skip
 

@@ -15,6 +15,12 @@ jshape plan now.png wanted.png --out my-plan  # plan.json and pictures
 jshape plan now.png wanted.ply --stride 8 --error-margin 0.5  # places 8 pixels apart
 jshape plan now.png wanted.png --planner refine --stride 4 --seconds 5s  # search 5 s
 jshape plan a.npy b.npy --camera-file camera.json  # another camera, from anywhere
+jshape plan bed.npz wanted.npz --out my-plan  # on height maps: any camera, any tilt
+jshape heightmap look.png --out bed.npz  # a tilted camera: its plane is found
+jshape heightmap recording --out bed.npz  # the mean of all frames
+jshape heightmap left.png right.png --camera-file left.json right.json \
+--out bed.npz  # two cameras, each with a pose
+jshape heightmap later.png --like bed.npz --out wanted.npz  # on the nodes of bed.npz
 jshape goal flat --text J --out my-goal  # a sunk J for a simulated level bed
 jshape goal now.png --mask drawn.png --raise-mm 6 --balance --out my-goal  # a drawing
 jshape goal now.png --mesh star.stl --size-mm 120 --depth-mm 10 --out my-goal  # a mold

@@ -10,6 +10,7 @@ import numpy as np
 
 from jshape.cli.names import Preset, Uses
 from jshape.cli.options import CameraFile, Part, Positive, Writes
+from jshape.cli.plan_maps import are_maps, plan_maps
 from jshape.cli.search_options import Searches, reachable, search_of
 from jshape.cli.tables import print_table
 from jshape.data.missing import said as said_of
@@ -47,9 +48,11 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
     """Read two images, plan, print and write.
 
     Args:
-      initial: Depth image now: 16-bit PNG, TIFF, NPY, EXR.
+      initial: Depth image now: 16-bit PNG, TIFF, NPY, EXR; or a height map (NPZ).
       desired: The same wanted, or a point cloud (PLY, PCD).
     """
+    if are_maps(initial, desired):
+        return plan_maps(initial, desired, options, CONTENTS, _pictures)
     search = search_of(options)  # first of all: it chooses JAX's devices, and a bank starts JAX
     bank_name = options.bank or DEFAULT_BANK
     bank = banks.load_bank(bank_name)

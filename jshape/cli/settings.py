@@ -21,10 +21,11 @@ from jshape.errors import BadSetting, UnknownName, did_you_mean, one_line, quote
 NAME, VARIABLE, OFF = "jshape.toml", "JSHAPE_CONFIG", "off"
 LIMIT = 64 * 1024
 """Largest file that is read, bytes."""
-OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "goal")
+OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "goal", "heightmap")
 """Options that say how to look through a camera, and commands that take frames which may be cut
 already: they read these only from tables of their own."""
-NAMES_OR_FILES = ("bank", "camera", "camera-file", "positions", "start")
+CAMERA_FILE = "camera-file"
+NAMES_OR_FILES = ("bank", "camera", CAMERA_FILE, "positions", "start")
 """Options that take the name of something, or a file or folder."""
 
 
@@ -167,6 +168,8 @@ def tokens_of(argument: Argument, key: str, value: Any, folder: Path, where: str
         return [Token(keyword=f"--{key}", source=where, implicit_value=value)]
     many, rest = argument.token_count()
     if argument.parameter.n_tokens is None and (many != 1 or rest):
+        if key == CAMERA_FILE and isinstance(value, str):  # one for all frames
+            value = [value]
         if not isinstance(value, list) or not value:
             raise BadSetting(f"{_text(value)} is not a list [...]")
         if not rest and len(value) != many:

@@ -19,7 +19,7 @@ MANY = 50_000
 
 def to_metres(
     raw: ArrayLike, depth_unit: float, where: str, left_out: Counter[str] | None = None
-) -> Float[np.ndarray, "H W"]:
+) -> Float[np.ndarray, "... H W"]:
     """Depth in metres (NaN = no reading) of counts (uint16) or metres (floating point).
 
     A NumPy mask is honoured; `left_out` adds up why pixels are no readings, see

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jshape.camera import D435_BAZAR, Camera, check_camera
-from jshape.errors import BadCamera
+from jshape.errors import LENS_WAY, BadCamera, quoted
 
 Z_RANGE = (float(D435_BAZAR.z_min), float(D435_BAZAR.z_max))
 """Depth range that no device knows, since it is the bed's: the paper's, metres."""
@@ -28,26 +28,52 @@ def pinhole(
 ) -> Camera:
     """The camera of intrinsics that somebody else states.
 
-    `size` (width, height), `focal` (fx, fy), `centre` (u0, v0): pixels; `distortion` of a model in
-    which all 0 is none; the bed lies in `z_range`, metres; `where` states them, for errors.
+    `size` (width, height), `focal` (fx, fy), `centre` (u0, v0): pixels; `distortion`: see
+    `lens_of`; the bed lies in `z_range`, metres; `where` states them, for errors.
 
     Raises:
-      BadCamera: numbers that make no sense, or a lens that distorts: frames of such a one must be
-        rectified first, since everything here takes straight rays.
+      BadCamera: numbers that make no sense.
+    """
+    (fx, fy), (u0, v0), (low, high) = ((float(a), float(b)) for a, b in (focal, centre, z_range))
+    camera = Camera(int(size[0]), int(size[1]), fx, fy, u0, v0, low, high)
+    return check_camera(replace(camera, lens=lens_of(distortion, where)), where)
+
+
+def lens_of(distortion: Iterable[float], where: str) -> tuple[float, ...] | None:
+    """A camera's `lens` of k1, k2, p1, p2, k3, k4, k5, k6; None: its rays are straight.
+
+    So OpenCV orders them, ROS (plumb_bob the first five, rational_polynomial all) and the RealSense
+    SDK (Brown-Conrady).
+
+    Raises:
+      BadCamera: others than these are not 0 (thin prisms, a tilted sensor).
     """
     coefficients = [float(c) for c in distortion]
-    if bent(coefficients):
-        shown = ", ".join(f"{c:g}" for c in coefficients[:5])
+    if bent(coefficients[8:]):
         raise BadCamera(
-            f"{where}: the lens distorts (coefficients {shown}); rectify the frames first"
+            f"{where}: the lens has {len(coefficients)} coefficients of distortion, "
+            f"{quoted(coefficients[8:])} behind the eighth; k1, k2, p1, p2, k3 to k6 are taken: "
+            "rectify the frames first"
         )
-    (fx, fy), (u0, v0), (low, high) = ((float(a), float(b)) for a, b in (focal, centre, z_range))
-    return check_camera(Camera(int(size[0]), int(size[1]), fx, fy, u0, v0, low, high), where)
+    if not bent(coefficients):
+        return None
+    return tuple(coefficients[:8] + [0.0] * (8 - len(coefficients)))
 
 
 def bent(distortion: Iterable[float]) -> bool:
     """Whether a lens of these coefficients distorts."""
     return any(not abs(float(c)) <= _LEAST_DISTORTION for c in distortion)
+
+
+def check_straight(camera: Camera, where: str) -> Camera:
+    """The camera itself, if its rays are straight.
+
+    Raises:
+      BadCamera: its lens bends them, which nothing that takes its images knows of.
+    """
+    if camera.lens is not None:
+        raise BadCamera(f"{where}: the camera's lens distorts; {LENS_WAY}")
+    return camera
 
 
 def same_frames(given: Camera, stated: tuple[int, int], where: str) -> Camera:

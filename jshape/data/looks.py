@@ -8,17 +8,21 @@ import cv2
 import numpy as np
 
 from jshape._typing import ArrayLike, Float
-from jshape.camera import Camera, check_camera
+from jshape.camera import Camera, check_camera, check_pose
 from jshape.data.depth import check_unit, to_metres, wrong_shape
-from jshape.data.planes import NEAR, fit_plane, off_plane
+from jshape.data.planes import NEAR, fit_plane, largest_surface, off_plane
 from jshape.errors import BadCamera, BadImage, JShapeError, quoted
 from jshape.height_map import Frame, HeightMap, as_frame, camera_above, check_map, map_of
 from jshape.reproject import between, reproject
 
 RELIEF = 0.25
 """What is farther from the bed's plane, metres, is none of it: floor, arm, walls."""
-LEAST_PLANE = 0.15
-"""Least share of the readings that lies in the bed's plane: less is no bed's."""
+LEAST_SURFACE = 0.15
+"""Least share of the readings that lies in the largest surface without a step: less is no bed."""
+LEAST_PLANE = 0.5
+"""Least share of that surface's readings that lies in the bed's plane."""
+PLANES = (NEAR, 0.03, 0.06)
+"""What is so near, metres, lies in the plane: a bed all of hills and hollows is no better one."""
 MOST_NODES = 1024
 """Most nodes along a side of a map."""
 GAP_MM = 6.0
@@ -167,26 +171,41 @@ def plane_frame(look: Look, where: str = "depth") -> Float[np.ndarray, "4 4"]:
 
 
 def _plane(look: Look, where: str) -> np.ndarray:
-    """The plane that most readings of a look lie in.
+    """The plane that most readings of the bed that a look shows lie in.
 
     Raises:
       BadImage: there is none.
     """
+    depth, camera = _bed(look)
+    there = np.isfinite(depth)
+    all_of_it = np.isfinite(look.depth).mean() * depth.size
+    share, missed = there.sum() / all_of_it, f"{where}: the bed's plane is not found: "
+    hint = "; look at the levelled bed first, or cut it out with a window"
+    if share < LEAST_SURFACE:
+        raise BadImage(
+            f"{missed}the largest surface without a step holds {share:.0%} of the readings, at "
+            f"least {LEAST_SURFACE:.0%} are needed{hint}"
+        )
+    for near in PLANES:
+        try:
+            plane = fit_plane(depth, camera, near)
+        except JShapeError as problem:
+            raise BadImage(f"{missed}{problem}") from None
+        off, _ = off_plane(depth, camera, plane)
+        share = float(np.mean(np.abs(off[there]) < 1e3 * near))
+        if share >= LEAST_PLANE:
+            return plane
+    raise BadImage(
+        f"{missed}{share:.0%} of the bed lies within {1e3 * near:g} mm of one, at least "
+        f"{LEAST_PLANE:.0%} must{hint}"
+    )
+
+
+def _bed(look: Look) -> tuple[np.ndarray, Camera]:
+    """Some pixels of what a look shows, NaN where they are not the bed's, and their camera."""
     step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
     depth, camera = look.depth[::step, ::step], coarse(look.camera, step)
-    try:
-        plane = fit_plane(depth, camera)
-    except JShapeError as problem:
-        raise BadImage(f"{where}: the bed's plane is not found: {problem}") from None
-    off, _ = off_plane(depth, camera, plane)
-    share = float(np.mean(np.abs(off[np.isfinite(off)]) < 1e3 * NEAR))
-    if share < LEAST_PLANE:
-        raise BadImage(
-            f"{where}: the bed's plane is not found: {share:.0%} of the readings lie in one plane, "
-            f"at least {LEAST_PLANE:.0%} must; look at the levelled bed first, or cut it out with "
-            "a window"
-        )
-    return plane
+    return np.where(largest_surface(depth, camera), depth, np.float32(np.nan)), camera
 
 
 def coarse(camera: Camera, step: int) -> Camera:
@@ -217,12 +236,13 @@ def camera_over(
     if frame is None:
         to_common = plane_frame(first, where)
     else:
+        check_pose(frame, where, "frame")
         to_common = np.asarray(frame, float)
-        if to_common.shape != (4, 4) or not np.isfinite(to_common).all():
-            raise BadCamera(f"frame is {quoted(frame)}; it must be a 4x4 matrix")
     away = float((np.linalg.inv(first.to_common) @ to_common)[2, 3])
     pitch = 1.0 / float(first.camera.scale(max(away, 0.05))[0]) if pitch is None else pitch
-    shown = np.concatenate([_points(look) @ np.linalg.inv(to_common).T for look in looks])
+    shown = np.concatenate(
+        [_points(look, *_bed(look)) @ np.linalg.inv(to_common).T for look in looks]
+    )
     shown = shown[np.abs(shown[:, 2]) < RELIEF]
     if len(shown) < 100:
         raise BadImage(f"{where}: no reading lies within {RELIEF:g} m of the bed's plane")
@@ -234,11 +254,9 @@ def camera_over(
     return camera_above(to_common, size, float(pitch), origin), as_frame(to_common)
 
 
-def _points(look: Look) -> Float[np.ndarray, "P 4"]:
-    """Some of what a look shows, in the common frame, metres; the fourth number is 1."""
-    step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
-    depth = look.depth[::step, ::step]
-    x, y = (np.broadcast_to(a, depth.shape) for a in coarse(look.camera, step).rays())
+def _points(look: Look, depth: np.ndarray, camera: Camera) -> Float[np.ndarray, "P 4"]:
+    """Points of a look, in the common frame, metres; the fourth number is 1."""
+    x, y = (np.broadcast_to(a, depth.shape) for a in camera.rays())
     there = np.isfinite(depth)
     z = depth[there].astype(float)
     return np.stack([x[there] * z, y[there] * z, z, np.ones_like(z)], -1) @ look.to_common.T
@@ -253,7 +271,7 @@ def seen_from(
       BadImage: nothing of it.
       BadCamera: looks that do not agree.
     """
-    seen = _fused(looks, [_reprojected(look, target) for look in looks], target, where)
+    seen = _fused(looks, [reprojected(look, target) for look in looks], target, where)
     middle = (float(target.z_min) + float(target.z_max)) / 2
     found = _without_gaps(seen, float(target.scale(middle)[0]))
     if not np.isfinite(found).any():
@@ -261,10 +279,12 @@ def seen_from(
     return found
 
 
-def _reprojected(look: Look, target: Camera) -> Float[np.ndarray, "h w"]:
+def reprojected(look: Look, target: Camera) -> Float[np.ndarray, "h w"]:
     """What the target would see of one look; NaN where the look does not show it."""
     pose = np.eye(4) if target.pose is None else np.array(target.pose)
-    z = (_points(look) @ np.linalg.inv(pose).T)[:, 2]
+    step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
+    some = look.depth[::step, ::step], coarse(look.camera, step)
+    z = (_points(look, *some) @ np.linalg.inv(pose).T)[:, 2]
     middle = (float(target.z_min) + float(target.z_max)) / 2
     z = z[np.abs(z - middle) < RELIEF]
     if not z.size:

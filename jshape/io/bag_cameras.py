@@ -11,9 +11,12 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.intrinsics import bent, pinhole
-from jshape.errors import BadCamera
+from jshape.errors import BadCamera, quoted
 
 INFO = "sensor_msgs/msg/CameraInfo"
+
+LENSES = ("plumb_bob", "rational_polynomial", "")
+"""Models of lenses that are read; some name none, and mean these."""
 
 _ALIKE_PX = 0.1
 """K and P that differ by less say the same: 0.1 mm beside the bed of a D435 at 0.45 m."""
@@ -47,8 +50,9 @@ def camera_of(
     in `z_range`, metres.
 
     Raises:
-      BadCamera: numbers that make no sense, of frames of another size, or of a lens that distorts;
-        or K and P differ, and nothing says which of them holds.
+      BadCamera: numbers that make no sense, of frames of another size, or of a lens of another
+        model than those of `LENSES`; or K and P differ, or the lens distorts, and nothing says
+        whether the frames are rectified.
     """
     k, d, p, whole, binning, region = stated(info)
     left, top, width, height, distinct = (int(n) for n in region)
@@ -63,7 +67,13 @@ def camera_of(
             f"{where}: the frames have {size[0]}x{size[1]} pixels; their CameraInfo is for {said}; "
             "--camera FILE replaces it"
         )
-    taken = _taken(k, d, p, topic, where)
+    taken, lens = _taken(k, d, p, topic, where)
+    model = str(info.distortion_model)
+    if bent(lens) and model not in LENSES:
+        raise BadCamera(
+            f"{where}: the lens is of the model {quoted(model)}; read are {', '.join(LENSES[:2])}; "
+            "rectify the frames first"
+        )
     if cut and distinct and taken is p:
         raise BadCamera(
             f"{where}: shows {part[0]}x{part[1]} at ({left}, {top}) of the frames before they were "
@@ -74,34 +84,38 @@ def camera_of(
     # As image_geometry has it: first the region, then the binning.
     focal = (taken[0, 0] / binning[0], taken[1, 1] / binning[1])
     centre = ((taken[0, 2] - left) / binning[0], (taken[1, 2] - top) / binning[1])
-    return pinhole(where, made, focal, centre, (), z_range)
+    return pinhole(where, made, focal, centre, lens, z_range)
 
 
-def _taken(k: np.ndarray, d: np.ndarray, p: np.ndarray, topic: str, where: str) -> np.ndarray:
-    """K or P, whichever the frames of a topic have."""
+def _taken(
+    k: np.ndarray, d: np.ndarray, p: np.ndarray, topic: str, where: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """K and D, or P and no distortion, whichever the frames of a topic have."""
     words = {*re.split("[/_]", topic.lower())}
     if words & {"rect", "rectified"}:
         if p.any():
-            return p
+            return p, d[:0]
         if bent(d):
             raise BadCamera(
                 f"{where}: the frames are rectified, and P, which says how, is empty; "
                 "--camera FILE replaces it"
             )
-        return k
+        return k, d
+    if "raw" in words:
+        return k, d
     projects = bool(p[0, 0] > 0 and p[1, 1] > 0)
     if bent(d):
         hint = f"; if they are, P holds: {_shown(p)}, to be said with --camera FILE" * projects
         raise BadCamera(
             f"{where}: the lens distorts (coefficients {', '.join(f'{c:g}' for c in d[:5])}), and "
-            f"the topic's name does not say that the frames are rectified{hint}"
+            f"the topic's name says neither raw nor that the frames are rectified{hint}"
         )
-    if projects and "raw" not in words and not np.allclose(k, p[:, :3], rtol=0, atol=_ALIKE_PX):
+    if projects and not np.allclose(k, p[:, :3], rtol=0, atol=_ALIKE_PX):
         raise BadCamera(
             f"{where}: K says {_shown(k)}, and P, which holds for rectified frames, {_shown(p)}; "
             "the topic's name says neither rect nor raw; --camera FILE says what it is"
         )
-    return k
+    return k, d
 
 
 def _shown(m: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""ROS messages to arrays: `sensor_msgs/Image`, and image_transport's compressedDepth and PNG.
+"""ROS messages to arrays: `sensor_msgs/Image`, and image_transport's packed ones (PNG, RVL).
 
 An array is (H, W), uint16 (counts) or float32 (metres; 0, NaN and infinity are no reading).
 """
@@ -10,6 +10,7 @@ import numpy as np
 
 from jshape.errors import BadImage, quoted
 from jshape.io.formats import PIXEL_LIMIT, read_png
+from jshape.io.rvl import decode_rvl
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -65,24 +66,26 @@ def _plain(message: Any, where: str) -> np.ndarray:
 
 
 def _packed(message: Any, where: str) -> np.ndarray:
-    """A PNG; in compressedDepth after twelve bytes: how it was made, and two numbers of that."""
+    """A PNG; in compressedDepth a PNG or RVL after twelve bytes: how it was made, and two numbers.
+
+    What names no codec and is no PNG is RVL: so old versions of image_transport wrote it.
+    """
     name, how = _format(message)
     data = np.asarray(message.data, np.uint8).tobytes()
-    a = b = 0.0
+    a, b, rvl = 0.0, 0.0, False
     if "compressedDepth" in how and name in ENCODINGS:
         if len(data) < _HEADER.size:
             raise BadImage(f"{where}: has {len(data)} bytes: the frame is cut off")
         _, a, b = _HEADER.unpack(data[: _HEADER.size])
         data = data[_HEADER.size :]
-        if not _is_png(data):
-            raise BadImage(
-                f"{where}: is {quoted(message.format)} and holds no PNG; RVL is not read"
-            )
+        rvl = not _is_png(data)
+        if rvl and "png" in how.lower():
+            raise BadImage(f"{where}: is {quoted(message.format)} and holds no PNG")
     elif not _is_png(data) or name == "32FC1":
         raise BadImage(
             f"{where}: is {quoted(message.format)}; packed depth is compressedDepth or a PNG"
         )
-    counts = read_png(data, where)
+    counts = decode_rvl(data, where) if rvl else read_png(data, where)
     if counts.dtype != np.uint16:
         raise BadImage(f"{where}: holds a PNG of {counts.dtype}; packed depth has 16 bits")
     if name != "32FC1":

@@ -6,6 +6,7 @@ from typing import Any
 from jax.sharding import Mesh
 
 from jshape.camera import Camera, check_same_camera
+from jshape.data.intrinsics import check_straight
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadBank, BadDataset, UnknownName, quoted
 from jshape.learn import networks
@@ -93,6 +94,7 @@ def fit(
     settings = settings_from(options)
     if len(pairs) == 0:
         raise BadDataset("no pairs to fit a bank to")
+    check_straight(pairs.camera, "the data set")
     if start is not None:
         if start.kind != kind:
             raise BadBank(

@@ -15,6 +15,7 @@ import numpy as np
 from jshape.camera import Camera
 from jshape.data.view import View
 from jshape.errors import BadCamera, BadFile, one_line
+from jshape.height_map import places_on
 from jshape.io.arrays import read_arrays
 from jshape.io.cameras import camera_fields, camera_from
 from jshape.io.files import as_error, read_json, write_json
@@ -33,6 +34,7 @@ _HALF_TURN = float(np.float32(np.pi))
 def plan_fields(plan: Any) -> dict[str, Any]:
     """What a plan says, as plain values that JSON can hold (without its images)."""
     own, distances_mm = plan.camera_positions, plan.distances_mm
+    on_map = places_on(plan.camera, plan.exact_positions).tolist()
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -49,6 +51,7 @@ def plan_fields(plan: Any) -> dict[str, Any]:
                 "clipped": float(plan.clipped[k]),
                 "distance_mm": float(distances_mm[k + 1]),
             }
+            | ({"map_m": on_map[k]} if plan.camera.orthographic else {})
             for k, name in enumerate(plan.actions)
         ],
         "distances": [float(x) for x in plan.distances],
@@ -135,7 +138,7 @@ class PlanFile:
 def read_plan(path: str | os.PathLike) -> dict[str, Any]:
     """The fields of a `Plan` that `write_plan` wrote.
 
-    What follows from the rest (`distances_mm`, `camera_position`) is not read but made again.
+    What follows from the rest (`distances_mm`, `camera_position`, `map_m`) is not read.
 
     Raises:
       BadFile: not a plan, from a newer version, or damaged.

@@ -14,7 +14,9 @@ from jshape import metric
 from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.errors import JShapeError
+from jshape.height_map import ABOVE, places_on
 from jshape.viz.labels import Room
+from jshape.viz.map_axes import in_mm, mark_unseen
 from jshape.viz.style import drawn, own_style
 
 COLOURS = {
@@ -38,9 +40,20 @@ Plan = Any
 
 
 def height_mm(image: np.ndarray, camera: Camera) -> np.ndarray:
-    """Height in mm above the far end of the camera's range, of a weighed image I."""
+    """Height in mm of a weighed image I above what `_above` says."""
     depth = np.asarray(camera.depth(metric.unweigh(image, camera)))
-    return 1e3 * (float(camera.z_max) - depth)
+    return 1e3 * ((ABOVE if camera.orthographic else float(camera.z_max)) - depth)
+
+
+def _above(camera: Camera) -> str:
+    """What heights are above, for a scale: a map's are its own, a camera's end with its range."""
+    return f"above the {'plane' if camera.orthographic else 'far end of the range'} (mm)"
+
+
+def _shown(image: np.ndarray, camera: Camera, seen: np.ndarray | None) -> np.ndarray:
+    """`height_mm`, NaN where nobody saw the bed: what was filled in there is no height."""
+    height = height_mm(image, camera)
+    return height if seen is None else np.where(seen, height, np.nan)
 
 
 @own_style()
@@ -75,19 +88,21 @@ def plan_figure(
     if obtained is not None:
         d_mm = float(metric.to_mm(metric.distance(obtained, goal), camera))
         shown.append((f"obtained: {d_mm:.2f} mm", obtained))
-    heights = [height_mm(image, camera) for _, image in shown]
+    heights = [_shown(image, camera, plan.seen) for _, image in shown]
     wanted = heights[1]
     gaps = [h - wanted for k, h in enumerate(heights) if k != 1]
-    reach = max(float(np.percentile(np.abs(gaps), 99.98)), 1.0)
+    reach = max(float(np.nanpercentile(np.abs(gaps), 99.98)), 1.0)
 
     columns = len(shown)
     figure = Figure(figsize=(4.0 * columns, 6.6), layout="constrained")
     axes = figure.subplots(2, columns, squeeze=False)
-    _draw_heights(axes[0], heights, [name for name, _ in shown], shrink=0.85)
+    names = [name for name, _ in shown]
+    _draw_heights(axes[0], heights, names, _above(camera), plan.seen, shrink=0.85)
     names = ["now - goal", "predicted - goal", "obtained - goal"]
     bottom = [axes[1][0], *axes[1][2:]]
     for ax, name, gap in zip(bottom, names, gaps, strict=False):
         drawn = ax.imshow(gap, cmap="RdBu_r", vmin=-reach, vmax=reach)
+        mark_unseen(ax, plan.seen)
         _bare(ax, name)
     figure.colorbar(drawn, ax=list(axes[1]), label="too high: red, + (mm)", shrink=0.85)
     draw_curve(axes[1][1], plan.distances_mm, obtained_mm)
@@ -104,12 +119,16 @@ def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
     size = camera.width / 60 + 1.6, camera.height / 60 + 0.8 + 0.16 * len(lines)
     figure = Figure(figsize=size, layout="constrained")
     ax = figure.subplots()
-    height = height_mm(plan.images[0], camera)
+    height = _shown(plan.images[0], camera, plan.seen)
     low, high = span([height])
     drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
-    figure.colorbar(drawn, ax=ax, label="above the far end of the range (mm)", shrink=0.85)
-    whose = "" if _is_own(plan) else ", bank's image"
-    ax.set(xlabel=f"u (pixels{whose})", ylabel=f"v (pixels{whose})")
+    mark_unseen(ax, plan.seen)
+    figure.colorbar(drawn, ax=ax, label=_above(camera), shrink=0.85)
+    if camera.orthographic:
+        in_mm(ax, camera)
+    else:
+        whose = "" if _is_own(plan) else ", bank's image"
+        ax.set(xlabel=f"u (pixels{whose})", ylabel=f"v (pixels{whose})")
     text = "\n".join([heading, *lines])
     ax.set_title(text, fontsize=9, family="monospace", loc="left")
     draw_actions(ax, plan, rois)
@@ -124,9 +143,13 @@ def _is_own(plan: Plan) -> bool:
 def _in_words(plan: Plan) -> list[str]:
     """A heading, and what to do, line by line; a long list in two columns."""
     where = "" if _is_own(plan) else " in the camera's own pixels"
+    own = plan.camera_positions
+    if plan.camera.orthographic and plan.view is None:
+        where = " at (x, y) in mm"
+        own = np.rint(1e3 * places_on(plan.camera, plan.exact_positions)).astype(int)
     many = "1 action" if len(plan) == 1 else f"{len(plan)} actions"
     steps = []
-    for k, (u, v) in enumerate(plan.camera_positions):
+    for k, (u, v) in enumerate(own):
         turned = f" turned {np.degrees(plan.yaws[k]):.0f}°" if plan.yaws[k] else ""
         steps.append(f"{k + 1:2d} {_doing(plan, k)} at ({u}, {v}){turned}")
     if len(steps) > 8:
@@ -168,34 +191,45 @@ def steps_figure(plan: Plan) -> Figure:
     images = list(plan.images)
     if plan.goal is not None:
         images, names = [*images, plan.goal], [*names, "goal"]
-    return strip_figure(images, names, plan.camera)
+    return strip_figure(images, names, plan.camera, seen=plan.seen)
 
 
 @own_style()
 def strip_figure(
-    images: Sequence[np.ndarray], names: Sequence[str], camera: Camera, *, columns: int = 5
+    images: Sequence[np.ndarray],
+    names: Sequence[str],
+    camera: Camera,
+    *,
+    columns: int = 5,
+    seen: np.ndarray | None = None,
 ) -> Figure:
-    """Images side by side with a name over each, all on one grey scale."""
-    heights = [height_mm(image, camera) for image in images]
+    """Images side by side with a name over each, all on one grey scale; `seen` (H, W) of a map."""
+    heights = [_shown(image, camera, seen) for image in images]
     rows = -(-len(images) // columns)
     columns = -(-len(images) // rows)  # no lone picture in the last row
     figure = Figure(figsize=(3.0 * columns, 2.8 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).reshape(-1)
     for ax in axes[len(images) :]:
         ax.set_axis_off()
-    _draw_heights(axes, heights, names, shrink=0.7)
+    _draw_heights(axes, heights, names, _above(camera), seen, shrink=0.7)
     return figure
 
 
 def _draw_heights(
-    axes: Any, heights: Sequence[np.ndarray], names: Sequence[str], *, shrink: float
+    axes: Any,
+    heights: Sequence[np.ndarray],
+    names: Sequence[str],
+    label: str,
+    seen: np.ndarray | None,
+    *,
+    shrink: float,
 ) -> None:
     """Heights in mm on one grey scale, beside it."""
     low, high = span(heights)
     for ax, name, height in zip(axes, names, heights, strict=False):
         drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
+        mark_unseen(ax, seen)
         _bare(ax, name)
-    label = "above the far end of the range (mm)"
     axes[0].figure.colorbar(drawn, ax=list(axes), label=label, shrink=shrink)
 
 

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jshape.data.intrinsics import Z_RANGE, pinhole, same_frames
-from jshape.errors import BadFile, JShapeError, one_line
+from jshape.data.intrinsics import Z_RANGE, bent, pinhole, same_frames
+from jshape.errors import BadCamera, BadFile, JShapeError, one_line
 from jshape.robot.cameras.base import TIMEOUT, CameraLost, CameraSettings, EndOfFrames
 from jshape.robot.cameras.played import Played, calls
 
@@ -78,7 +78,7 @@ def realsense_camera(
       JShapeError: the SDK is not installed.
       CameraLost: no such camera is connected, or it does not start.
       BadFile: the recording cannot be read, or has no depth.
-      BadCamera: intrinsics that make no sense.
+      BadCamera: intrinsics that make no sense, or a lens of another model than Brown-Conrady.
     """
     rs = sdk()
     if source is None:
@@ -89,6 +89,11 @@ def realsense_camera(
         lens = source.profile.get_intrinsics()
         focal, centre = (lens.fx, lens.fy), (lens.ppx, lens.ppy)
         pixels = (lens.width, lens.height)
+        if bent(lens.coeffs) and lens.model != rs.distortion.brown_conrady:
+            raise BadCamera(
+                f"{source.name}: the lens distorts by the model {one_line(lens.model, 60)}, "
+                "of which none but brown_conrady is read; rectify the frames first"
+            )
         camera = pinhole(source.name, pixels, focal, centre, lens.coeffs, z_range)
         if temporal:
             near = float(np.clip(REACH / unit, 1, 100))

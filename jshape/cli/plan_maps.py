@@ -1,0 +1,105 @@
+"""`jshape plan INITIAL.npz DESIRED.npz`: on two height maps, which need no camera."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape.cli.options import spelled
+from jshape.cli.search_options import read_mask, search_of
+from jshape.cli.tables import print_table
+from jshape.errors import BadFile, JShapeError
+from jshape.height_map import places_on
+from jshape.io import banks, files, folders
+from jshape.io.maps import SUFFIX, read_map
+from jshape.planning import plan_file as plans
+from jshape.planning.api import plan
+from jshape.planning.maps import bank_for
+from jshape.planning.options import DEFAULT_BANK
+from jshape.planning.options import options as keywords
+from jshape.planning.plan import Plan
+from jshape.viz.style import Drawing, drawn
+
+OF_FRAMES = ("camera_file", "depth_unit", "depth_range", "window", "reproject")
+"""Options that say how frames are seen; a map has been seen."""
+
+
+def are_maps(initial: Path, desired: Path) -> bool:
+    """Whether both are height maps, by their names.
+
+    Raises:
+      BadFile: one is, and the other is not.
+    """
+    first, second = (path.suffix.lower() == SUFFIX for path in (initial, desired))
+    if first == second:
+        return first
+    one, other = (initial, desired) if first else (desired, initial)
+    raise BadFile(
+        f"{other}: is no height map, and {one} is; give two of a kind: jshape heightmap {other} "
+        f"--like {one} --out MAP{SUFFIX} makes one"
+    )
+
+
+def plan_maps(
+    initial: Path,
+    desired: Path,
+    options: Any,
+    contents: Sequence[str],
+    pictures: Callable[[Plan, dict[str, tuple[int, int]]], dict[str, Drawing]],
+) -> dict[str, Any]:
+    """Read two maps, plan, print and write.
+
+    Args:
+      initial: of the bed now.
+      desired: of the bed wanted.
+      options: of `jshape plan`.
+      contents: files of a plan's folder.
+      pictures: what draws those of a plan, by their names.
+
+    Raises:
+      JShapeError: a file that is no map, an option of frames, and as `jshape.plan`.
+    """
+    search = search_of(options)
+    wrong = [name for name in OF_FRAMES if options.given.get(name) == "cli"]
+    if wrong:
+        raise JShapeError(f"{spelled(*wrong)}: for frames; a height map has been seen already")
+    name = options.bank or DEFAULT_BANK
+    bank = banks.load_bank(name)
+    if options.out is not None:
+        folders.check_target(options.out, options.overwrite, contents=contents)
+    now, wanted = read_map(initial), read_map(desired)
+    mask = options.reachable and read_mask(options.reachable, {"the map": now.mask.shape})
+    found = plan(now, wanted, bank=bank, **keywords(search, reachable=mask))
+    known = 1.0 if found.seen is None else float(found.seen.mean())
+    said = {"bank": str(name), "source": str(initial), "planner": options.planner, "known": known}
+    result = said | plans.plan_fields(found)
+    if options.out is not None:
+        with folders.atomic_folder(options.out, options.overwrite, contents=contents) as folder:
+            found.to_json(folder / "plan.json")
+        rois = bank_for(bank, found.camera).rois
+        for file, picture in drawn(partial(pictures, found, rois)).items():
+            files.write_atomic(options.out / file, picture)
+        result["out"] = str(options.out)
+    print(f"bank: {name}; on height maps: {initial}, {known:.1%} of it known in both")
+    _print(found, options.planner)
+    if options.out is not None:
+        print(f"plan and pictures: {options.out}")
+    return result
+
+
+def _print(found: Plan, planner: str) -> None:
+    d, on_map = found.distances_mm, 1e3 * places_on(found.camera, found.exact_positions)
+    head = ("step", "action", "u", "v", "x (mm)", "y (mm)", "strength", "yaw (°)",
+            "to the goal (mm)", "gain (mm)")  # fmt: skip
+    rows: list[tuple[Any, ...]] = [("", "start", *6 * ("",), f"{d[0]:.3f}", "")]
+    for k, name in enumerate(found.actions):
+        place = *found.positions[k], *(f"{at:.1f}" for at in on_map[k])
+        hand = f"{found.strengths[k]:.2f}", f"{np.degrees(found.yaws[k]):.0f}"
+        rows.append((k + 1, name, *place, *hand, f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"))
+    if not found.yaws.any():  # a column of zeros says nothing
+        head, *rows = (row[:7] + row[8:] for row in (head, *rows))
+    print_table(head, rows)
+    spent = f"{planner}, {found.seconds:.2f} s, {found.evaluations} predictions"
+    print(f"{found.status.name}: {found.status.meaning} ({spent})")

@@ -1,0 +1,44 @@
+"""A bed whose heights are known, and what cameras that stand anywhere would see of it."""
+
+import numpy as np
+
+from jshape import Camera, HeightMap
+from jshape.height_map import as_frame
+from jshape.reproject import reproject
+
+SMALL = Camera(160, 120, 140.0, 140.0, 79.5, 59.5, 0.3, 0.7, bits=16)
+"""It sees 510 x 380 mm from 0.45 m: the bed and no surroundings."""
+
+
+def heights(x, y):
+    """Metres: a mound of 20 mm at (40, -20) mm and a hollow of 10 mm, on a plane."""
+    mound = 0.02 * np.exp(-((x - 0.04) ** 2 + (y + 0.02) ** 2) / (2 * 0.025**2))
+    return mound - 0.01 * np.exp(-((x + 0.06) ** 2 + (y - 0.03) ** 2) / (2 * 0.02**2))
+
+
+def bed(pitch=0.002, half=(0.16, 0.12), of=heights) -> HeightMap:
+    """A map of it."""
+    x, y = (np.arange(-h, h + pitch / 2, pitch) for h in half)
+    return HeightMap(of(x, y[:, None]).astype(np.float32), pitch, (x[0], y[0]))
+
+
+def standing(tilt_deg, distance=0.45, turn_deg=0.0, camera=SMALL) -> Camera:
+    """A camera that looks at the bed's middle, tilted, and turned about the bed's normal."""
+    t, turn = np.radians([tilt_deg, turn_deg])
+    pose = np.eye(4)
+    axis = np.array([0.0, np.sin(t), -np.cos(t)])
+    pose[:3, :3] = np.stack([[1, 0, 0], np.cross(axis, [1, 0, 0]), axis], 1)
+    pose[:3, 3] = -distance * axis
+    around = np.eye(4)
+    around[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    fields = {**vars(camera), "pose": as_frame(around @ pose)}
+    return Camera(**fields)
+
+
+def seen_by(camera: Camera, of: HeightMap | None = None) -> np.ndarray:
+    """Depths (H, W) in metres that a camera sees of the bed, 0 where there is none."""
+    whole = bed() if of is None else of
+    above = whole.camera()
+    span = np.array([0.15, 1.2], np.float32)
+    depth = reproject(whole.depth(above), above, camera, span, halvings=10)
+    return np.nan_to_num(np.asarray(depth))

@@ -53,9 +53,9 @@ class Camera:
     """Bits of a luminance."""
     orthographic: bool = field(default=False, metadata=STATIC)
     """Whether rays are parallel, as in a map of heights: fx and fy are then pixels per metre."""
-    lens: tuple[float, ...] | None = None
+    lens: tuple[Any, ...] | None = None
     """k1, k2, p1, p2, k3, k4, k5, k6 of the rational Brown-Conrady model; None: straight rays."""
-    pose: tuple[tuple[float, ...], ...] | None = None
+    pose: tuple[tuple[Any, ...], ...] | None = None
     """(4, 4) from the camera's frame to one that several cameras share, such as the robot's base,
     metres; None: its own is that frame."""
 
@@ -163,7 +163,7 @@ class Camera:
         return replace(self, width=width, height=height, u0=self.u0 - left, v0=self.v0 - top)
 
 
-def _bent(x: Any, y: Any, lens: tuple[float, ...]) -> tuple[Any, Any]:
+def _bent(x: Any, y: Any, lens: tuple[Any, ...]) -> tuple[Any, Any]:
     """Where a lens shows normalised coordinates: the model of OpenCV and of ROS's CameraInfo."""
     k1, k2, p1, p2, k3, k4, k5, k6 = lens
     r2 = x * x + y * y
@@ -175,7 +175,7 @@ def _bent(x: Any, y: Any, lens: tuple[float, ...]) -> tuple[Any, Any]:
     )
 
 
-def _straight(x: Any, y: Any, lens: tuple[float, ...]) -> tuple[Any, Any]:
+def _straight(x: Any, y: Any, lens: tuple[Any, ...]) -> tuple[Any, Any]:
     """The inverse of `_bent` by fixed-point steps; `check_camera` refuses what they cannot do."""
     straight = x, y
     for _ in range(20):

@@ -253,7 +253,10 @@ SPOILED = [
     (view(window=[BIG, 10]), "view: its window leaves"),
     (view(window=[-1, 10]), "view: window is [-1, 10]"),
     (view(window="all"), "view: window is 'all'"),
-    (view(source=plans.camera_fields(WHOLE) | {"pose": [[1, 0]]}), "view: source: pose is [[1, 0]]"),
+    (
+        view(source=plans.camera_fields(WHOLE) | {"pose": [[1]]}),
+        "view: source: pose is [[1]]",
+    ),
     ({"images": 3}, "images is 3; expected text"),
     ({"images": ""}, "images: not a readable NPZ"),
     ({"images": "AAA"}, "images: not base64"),

@@ -513,6 +513,6 @@ def test_a_goal_of_the_beds_camera_is_seen_from_where_the_bed_is(tmp_path):
     editor = EditorState("flour-robot")
     for name, depth, load in (("now", now, editor.load_bed), ("wanted", wanted, editor.load_goal)):
         write_depth_png(tmp_path / f"{name}.png", depth, 1e-4)
-        load(tmp_path / f"{name}.png", reproject=True)
+        load(tmp_path / f"{name}.png")
     change = editor.goal - editor.bed  # I falls where the bed is lower
     assert change.min() < -0.1 and change.max() < 0.01

@@ -46,7 +46,7 @@ def depths_of(molded):
 @pytest.mark.parametrize("higher", [0.0, 0.05, -0.03])
 def test_another_camera_sees_what_is_rendered_for_it(bed, higher):
     seen = sim.render(bed, OTHER, sim.Z_FLOOR + higher)
-    target = replace(PAPER_BOX, pose=as_frame(np.eye(4) + np.outer([0, 0, higher, 0], [0, 0, 0, 1])))
+    target = replace(PAPER_BOX, pose=pose(away=FLOOR - higher))
     again = np.asarray(reproject(seen, OTHER, target, np.array([0.35, 0.5], "f4")))
     truth = np.asarray(sim.render(bed, PAPER_BOX))
     both = np.isfinite(again)
@@ -187,7 +187,9 @@ def test_a_bed_out_of_the_banks_range_is_looked_at_from_above(bank, molded):
     with pytest.raises(BadImage, match=r"z0: depths are .* 84.8% of the readings are in it"):
         plan_depth(z0, zstar, bank=bank, **paper())
     lower = [z + np.float32(0.08) for z in depths_of(molded)]
-    found = plan_depth(*lower, bank=bank, camera=replace(PAPER_BOX, z_max=0.7), **paper(max_steps=1))
+    found = plan_depth(
+        *lower, bank=bank, camera=replace(PAPER_BOX, z_max=0.7), **paper(max_steps=1)
+    )
     assert found.view.above and found.clamped == (0, 0)
 
 

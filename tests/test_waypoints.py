@@ -149,7 +149,7 @@ def test_operations_are_the_hands(plan):
             np.testing.assert_allclose(turn, [0, 0, plan.yaws[k]], atol=1e-6)
 
 
-def moved(turn=np.eye(3), z=0.0):
+def moved(turn=((1, 0, 0), (0, 1, 0), (0, 0, 1)), z=0.0):
     """The pose of a camera that is turned and moved along the axis."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[2, 3] = turn, z

@@ -140,8 +140,8 @@ def verdict(setup: SetUp, camera: Camera) -> list[tuple[bool, str]]:
         judge(
             setup.tilt_deg <= TILT_MOST_DEG,
             f"the bed is tilted by {setup.tilt_deg:.1f} degrees against the image",
-            f"at most {TILT_MOST_DEG:g} to record pairs (plans look from straight above): the {farther} "
-            "side is farther away",
+            f"at most {TILT_MOST_DEG:g} to record pairs (plans look from straight above): the "
+            f"{farther} side is farther away",
         )
     low, high = float(camera.z_min), float(camera.z_max)
     near = abs(setup.distance - HEIGHT) <= HEIGHT_OFF

@@ -121,7 +121,7 @@ class EditorState(GoalState):
         robot.view, robot.camera = replace(view, source=eye), self.camera
 
     def see(self, image: np.ndarray, came_from: str, *, same_goal: bool = False) -> None:
-        """As `GoalState.see`; how an earlier bed was seen says nothing of this one, but in a run."""
+        """As `GoalState.see`; how an earlier bed was seen says nothing of one of another look."""
         self._view = self._view if same_goal else None
         super().see(image, came_from, same_goal=same_goal)
 

@@ -177,7 +177,7 @@ class Camera:
         return replace(self, width=width, height=height, u0=self.u0 - left, v0=self.v0 - top)
 
 
-def _bent(x: Any, y: Any, lens: tuple[float, ...]) -> tuple[Any, Any]:
+def _bent(x: Any, y: Any, lens: tuple[Any, ...]) -> tuple[Any, Any]:
     """Where a lens shows normalised coordinates: the model of OpenCV and of ROS's CameraInfo."""
     k1, k2, p1, p2, k3, k4, k5, k6 = lens
     r2 = x * x + y * y
@@ -189,7 +189,7 @@ def _bent(x: Any, y: Any, lens: tuple[float, ...]) -> tuple[Any, Any]:
     )
 
 
-def _straight(x: Any, y: Any, lens: tuple[float, ...]) -> tuple[Any, Any]:
+def _straight(x: Any, y: Any, lens: tuple[Any, ...]) -> tuple[Any, Any]:
     """The inverse of `_bent` by fixed-point steps; `check_camera` refuses what they cannot do."""
     straight = x, y
     for _ in range(20):

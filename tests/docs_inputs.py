@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,12 +14,17 @@ from jshape import D435_BAZAR, PAPER_BOX, Camera, Pairs, metric, rollout, save_p
 from jshape.cli.main import main
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT, look, simulate_pairs, together
+from jshape.height_map import as_frame
 from jshape.io.cameras import write_camera
+from jshape.io.images import write_depth_png
+from jshape.reproject import reproject
 from jshape.robot.cameras.played import Played
 from jshape.viz.style import png
 from tests.conftest import ROOT, SHARED
 
 APPLIED = (("knock", (130, 110)), ("poke", (330, 280)))
+FAR = Camera(640, 530, 780.0, 780.0, 319.5, 264.5, 0.4, 0.9)
+"""A camera that is not the bank's, 0.6 m from the bed."""
 
 
 def bed_and_goal() -> tuple[np.ndarray, np.ndarray]:
@@ -39,6 +45,19 @@ def samples(folder: Path) -> None:
     for path in list((folder / "samples").iterdir()):
         path.rename(folder / path.name)
     shutil.copy(folder / "poses.json", folder / "pairs.json")
+
+
+def far(folder: Path) -> None:
+    """The same bed, seen by another camera from 0.15 m higher up, at 20 degrees."""
+    a, pose = np.radians(20.0), np.eye(4)
+    pose[:3, :3] = [[1, 0, 0], [0, np.cos(a), np.sin(a)], [0, -np.sin(a), np.cos(a)]]
+    pose[:3, 3] = [0.0, 0.0, 0.45] - 0.6 * pose[:3, 2]
+    posed = replace(FAR, pose=as_frame(pose))
+    for name, depth in zip(("far", "far-wanted"), bed_and_goal(), strict=True):
+        whole = np.where(depth > 0, depth, np.median(depth))
+        seen = reproject(whole, PAPER_BOX, posed, np.array([0.45, 0.8], np.float32))
+        write_depth_png(folder / f"{name}.png", np.nan_to_num(np.asarray(seen)), DEPTH_UNIT)
+    write_camera(folder / "far.json", FAR, DEPTH_UNIT)
 
 
 def tilted(folder: Path) -> None:

@@ -90,7 +90,7 @@ def test_each_thing_that_is_wrong_is_said(rng):
     (rough,) = says(check(rng, flat + rng.normal(0, 0.004, SMALL.shape), count=6))
     assert "deviates from that plane by" in rough and "level the bed" in rough
     far = says(check(rng, tilted(SMALL, distance=0.6), count=6))
-    assert len(far) == 1 and "0.600 m on average" in far[0] and "--reproject" in far[0]
+    assert len(far) == 1 and "0.600 m on average" in far[0] and "--depth-range" in far[0]
     hills = 0.45 + 0.05 * rng.standard_normal(SMALL.shape)
     wild = check(rng, hills, count=6)
     assert any("no bed that fills the view" in sentence for sentence in says(wild))
@@ -101,7 +101,7 @@ def test_another_depth_range_is_taken_at_its_word(rng):
     higher = replace(SMALL, z_min=0.5, z_max=0.7)
     setup = check(rng, tilted(SMALL, distance=0.6), higher, count=6)
     assert setup.inside == 1.0 and says(setup, higher) == []
-    assert "plan with --reproject" in verdict(setup, higher)[-1][1]
+    assert "(not 0.45: plans look from there)" in verdict(setup, higher)[-1][1]
 
 
 def test_a_frozen_stream_is_said_and_a_still_picture_is_not(rng):

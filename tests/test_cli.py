@@ -25,9 +25,11 @@ from jshape.cli.main import main
 from jshape.cli.options import duration
 from jshape.cli.parser import parse
 from jshape.errors import UnknownName
+from jshape.height_map import as_frame
 from jshape.io.banks import MANIFEST
 from jshape.io.cameras import write_camera
 from jshape.planning.options import GROUPS
+from jshape.reproject import reproject
 from tests.conftest import ROOT
 
 
@@ -299,24 +301,28 @@ def test_what_is_there_is_not_overwritten_unless_asked(folder, capsys):
     refused([*PLAN, "--out", "precious", "--overwrite"], capsys, "precious")
 
 
-@pytest.mark.full
-def test_another_camera_with_reproject(folder, capsys):
-    """A 640x480 camera at 0.55 m sees the same two beds; places come back in its own pixels."""
-    from jshape.camera import reproject
+def higher(depth, camera):
+    """What a camera 0.1 m above the bank's sees of what the bank's saw; beyond the box a table."""
+    pose = np.eye(4)
+    pose[2, 3] = -0.1
+    posed, span = replace(camera, pose=as_frame(pose)), np.array([0.4, 0.7], np.float32)
+    seen = np.asarray(reproject(depth, PAPER_BOX, posed, span))
+    return np.where(np.isfinite(seen), seen, 0.56)
 
+
+@pytest.mark.full
+def test_another_camera_is_planned_for_in_its_own_pixels(folder, capsys):
+    """A 640x480 camera at 0.55 m sees the same two beds; places come back in its own pixels."""
     other = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, 0.3, 1.0)
     for name in ("now", "goal"):
         depth = cv2.imread(f"{name}.png", cv2.IMREAD_UNCHANGED).astype(np.float32) * 1e-5
-        seen = np.asarray(reproject(depth, PAPER_BOX, other, 0.1)[0])
-        seen = np.where(np.isfinite(seen), seen, 0.56)  # beyond the box: a table
-        cv2.imwrite(f"{name}.png", np.rint(seen / 1e-5).astype(np.uint16))
+        cv2.imwrite(f"{name}.png", np.rint(higher(depth, other) / 1e-5).astype(np.uint16))
     write_camera(folder / "camera.json", other, 1e-5)
-    refused(PLAN, capsys, "--reproject")
-    assert main([*PLAN, "--reproject", "--json"]) == 0
+    assert main([*PLAN, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert sorted(s["action"] for s in result["steps"])[-3:] == ["knock", "knock", "poke"]
     right = _png("right.png", np.where(np.arange(640) < 400, 0, 255) * np.ones((480, 1), np.uint8))
-    assert main([*PLAN, "--reproject", "--reachable", right, "--json"]) == 0
+    assert main([*PLAN, "--reachable", right, "--json"]) == 0
     steps = json.loads(capsys.readouterr().out)["steps"]
     assert {tuple(s["position"]) for s in steps} == {(387, 302)}
     poke = [s["action"] for s in result["steps"]].index("poke")
@@ -433,12 +439,12 @@ def test_a_bundled_bank_and_a_folder_of_one_name(folder, capsys):
     assert json.loads(capsys.readouterr().out)["bank"] == "./pressed-flour-robot"
 
 
-def test_a_wrong_unit_is_not_hidden_by_reproject(folder, capsys):
+def test_a_wrong_unit_is_not_taken_for_another_height(folder, capsys):
     """A camera that says 0.3 to 1 m does not see a bed at 4.5 m, however it is looked at again."""
     other = Camera(480, 395, 433.0, 433.0, 240.0, 197.0, 0.3, 1.0)
     write_camera(folder / "camera.json", other, 1e-4)
-    refused([*PLAN, "--reproject"], capsys, "depth_unit 1e-05 instead of 0.0001 would fit it")
-    assert main([*PLAN, "--reproject", "--depth-unit", "1e-5"]) == 0
+    refused(PLAN, capsys, "depth_unit 1e-05 instead of 0.0001 would fit it")
+    assert main([*PLAN, "--depth-unit", "1e-5"]) == 0
 
 
 def test_an_empty_plan_says_what_to_try(folder, capsys):
@@ -554,19 +560,19 @@ def fields_of(keywords):
 def test_every_option_reaches_the_planner(folder, monkeypatch):
     given = {}
     monkeypatch.setattr(
-        "jshape.cli.plan.plan_frames", lambda *images, **keywords: given.update(keywords) or 1 / 0
+        "jshape.cli.plan.plan_views", lambda *images, **keywords: given.update(keywords) or 1 / 0
     )
     expected = {
         "stride": 4, "seconds": 0.5, "evaluations": 70, "error_margin": 0.5, "clearance_mm": 8.0,
         "max_uses": {"poke": 2}, "seed": 3, "yaws": 4, "strengths": [0.5, 2.0], "reachable": None,
         "max_steps": 5, "min_gain_mm": 0.1, "tolerance_mm": 0.2, "max_missing": 0.3,
-        "out_of_bounds": "drop", "reproject": True, "positions": None,
+        "out_of_bounds": "drop", "positions": None,
     }  # fmt: skip
     options = ["--stride", "4", "--planner", "mcts", "--seconds", "500ms", "--evaluations", "70"]
     options += ["--error-margin", "0.5", "--clearance-mm", "8", "--max-uses", "poke=2"]
     options += ["--seed", "3", "--yaws", "4", "--strengths", "0.5,2", "--max-steps", "5"]
     options += ["--min-gain-mm", "0.1", "--tolerance-mm", "0.2", "--max-missing", "0.3"]
-    options += ["--out-of-bounds", "drop", "--reproject", "--devices", "1"]
+    options += ["--out-of-bounds", "drop", "--devices", "1"]
     with pytest.raises(ZeroDivisionError):
         main([*PLAN[:5], *options])
     assert fields_of(given) == expected and given["planner"] == "mcts"
@@ -831,9 +837,7 @@ def test_surroundings_that_a_process_may_have(tmp_path, closed, environment, sai
 
 @pytest.mark.full
 def test_a_goal_of_another_folder_is_read_with_its_own_camera(folder, capsys):
-    """Its unit is its own; another lens is refused with both numbers, or looked at again."""
-    from jshape.camera import reproject
-
+    """Its unit is its own; through another lens it is looked at again."""
     (folder / "other").mkdir()
     goal = cv2.imread("goal.png", cv2.IMREAD_UNCHANGED)
     cv2.imwrite("other/goal.png", np.rint(goal / 5.0).astype(np.uint16))
@@ -850,16 +854,13 @@ def test_a_goal_of_another_folder_is_read_with_its_own_camera(folder, capsys):
         np.testing.assert_allclose(found["distances_mm"], ours["distances_mm"], atol=0.03)
 
     other = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, 0.3, 1.0)
-    seen = np.asarray(reproject(goal * np.float32(1e-5), PAPER_BOX, other, 0.1)[0])
-    seen = np.where(np.isfinite(seen), seen, 0.56)
+    seen = higher(goal * np.float32(1e-5), other)
     cv2.imwrite("other/goal.png", np.rint(seen / 5e-5).astype(np.uint16))
     write_camera("other/camera.json", other, 5e-5)
-    refused(elsewhere, capsys, "other/goal.png: the bank is for another camera: ")
-    assert main(elsewhere) == 2 and "fx 500 (bank: 433)" in capsys.readouterr().err
-    assert main([*elsewhere, "--reproject", "--json"]) == 0
+    assert main([*elsewhere, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [s["action"] for s in found["steps"]].count("knock") >= 2
-    # What the actions move of the middle's median, 0.2 mm, is taken for the camera's height.
+    # Both beds' planes are taken to be the same one: 0.2 mm of what the actions move is.
     assert found["distances_mm"][0] == pytest.approx(ours["distances_mm"][0], abs=0.3)
 
 
@@ -879,33 +880,34 @@ def on_a_table(folder):
 
 
 @pytest.mark.full
-def test_a_bed_smaller_than_the_view_is_planned_on_in_its_window(folder, capsys):
-    """`camera check` and `plan` say the same, and the window that they name is planned on."""
+def test_a_bed_smaller_than_the_view_is_found_and_planned_on(folder, capsys):
+    """By itself, in the map's pixels and the camera's own; a window says so where it is known."""
     on_a_table(folder)
-    said = "surroundings: the bed fills 14% of the view, 0.598 to 0.601 m away, and what is "
-    way = "--window 197,186,247x205 holds only the bed"
     assert main(["camera", "check", "now.png", "--frames", "1"]) == 0
-    found = capsys.readouterr().out
-    assert "BAD jshape plan would refuse it" in found and said in found and way in found
-    refused(["plan", "now.png", "goal.png"], capsys, "--window or --depth-range plan on the frames")
-    refused(["plan", "now.png", "goal.png", "--reproject"], capsys, said)
-    refused(["plan", "now.png", "goal.png", "--reproject"], capsys, way)
-    window = ["--window", "197,186,247x205"]
-    assert main(["camera", "check", "now.png", "--frames", "1", *window]) == 0
     assert "good enough to record and to plan with" in capsys.readouterr().out
     quick = ["--positions", "5x5", "--max-steps", "2", "--json"]
-    assert main(["plan", "now.png", "goal.png", *window, *quick]) == 0
-    found = json.loads(capsys.readouterr().out)
-    # 9 mm over 119 x 35 of the window's pixels, by the ratio of ray to depth more.
-    assert found["distances_mm"][0] == pytest.approx(9 * 119 * 35 / (247 * 205), rel=0.05)
-    for step in found["steps"]:
-        np.testing.assert_array_equal(
-            np.subtract(step["camera_position"], step["position"]), [197, 186]
-        )
-        assert 197 <= step["camera_position"][0] < 197 + 247
-    refused(["plan", "now.png", "goal.png", *window, "--reproject"], capsys, "one or the other")
-    refused(["plan", "now.png", "goal.png", "--bank", "bank", *window], capsys, "bound to its")
-    refused(["plan", "now.png", "goal.png", "--window", "300,300,90x90"], capsys, "changes")
+    for part in ([], ["--window", "197,186,247x205"], ["--depth-range", "0.58,0.62"]):
+        assert main(["plan", "now.png", "goal.png", *part, *quick]) == 0
+        found = json.loads(capsys.readouterr().out)
+        # 9 mm over 119 x 35 of the bed's pixels.
+        expected = 9 * 119 * 35 / (247 * 205)
+        assert found["distances_mm"][0] == pytest.approx(expected, rel=0.06)
+        assert found["steps"]
+        for step in found["steps"]:
+            assert np.abs(np.subtract(step["camera_position"], [320, 288])).max() < 126
+    window = ["--window", "300,300,90x90"]
+    refused(["plan", "now.png", "goal.png", *window], capsys, "mm of bed are seen; grasp changes")
+    window = ["--window", "600,500,90x90"]
+    refused(["plan", "now.png", "goal.png", *window], capsys, "leaves the 640x576 image")
+    window = ["--window", "197,186,9x9"]
+    said = "pixels have a reading; a plane needs 100"
+    refused(["plan", "now.png", "goal.png", *window], capsys, said)
+    empty = ["--depth-range", "0.7,0.8"]
+    refused(["plan", "now.png", "goal.png", *empty], capsys, "no reading lies within the --window")
+    # A bank of images sees 50 mm of depth: not the table too.
+    images = ["plan", "now.png", "goal.png", "--bank", "bank"]
+    refused(images, capsys, "--window or --depth-range says which part")
+    assert main([*images, "--window", "197,186,247x205", "--positions", "places.json"]) == 0
 
 
 @pytest.mark.full
@@ -915,14 +917,14 @@ def test_a_goal_for_a_window_is_planned_for_with_what_it_prints(folder, capsys):
     assert main([*words, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["level_m"] == pytest.approx(0.600, abs=2e-3)
-    assert " --window 0,0,247x205 " in said["next"]
     plan = said["next"].split()[1:4]
     quick = ["--positions", "3x3", "--max-steps", "1", "--json"]
-    assert main([*plan, "--window", "0,0,247x205", *quick]) == 0
+    assert main([*plan, *quick]) == 0
     one = json.loads(capsys.readouterr().out)["distances_mm"][0]
     # The same from the whole frame: the goal's folder says that it is the window.
     assert main(["plan", "now.png", plan[2], "--window", "197,186,247x205", *quick]) == 0
-    assert json.loads(capsys.readouterr().out)["distances_mm"][0] == pytest.approx(one, rel=1e-3)
+    # Of a bed among what does not count two pixels are left out at each edge: 4 % of it.
+    assert json.loads(capsys.readouterr().out)["distances_mm"][0] == pytest.approx(one, rel=0.05)
     # The whole frame is cut to the bed's window; one of another lens is not taken for it.
     refused(["goal", "mine/now.png", "--frame", "now.png"], capsys, "nothing of it would change")
     (folder / "other").mkdir()
@@ -932,38 +934,35 @@ def test_a_goal_for_a_window_is_planned_for_with_what_it_prints(folder, capsys):
 
 
 @pytest.mark.full
-def test_a_heap_taller_than_the_banks_range_is_planned_in_its_own(folder, capsys):
+def test_a_heap_taller_than_the_banks_range_is_planned_on(folder, capsys):
+    """83 mm of relief, of which the bank's camera sees 50: on a height map, with no option."""
     v, u = np.mgrid[0:395, 0:480]
     heap = 4500 - 900 * np.exp(-((u - 240) ** 2 + (v - 197) ** 2) / 7000.0)
     for name, depth in (("now", heap), ("goal", np.maximum(heap, 3900))):
         cv2.imwrite(f"{name}.png", depth.astype(np.uint16))
     write_camera(folder / "camera.json", replace(PAPER_BOX, z_min=0.3, z_max=0.6), 1e-4)
-    said = "range: the bed is 0.367 to 0.450 m away, 83 mm of relief, and the bank's camera sees 50"
-    for more in ([], ["--reproject"]):
-        refused(["plan", "now.png", "goal.png", *more], capsys, said)
-    way = ["--depth-range", "0.357,0.480"]
-    refused(["plan", "now.png", "goal.png"], capsys, " ".join(way))
     quick = ["--positions", "5x5", "--max-steps", "1", "--json"]
-    assert main(["plan", "now.png", "goal.png", *way, *quick]) == 0
+    assert main(["plan", "now.png", "goal.png", *quick]) == 0
     found = json.loads(capsys.readouterr().out)
-    gone = np.abs(np.maximum(heap, 3900) - heap).mean() / 10
+    # Seen from straight above the heap's top is not larger, as it is to the camera: by its depth.
+    part = (np.minimum(heap, 3900) / 4500) ** 2
+    gone = (np.abs(np.maximum(heap, 3900) - heap) * part).mean() / 10
     assert found["distances_mm"][0] == pytest.approx(gone, rel=0.1)
+    assert np.abs(np.subtract(found["steps"][0]["camera_position"], [240, 197])).max() < 60
 
 
 @pytest.mark.parametrize(
-    ("fields", "options", "said"),
+    ("fields", "said"),
     [
-        ({"z_min": 420, "z_max": 470}, [], "z_min is 420; it is in metres, at most 50 (in milli"),
-        ({"z_min": 420, "z_max": 470}, ["--reproject"], "it would be 0.42 m)"),
-        ({"z_min": 0.5, "z_max": 0.6}, [], "z_min and z_max of camera.json must say so"),
-        ({"z_min": 0.5, "z_max": 0.6}, ["--reproject"], "z_min and z_max of camera.json must say"),
+        ({"z_min": 420, "z_max": 470}, "z_min is 420; it is in metres, at most 50 (in milli"),
+        ({"z_min": 420, "z_max": 470}, "it would be 0.42 m)"),
+        ({"z_min": 0.5, "z_max": 0.6}, "z_min and z_max of camera.json must say so"),
     ],
 )
-def test_advice_on_a_range_that_cannot_be_is_of_use(folder, capsys, fields, options, said):
-    """Metres are meant; and nobody is told to use an option that was used."""
+def test_advice_on_a_range_that_cannot_be_is_of_use(folder, capsys, fields, said):
+    """Metres are meant."""
     _edit_json(folder / "camera.json", **fields)
-    refused([*PLAN, *options], capsys, said)
-    assert main([*PLAN, *options]) == 2 and "reproject" not in capsys.readouterr().err
+    refused(PLAN, capsys, said)
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda name: os.symlink("gone", name)])
@@ -978,9 +977,13 @@ def test_a_camera_json_that_is_no_file_is_not_passed_over(folder, capsys, make):
     refused(goal, capsys, "other/camera.json: is ")
 
 
-def test_a_tilted_camera_is_named(folder, capsys):
+def test_a_tilted_camera_is_levelled(folder, capsys):
     v, u = np.mgrid[0:395, 0:480]
     z = (0.445 / (1 + np.tan(np.radians(8.0)) * (u - 240) / 433.0) / 1e-5).astype(np.uint16)
     for name in ("now", "goal"):
         cv2.imwrite(f"{name}.png", z)
-    refused(PLAN, capsys, "tilt: the bed is tilted by 8.0 degrees against the image")
+    assert main([*PLAN, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    turn = np.array(found["camera"]["pose"])[:3, :3]
+    assert np.degrees(np.arccos(turn[2, 2])) == pytest.approx(8.0, abs=0.05)
+    assert found["distances_mm"] == [0.0] and found["status"] == "CONVERGED"

@@ -1,6 +1,7 @@
 """`jshape goal`, as people use it: every source, what is written, and every refusal."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import jax
@@ -10,10 +11,12 @@ from PIL import Image
 
 from jshape import PAPER_BOX, Camera, load_bank, rollout, sim
 from jshape.cli.main import main
-from jshape.data.view import image_of_depth
+from jshape.data.view import View, image_of_depth
+from jshape.height_map import ABOVE, as_frame
 from jshape.io.cameras import read_camera, write_camera
 from jshape.io.drawings import read_drawing
 from jshape.io.images import read_depth, write_depth_png
+from jshape.reproject import reproject
 
 OTHER = Camera(320, 240, 280.0, 280.0, 161.0, 118.0, 0.3, 1.0)
 UNIT = 1e-4
@@ -197,12 +200,74 @@ def test_another_camera_keeps_its_own_pixels_and_format(folder, capsys):
     change = change_mm(folder, "npy")
     v, u = np.unravel_index(np.argmin(cv2.blur(change, (15, 15))), change.shape)
     assert abs(u - 100) < 15 and abs(v - 90) < 15 and change.min() < -5
-    assert "--reproject" in said["next"] and "another one" in said["assumed"][0]
+    assert "another one" in said["assumed"][0]
+    assert main([*said["next"].split()[1:4], "--positions", "5x5", "--max-steps", "1"]) == 0
     luminance = np.full(PAPER_BOX.shape, 102, np.uint8)
     cv2.imwrite("dark.png", luminance)
     made(capsys, "dark.png", "--text", "I")
     assert read_camera("goal/camera.json")[1] == UNIT
     assert change_mm(folder).min() == pytest.approx(-8, abs=0.2)
+
+
+TILTED = Camera(640, 480, 500.0, 500.0, 319.5, 239.5, 0.3, 1.0)
+
+
+def seen_at_30_degrees(depth):
+    """What `TILTED`, 0.5 m from the middle of the bed, sees of what the bank's camera saw."""
+    a, pose = np.radians(30.0), np.eye(4)
+    pose[:3, :3] = [[1, 0, 0], [0, np.cos(a), np.sin(a)], [0, -np.sin(a), np.cos(a)]]
+    pose[:3, 3] = [0.0, 0.0, 0.45] - 0.5 * pose[:3, 2]
+    posed, span = replace(TILTED, pose=as_frame(pose)), np.array([0.3, 0.8], np.float32)
+    return np.nan_to_num(np.asarray(reproject(depth, PAPER_BOX, posed, span)))
+
+
+@pytest.mark.full
+def test_a_goal_on_a_tilted_bed_is_made_and_planned_for_from_above(folder, capsys):
+    """Places, drawings, frames and masks are those of the camera; what is written is a map."""
+    flat = np.asarray(sim.render(sim.flat_bed(), PAPER_BOX))
+    np.save("tilted.npy", seen_at_30_degrees(flat))
+    write_camera("tilted.json", TILTED, 0.001)
+    bed = "tilted.npy", "--camera-file", "tilted.json"
+
+    def dug(*words, share=0.5):
+        """What is asked for, and the camera's pixel in its middle."""
+        said = made(capsys, *bed, *words)
+        now, goal = np.load("goal/now.npy"), np.load("goal/goal.npy")
+        np.testing.assert_array_equal(np.isnan(now), np.isnan(goal))
+        assert np.abs(np.nanmedian(now) - ABOVE) < 5e-4
+        change = np.nan_to_num(goal - now)
+        middle = np.argwhere(change > share * change.max())[:, ::-1].mean(0)
+        view = View(TILTED, read_camera("goal/camera.json")[0])
+        return said, change, middle, view.pixels(middle[None], [ABOVE])[0]
+
+    said, change, middle, own = dug("--text", "I", "--at", "320,200", "--depth-mm", "6")
+    assert "tilted by 30.0 degrees" in said["assumed"][0]
+    assert read_camera("goal/camera.json")[0].orthographic and 0.005 < change.max() < 0.0065
+    np.testing.assert_allclose(own, [320, 200], atol=3)
+    quick = ["--positions", "9x9", "--max-steps", "1", "--json"]
+    assert main([*said["next"].split()[1:4], *quick]) == 0
+    (step,) = json.loads(capsys.readouterr().out)["steps"]
+    assert np.abs(np.subtract(step["position"], middle)).max() < 60
+
+    # A drawing of the camera's own size, at the same place; and a mask that ends in its middle.
+    drawn, free = np.zeros(TILTED.shape, np.uint8), np.zeros(TILTED.shape, np.uint8)
+    drawn[180:221, 300:341], free[:, 320:] = 255, 255
+    cv2.imwrite("drawn.png", drawn)
+    cv2.imwrite("free.png", free)
+    words = "--mask", "drawn.png", "--depth-mm", "6"
+    _, whole, _, own = dug(*words)
+    np.testing.assert_allclose(own, [320, 200], atol=3)
+    _, part, _, _ = dug(*words, "--reachable", "free.png")
+    assert 0.4 < part.sum() / whole.sum() < 0.6
+
+    # Another frame of that camera, and actions at its pixels.
+    after = flat.copy()
+    after[150:200, 200:280] += 0.006
+    np.save("after.npy", seen_at_30_degrees(after))
+    _, change, _, _ = dug("--frame", "after.npy")
+    assert np.median(change[change > 0.003]) == pytest.approx(0.006, abs=5e-4)
+    _, _, _, own = dug("--actions", "knock 320,200")
+    np.testing.assert_allclose(own, [320, 200], atol=15)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

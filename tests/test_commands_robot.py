@@ -20,7 +20,8 @@ from jshape.cli.mold import MoldOptions, goal_of, keep_on, restored
 from jshape.cli.parser import parse
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile
-from jshape.io.cameras import write_camera
+from jshape.height_map import ABOVE
+from jshape.io.cameras import camera_from, write_camera
 from jshape.io.images import write_depth_png
 from jshape.robot.arms.names import open_arm
 from jshape.robot.robot import Robot
@@ -198,7 +199,7 @@ def goal_for(tmp_path, camera, bank, **more):
     write_depth_png(tmp_path / "wanted.png", wanted, 1e-4)
     eye = SimpleNamespace(camera=camera, depth_unit=1e-4, name="it")
     robot = blank_robot(eye, bank)
-    given = {"camera_file": None, "depth_unit": None, "reproject": False, "window": None,
+    given = {"camera_file": None, "depth_unit": None, "window": None,
              "depth_range": None, "max_missing": 0.1} | more  # fmt: skip
     options = MoldOptions(out=tmp_path, **given)
     with redirect_stdout(io.StringIO()) as said:
@@ -207,10 +208,12 @@ def goal_for(tmp_path, camera, bank, **more):
 
 
 def test_a_goal_of_the_robots_own_camera_is_seen_as_the_bed_is(tmp_path, bank):
-    """Moved to the bank's distance alike: a dug middle is not taken for raised surroundings."""
+    """From the same place above it: a dug middle is not taken for raised surroundings."""
     camera = replace(PAPER_BOX, fx=350.0, fy=350.0, z_min=0.3, z_max=1.0)
-    now, robot, _, goal, _, known = goal_for(tmp_path, camera, bank, reproject=True)
-    assert known == {"rise_m": pytest.approx(0.445 - 0.56, abs=1e-5)}
+    now, robot, _, goal, seen_by, known = goal_for(tmp_path, camera, bank)
+    assert camera_from(known["view"], "it") == robot.view.target == seen_by.camera
+    # The plane is where most of the bed lies, the dug middle, which is brought to 0.445 m.
+    assert robot.view.to_source[2, 3] == pytest.approx(0.56 - 0.445, abs=1e-4)
     before = image_of_depth(now, PAPER_BOX, view=robot.view).image
     dug = float(metric.to_mm(metric.distance(before, goal), PAPER_BOX))
     assert 8 < dug < 11  # 10 mm over 87 % of the bank's view, along slanted rays
@@ -218,22 +221,30 @@ def test_a_goal_of_the_robots_own_camera_is_seen_as_the_bed_is(tmp_path, bank):
     again = blank_robot(robot.depth_camera, bank)
     restored(known, again, bank)
     np.testing.assert_array_equal(image_of_depth(now, PAPER_BOX, view=again.view).image, before)
+    for spoiled in (3, {"width": 480}):
+        with pytest.raises((BadFile, BadCamera), match="the run's view"):
+            gone_on({"view": spoiled}, again, bank)
 
 
-def test_a_window_is_molded_in_as_the_robots_camera_sees_it(tmp_path):
+def test_a_bank_in_metres_molds_on_a_height_map_of_the_bed(tmp_path):
+    """One pixel of the robot's camera is one of the map, and effects keep their size in metres."""
     camera = replace(PAPER_BOX, fx=350.0, fy=350.0, z_min=0.3, z_max=1.0)
     given = load_bank("pressed-flour-robot")
-    window = {"window": (0, 0, 480, 395)}
-    _, robot, _, goal, bank, known = goal_for(tmp_path, camera, given, **window)
-    assert known == {"bed_m": pytest.approx(0.56, abs=1e-4)} and goal.shape == camera.shape
-    assert robot.camera is bank.camera and bank.camera.fx == 350.0
+    now, robot, _, goal, bank, known = goal_for(tmp_path, camera, given)
+    assert bank.camera.orthographic and goal.shape == bank.camera.shape
+    assert np.abs(np.subtract(goal.shape, camera.shape)).max() < 15  # the rim lies nearer: less
+    assert robot.camera == bank.camera == camera_from(known["view"], "it")
+    assert float(bank.camera.fx) == pytest.approx(350 / 0.56, rel=1e-3)
     trained = float(given.predictor("knock").grid.depth)
     smaller = given.roi("knock")[0] * 350 / 433 * trained / 0.56
     assert bank.roi("knock")[0] == pytest.approx(smaller, abs=1)  # whole pixels
+    seen = image_of_depth(now, bank.camera, view=robot.view)
+    depth = np.asarray(bank.camera.depth(metric.unweigh(seen.image, bank.camera)))
+    assert np.median(depth[seen.known]) == pytest.approx(ABOVE - 0.010, abs=2e-4)
 
 
 def test_a_goal_beside_its_own_camera_is_read_with_it(tmp_path, bank):
     other = replace(PAPER_BOX, fx=615.0, z_min=0.3, z_max=1.0)
     write_camera(tmp_path / "camera.json", other, 1e-4)
-    with pytest.raises(BadCamera, match=r"wanted.png: .*fx 615 \(bank: 433\)"):
+    with pytest.raises(BadCamera, match=r"wanted.png: of another .*fx 615 \(its: 433\).*a pose"):
         goal_for(tmp_path, PAPER_BOX, bank)

@@ -57,15 +57,16 @@ def test_keys_reach_every_command_that_has_the_option(asked, capsys):
     write(
         'bank = "my-bank"\ncamera = "realsense"\ncamera-file = "c.json"\narm = "sim:3"\n'
         'planner = "beam"\nmaterial = "sand"\nmax_missing = 0.3\nstrengths = [0.5, 1]\n'
-        'window = "1,2,30x40"\ndepth-range = [0.4, 0.5]\nreproject = true\n'
+        'window = "1,2,30x40"\ndepth-range = [0.4, 0.5]\nfill-holes = true\n'
     )
     plan = asked(*PLAN)
     assert (plan.bank, plan.planner, plan.max_missing) == ("my-bank", "beam", 0.3)
-    assert plan.strengths == [0.5, 1.0] and plan.reproject is True
+    assert plan.strengths == [0.5, 1.0]
     assert plan.camera_file == "c.json", "the camera is a device, and a plan wants its description"
     mold = asked(*MOLD)
     assert (mold.camera, str(mold.camera_file), mold.arm) == ("realsense", "c.json", "sim:3")
     assert mold.window == (1, 2, 30, 40) and mold.depth_range == (0.4, 0.5)
+    assert mold.fill_holes is True
     assert mold.material == "sand" and mold.bank == "my-bank"
     record = asked("record", "--out", "r")
     assert (record.values, str(record.camera_file)) == (("realsense",), "c.json")
@@ -139,8 +140,9 @@ BAD = {
     "restart": ("[train]\nrestart = true", "restart is not taken from a file"),
     "twice": ("max_steps = 1\nmax-steps = 2", "max-steps is there twice"),
     "a number for a name": ("bank = 3", "jshape.toml: bank: 3 is not text"),
-    "text for a truth": ('reproject = "yes"', "reproject: 'yes' is not true or false"),
-    "a number for a truth": ("reproject = 1", "reproject: 1 is not true or false"),
+    "text for a truth": ('[mold]\nfill-holes = "yes"', "fill-holes: 'yes' is not true or false"),
+    "a number for a truth": ("[mold]\nfill-holes = 1", "fill-holes: 1 is not true or false"),
+    "an option that was": ("reproject = true", "unknown key 'reproject'"),
     "a truth for a number": ("max-steps = true", "max-steps: true is not a number or text"),
     "no whole number": ("max-steps = 2.5", "max-steps: '2.5' is not a whole number"),
     "a list for one": ("max-steps = [1, 2]", "max-steps: '1,2' is not a whole number"),
@@ -163,7 +165,8 @@ def test_what_is_wrong_is_said_in_one_line(case, capsys):
     text, words = BAD[case]
     with open("jshape.toml", "wb") as file:
         file.write(text.encode(errors="surrogateescape"))
-    command = {"[train]": ("train", "x", "--out", "y")}.get(text.split("\n")[0], PLAN)
+    tables = {"[train]": ("train", "x", "--out", "y"), "[mold]": MOLD}
+    command = tables.get(text.split("\n")[0], PLAN)
     assert main([*command]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and err.startswith("jshape: error: jshape.toml: ")

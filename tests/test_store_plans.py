@@ -14,11 +14,13 @@ from hypothesis import strategies as st
 from jshape import Camera, Plan, Status
 from jshape.data.view import View
 from jshape.errors import BadFile, JShapeError
+from jshape.height_map import as_frame, looking_down
 from jshape.planning import plan_file as plans
 from jshape.planning.plan_file import plan_fields, write_plan
 
 CAMERA = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 WHOLE = Camera(60, 50, 50.0, 50.0, 29.5, 24.5, 0.4, 0.5)
+HIGHER = as_frame(looking_down(0.55))
 ROIS = [(12, 9), (4, 5)]
 STEP_NUMBERS = (
     *("positions", "offsets", "exact_positions", "rois", "strengths", "yaws"),
@@ -98,11 +100,15 @@ def test_round_trip(plan, path):
 
 @pytest.mark.parametrize(
     "view",
-    [View(WHOLE, CAMERA, (10, 10)), View(replace(WHOLE, fx=40.0), CAMERA, None, 0.05)],
-    ids=["window", "reprojected"],
+    [
+        View(WHOLE, CAMERA, (10, 10)),
+        View(replace(WHOLE, fx=40.0), replace(CAMERA, pose=HIGHER)),
+        View(replace(WHOLE, pose=HIGHER), replace(CAMERA, orthographic=True, fx=90.0, fy=90.0)),
+    ],
+    ids=["window", "looked at again", "from above"],
 )
 def test_a_view_comes_back(plan, tmp_path, view):
-    plan = replace(plan, view=view)
+    plan = replace(plan, view=view, camera=view.target)
     write_plan(tmp_path / "plan.json", plan)
     found = Plan.from_json(tmp_path / "plan.json")
     same(found, plan)
@@ -160,7 +166,7 @@ def step(**change):
 
 
 def view(**change):
-    fields = {"source": plans.camera_fields(WHOLE), "window": [10, 10], "rise": 0.0}
+    fields = {"source": plans.camera_fields(WHOLE), "window": [10, 10]}
     return {"view": fields | change}
 
 
@@ -247,10 +253,10 @@ SPOILED = [
     (view(window=[BIG, 10]), "view: its window leaves"),
     (view(window=[-1, 10]), "view: window is [-1, 10]"),
     (view(window="all"), "view: window is 'all'"),
-    (view(rise="0"), "view: rise is '0'"),
-    (view(rise=None), "view: rise is None"),
-    (view(window=None, rise=0.45), "view: rise is 0.45; expected metres, less than 0.45"),
-    (view(window=None, rise=-BIG * BIG), "view: rise is -"),
+    (
+        view(source=plans.camera_fields(WHOLE) | {"pose": [[1]]}),
+        "view: source: pose is [[1]]",
+    ),
     ({"images": 3}, "images is 3; expected text"),
     ({"images": ""}, "images: not a readable NPZ"),
     ({"images": "AAA"}, "images: not base64"),

@@ -1,6 +1,8 @@
 """The studio's state, its runs and its annotation, without a browser."""
 
 import asyncio
+import base64
+import itertools
 import json
 import threading
 import time
@@ -18,15 +20,24 @@ from jshape.app.annotation import Annotation
 from jshape.app.drawing import BrushStroke, Words
 from jshape.app.editor_state import EditorState
 from jshape.app.plan_job import PlanJob
-from jshape.app.run_controller import RunController, State, seen, simulated_robot
+from jshape.app.run_controller import (
+    RunController,
+    State,
+    over_simulated,
+    seen,
+    simulated_robot,
+)
 from jshape.data.simulate import simulate_pairs, together
 from jshape.data.view import image_of_depth
-from jshape.errors import BadBank, BadDataset, BadFile, JShapeError
+from jshape.errors import BadBank, BadCamera, BadDataset, BadFile, JShapeError
+from jshape.height_map import as_frame
 from jshape.io import annotations, datasets
 from jshape.io.cameras import write_camera
 from jshape.io.images import write_depth_png
+from jshape.reproject import reproject
 from jshape.robot.arms.base import ArmError
 from jshape.robot.arms.simulated import SimulatedArm
+from jshape.robot.cameras.played import Played
 from jshape.robot.cameras.simulated import levelled_world
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
@@ -513,6 +524,102 @@ def test_a_goal_of_the_beds_camera_is_seen_from_where_the_bed_is(tmp_path):
     editor = EditorState("flour-robot")
     for name, depth, load in (("now", now, editor.load_bed), ("wanted", wanted, editor.load_goal)):
         write_depth_png(tmp_path / f"{name}.png", depth, 1e-4)
-        load(tmp_path / f"{name}.png", reproject=True)
+        load(tmp_path / f"{name}.png")
     change = editor.goal - editor.bed  # I falls where the bed is lower
     assert change.min() < -0.1 and change.max() < 0.01
+
+
+TILTED = jshape.Camera(640, 480, 500.0, 500.0, 319.5, 239.5, 0.3, 1.0)
+
+
+def tilted(depth):
+    """What `TILTED`, at 30 degrees, 0.5 m from the bed's middle, sees of what the bank's saw."""
+    a, pose = np.radians(30.0), np.eye(4)
+    pose[:3, :3] = [[1, 0, 0], [0, np.cos(a), np.sin(a)], [0, -np.sin(a), np.cos(a)]]
+    pose[:3, 3] = [0.0, 0.0, 0.45] - 0.5 * pose[:3, 2]
+    posed, span = replace(TILTED, pose=as_frame(pose)), np.array([0.3, 0.8], np.float32)
+    return np.nan_to_num(np.asarray(reproject(depth, jshape.PAPER_BOX, posed, span)))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", ["pressed-flour-robot", "flour-robot"])
+def test_a_bed_of_a_tilted_camera_is_drawn_on_planned_saved_and_run(bed, tmp_path, name):
+    depth = np.asarray(jshape.PAPER_BOX.depth(jshape.metric.unweigh(bed, jshape.PAPER_BOX)))
+    write_camera(tmp_path / "camera.json", TILTED, 1e-4)
+    write_depth_png(tmp_path / "now.png", tilted(depth), 1e-4)
+    editor = EditorState(name)
+    own = editor.camera
+    editor.load_bed(tmp_path / "now.png")
+    camera = editor.camera
+    assert camera.orthographic is (name == "pressed-flour-robot")
+    assert editor.bed.shape == camera.shape and editor.bank.rois
+    level = float(np.median(editor.depth_of(editor.bed)))
+    assert editor.pixels_per_mm == pytest.approx(float(camera.scale(level)[0]) / 1e3, rel=1e-3)
+    # A brush of 30 mm is as wide as that on the bed, and what it moves is told in cm3.
+    u, v = (camera.width - 1) / 2, (camera.height - 1) / 2
+    editor.draw(BrushStroke(((u - 60, v), (u + 60, v)), 30.0, 8.0))
+    change = change_mm(editor)
+    wide = (change[:, int(u)] > 4).sum() / editor.pixels_per_mm
+    assert 20 < wide < 32 and 7 < change.max() < 8.5
+    area = change.clip(0).sum() / editor.pixels_per_mm**2
+    assert editor.to_move_cm3[0] == pytest.approx(area / 1e3, rel=0.05)
+    editor.make_plan(max_steps=1, stride=32)
+    assert len(editor.plan) == 1
+
+    editor.save(tmp_path / "saved")
+    again = EditorState(name)
+    again.load_bed(tmp_path / "saved" / "now.png")
+    again.load_goal(tmp_path / "saved" / "goal.png")
+    assert again.camera.shape == camera.shape
+    assert again.distance_mm == pytest.approx(editor.distance_mm, abs=0.05)
+
+    bank, plan = over_simulated(editor.bank, editor.plan)
+    robot = simulated_robot(editor.depth_of(editor.bed), bank, "flour")
+    off = np.abs(editor.depth_of(seen(robot)) - editor.depth_of(editor.bed))
+    assert np.median(off) < 0.0006
+    run = RunController(robot, bank, editor.goal, tmp_path / "run", meta={}, plan=plan)
+    wait_for(run, State.ASKING)
+    run.answer(True)
+    run.wait(60.0)
+    assert run.state is State.FINISHED, run.why
+
+    editor.use_bank(name)  # for what is seen now
+    assert editor.camera == camera
+    straight = tmp_path / "straight"
+    straight.mkdir()
+    write_camera(straight / "camera.json", jshape.PAPER_BOX, 1e-4)
+    write_depth_png(straight / "now.png", depth, 1e-4)
+    editor.load_bed(straight / "now.png")
+    assert editor.camera == own
+
+
+def test_the_3d_scene_gets_places_of_parallel_rays():
+    from jshape.app.bed_scene import BedScene
+
+    scene = mock.MagicMock(_props={})
+    flat = replace(TILTED, orthographic=True, fx=1000.0, fy=1000.0)
+    for camera in (TILTED, flat):
+        BedScene.use(scene, camera)
+        x = np.frombuffer(base64.b64decode(scene._props["x"]), np.float32)
+        assert scene._props["parallel"] is camera.orthographic
+        away = 1.0 if camera.orthographic else 0.7
+        np.testing.assert_allclose(x * away, camera.at(np.arange(640), 0, 0.7)[0], rtol=1e-5)
+
+
+def test_a_robots_camera_looks_as_the_bed_was_seen(bed):
+    """A tilted one is not refused: its first look says from where the others are seen."""
+    depth = np.asarray(jshape.PAPER_BOX.depth(jshape.metric.unweigh(bed, jshape.PAPER_BOX)))
+    frame = np.rint(tilted(depth) / 1e-4).astype(np.uint16)
+    editor = EditorState("pressed-flour-robot")
+    eye = Played("tilted", TILTED, 1e-4, itertools.repeat(frame), live=False)
+    with Robot(eye, mock.MagicMock(), load_hand(None), editor.camera, frames=1) as robot:
+        editor.look(robot)
+        view = robot.view
+        assert editor.camera.orthographic and robot.camera == editor.camera
+        editor.look(robot)
+        assert robot.view is view and editor.came_from == "tilted"
+        editor.show_to(robot)
+        other = EditorState("flour-robot")
+        other.see(bed, "simulated")
+        with pytest.raises(BadCamera, match="the bed is not of tilted: look with the camera"):
+            other.show_to(robot)

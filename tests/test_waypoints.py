@@ -13,6 +13,7 @@ from jshape.actions import PAPER_Z
 from jshape.cli.main import main
 from jshape.data.view import View
 from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName
+from jshape.height_map import as_frame
 from jshape.planning.plan import successive
 from jshape.planning.plan_file import write_plan
 from jshape.robot import waypoints
@@ -148,16 +149,30 @@ def test_operations_are_the_hands(plan):
             np.testing.assert_allclose(turn, [0, 0, plan.yaws[k]], atol=1e-6)
 
 
-def test_a_higher_camera_looks_from_where_it_is(plan):
-    """The bank's camera is imitated from 0.3 m above the one that looks, and 0.2 m beyond it."""
+def moved(turn=((1, 0, 0), (0, 1, 0), (0, 0, 1)), z=0.0):
+    """The pose of a camera that is turned and moved along the axis."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[2, 3] = turn, z
+    return as_frame(matrix)
+
+
+def test_a_camera_elsewhere_looks_from_where_it_is(plan):
+    """The bank's camera is imitated from 0.2 m above the one that looks, 0.3 m below, and aside."""
     beside = waypoints_of(plan, load_hand()).actions
     limits = replace(load_hand().limits, low_mm=(-400.0, -400.0, 0.0), high_mm=(400.0, 400.0, 1e3))
     hand = replace(load_hand(), limits=limits)
-    for rise in (0.2, -0.3):
-        view = View(D435_BAZAR, PAPER_BOX, None, rise)
+    for higher in (0.2, -0.3):
+        view = View(D435_BAZAR, replace(PAPER_BOX, pose=moved(z=-higher)))
         ways = waypoints_of(replace(plan, view=view), hand)
         for path, other in zip(ways.actions, beside, strict=True):
-            np.testing.assert_allclose(path.surface, other.surface - [0, 0, rise], atol=1e-12)
+            np.testing.assert_allclose(path.surface, other.surface - [0, 0, higher], atol=1e-12)
+    # A camera at 30 degrees: what the straight one has at (x, y, z) is turned into its frame.
+    turn = Rotation.from_euler("x", 30, degrees=True).as_matrix()
+    view = View(D435_BAZAR, replace(PAPER_BOX, pose=moved(turn, z=0.1)))
+    for path, other in zip(
+        waypoints_of(replace(plan, view=view), hand).actions, beside, strict=True
+    ):
+        np.testing.assert_allclose(path.surface, turn @ other.surface + [0, 0, 0.1], atol=1e-12)
     window = View(D435_BAZAR, PAPER_BOX, (181, 46))
     for path, other in zip(
         waypoints_of(replace(plan, view=window), hand).actions, beside, strict=True

@@ -11,7 +11,7 @@ const dispose = (object) =>
 
 export default {
   template: `<div style="position: relative; overflow: hidden"></div>`,
-  props: { columns: Number, rows: Number, x: String, y: String, shown: Object },
+  props: { columns: Number, rows: Number, x: String, y: String, parallel: Boolean, shown: Object },
 
   mounted() {
     this.renderer = new THREE.WebGLRenderer({ antialias: true });
@@ -51,8 +51,9 @@ export default {
   methods: {
     // The meshes for images of this camera.
     build() {
-      if (this.built === this.x + this.y) return;
-      this.built = this.x + this.y;
+      const built = this.x + this.y + this.parallel;
+      if (this.built === built) return;
+      this.built = built;
       this.rays = [this.x, this.y].map((text) => new Float32Array(bytes(text).buffer));
       this.centre = this.rays.map((ray) => (ray[0] + ray.at(-1)) / 2);
       this.side = this.rays.reduce((sum, ray) => sum + (ray.at(-1) - ray[0]) / 2, 0);
@@ -82,9 +83,10 @@ export default {
     // Camera frame, metres, to the scene: the bed's middle is 0, its mean side 1, z up.
     place(x, y, z) {
       const { level, tall } = this.shown;
-      const { centre, side } = this;
-      const at = [x / level - centre[0], centre[1] - y / level, tall * (1 - z / level)];
-      return at.map((length) => length / side);
+      const away = this.parallel ? 1 : level;
+      const [u, v] = this.centre;
+      const at = [x - u * away, v * away - y, tall * (level - z)];
+      return at.map((length) => length / (this.side * away));
     },
 
     fill(surface, text) {
@@ -99,7 +101,8 @@ export default {
       counts.forEach((count, k) => {
         const z = count ? nearest + (count - 1) * step : level;
         if (!count) gaps.push(k);
-        const at = this.place(xs[k % columns] * z, ys[Math.floor(k / columns)] * z, z);
+        const away = this.parallel ? 1 : z;
+        const at = this.place(xs[k % columns] * away, ys[Math.floor(k / columns)] * away, z);
         geometry.attributes.position.array.set(at, 3 * k);
       });
       if (geometry.index === null || surface.gaps !== gaps.join()) {

@@ -32,6 +32,8 @@ class BedScene(Element, component="bed_scene.js"):
     def use(self, camera: Camera) -> None:
         """Show images of another camera."""
         self._props["columns"], self._props["rows"] = camera.width, camera.height
+        # x and y at a depth of 1 m; of parallel rays the same at every depth.
+        self._props["parallel"] = camera.orthographic
         for name, ray in zip("xy", camera.rays(), strict=True):
             self._props[name] = _text(np.asarray(ray, np.float32).reshape(-1))
 

@@ -65,7 +65,7 @@ def wanted(bed: BedMap, marks: Sequence[Mark]) -> Float[np.ndarray, "Y X"]:
 def _brushed(bed: BedMap, strokes: Sequence[BrushStroke]) -> Float[np.ndarray, "H W"]:
     """What strokes change in the frame, metres up."""
     shape = bed.frame.shape
-    pixels_per_mm = float(bed.camera.fx) / (1e3 * bed.level)
+    pixels_per_mm = float(bed.camera.scale(bed.level)[0]) / 1e3
     sunk, raised = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     for stroke in strokes:
         away = np.ones(shape, np.uint8)

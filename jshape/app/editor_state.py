@@ -3,7 +3,7 @@
 No browser here: the page calls these methods and draws what they leave.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from jshape.app.goal_state import GoalState
 from jshape.app.plan_job import PlanJob
-from jshape.camera import Camera, check_camera
+from jshape.camera import Camera, check_camera, differing
 from jshape.data.view import View, cut_out, image_of_depth, view_above, view_like
-from jshape.errors import JShapeError, quoted
+from jshape.errors import BadCamera, JShapeError, quoted
 from jshape.io import banks, folders, formats, images, points
 from jshape.io.cameras import write_camera
 from jshape.io.frames import frame_of, source_of
@@ -22,6 +22,7 @@ from jshape.planning.api import plan, rollout
 from jshape.planning.maps import bank_for, over_bed
 from jshape.planning.options import DEFAULT_BANK, YAWS, SearchSpace, options
 from jshape.planning.plan import Plan
+from jshape.robot.robot import Robot
 
 DEPTH_UNIT = 0.0001
 """Metres per count of a goal that is written."""
@@ -91,9 +92,39 @@ class EditorState(GoalState):
         self.see(image, str(path))
         self._view = view
 
+    def look(self, robot: Robot) -> None:
+        """Take what a robot's camera sees for the bed; the first look says from where."""
+        if robot.view is None:
+            eye = robot.depth_camera.camera
+            view, bank = over_bed(self._loaded, eye, robot.frame(), robot.depth_camera.name)
+        else:
+            view, bank = robot.view, self._loaded
+            if view.above:
+                bank = bank_for(bank, view.target)
+        robot.view, robot.camera = view, bank.camera
+        image = image_of_depth(robot.look(), bank.camera, where=robot.depth_camera.name).image
+        self.bank = bank
+        self.see(image, robot.depth_camera.name)
+        self._view = view
+
+    def show_to(self, robot: Robot) -> None:
+        """Let a robot look as the bed was seen.
+
+        Raises:
+          BadCamera: the bed is of another camera, and nothing says how its own stands to it.
+        """
+        view, eye = self._view, robot.depth_camera.camera
+        if robot.camera == self.camera:
+            return
+        if view is None or differing(view.source, eye, ""):
+            raise BadCamera(
+                f"the bed is not of {robot.depth_camera.name}: look with the camera first"
+            )
+        robot.view, robot.camera = replace(view, source=eye), self.camera
+
     def see(self, image: np.ndarray, came_from: str, *, same_goal: bool = False) -> None:
-        """As `GoalState.see`; how an earlier bed was seen says nothing of this one."""
-        self._view = None
+        """As `GoalState.see`; how an earlier bed was seen says nothing of one of another look."""
+        self._view = self._view if same_goal else None
         super().see(image, came_from, same_goal=same_goal)
 
     def _read(self, path: Path, camera: str | None) -> tuple[Camera, np.ndarray]:
@@ -114,7 +145,9 @@ class EditorState(GoalState):
             view = view_like(self._view, source, depth, str(path))
         else:
             view = cut_out(source, self.camera, depth) or view_above(source, depth, self.camera)
-        self.want(image_of_depth(depth, self.camera, view=view, where=str(path)).image)
+        wanted = image_of_depth(depth, self.camera, view=view, where=str(path))
+        hidden = ~wanted.known & (self.bed is not None and view is not None and view.above)
+        self.want(np.where(hidden, self.bed, wanted.image) if hidden.any() else wanted.image)
 
     def make_plan(self, **fields: Any) -> Plan:
         """Plan from the bed to the goal; `fields` are those of `jshape.options`."""

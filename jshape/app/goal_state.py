@@ -85,7 +85,7 @@ class GoalState:
         """On the bed, in its middle; 1 without a bed."""
         if self.bed is None:
             return 1.0
-        return float(self.camera.fx) / (1e3 * float(np.median(self.depth_of(self.bed))))
+        return float(self.camera.scale(np.median(self.depth_of(self.bed)))[0]) / 1e3
 
     def want(self, image: Float[np.ndarray, "H W"]) -> None:
         """Take an image I of the bank's camera for the goal; what was drawn is dropped."""
@@ -145,7 +145,8 @@ class GoalState:
     def to_move_cm3(self) -> tuple[float, float]:
         """Volume that the goal takes away, and that it brings, cm3."""
         before, after = (self.depth_of(image) for image in self.both())
-        area = before**2 / (float(self.camera.fx) * float(self.camera.fy))  # of a pixel, m2
+        across, along = self.camera.scale(before)
+        area = 1.0 / (across * along)  # of a pixel, m2
         change = (after - before) * area * 1e6
         return float(change.clip(0).sum()), float((-change).clip(0).sum())
 

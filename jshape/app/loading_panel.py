@@ -10,7 +10,6 @@ from nicegui import ui
 
 from jshape.app.context import AppContext
 from jshape.app.editor_state import EditorState
-from jshape.app.run_controller import seen
 from jshape.app.widgets import buttons, small, upload
 from jshape.errors import JShapeError
 from jshape.io import cameras
@@ -101,7 +100,7 @@ class LoadingPanel:
 
         def work() -> None:
             editor.check_free()  # a run looks by itself
-            editor.see(seen(robot), robot.depth_camera.name)
+            editor.look(robot)
 
         await self._context.do("looking", work, self._changed, self._context.robot_thread)
 

@@ -15,6 +15,7 @@ from jshape.data.simulate import bed_of_depth
 from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError, one_line
 from jshape.models.bank import Bank
+from jshape.planning.maps import bank_for
 from jshape.planning.options import StopCriteria
 from jshape.planning.plan import Plan
 from jshape.robot.arms.base import ArmError, stop_arm
@@ -45,6 +46,15 @@ def simulated_robot(depth: np.ndarray, bank: Bank, material: str, seed: int = 0)
     world = SimulatedWorld(for_world, bed, material=material, camera=camera)
     eye = simulated_camera(world, for_eye)
     return Robot(eye, SimulatedArm(world), load_hand(None), bank.camera)
+
+
+def over_simulated(bank: Bank, plan: Plan | None) -> tuple[Bank, Plan | None]:
+    """The bank and the plan over a simulated bed, which lies around the middle of a map."""
+    camera = bank.camera
+    if not camera.orthographic:
+        return bank, plan
+    camera = replace(camera, u0=(camera.width - 1) / 2, v0=(camera.height - 1) / 2)
+    return bank_for(bank, camera), None if plan is None else replace(plan, camera=camera)
 
 
 def seen(robot: Robot) -> np.ndarray:

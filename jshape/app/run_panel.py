@@ -7,7 +7,7 @@ from nicegui import ui
 
 from jshape.app.context import AppContext
 from jshape.app.editor_state import EditorState
-from jshape.app.run_controller import RunController, State, simulated_robot
+from jshape.app.run_controller import RunController, State, over_simulated, simulated_robot
 from jshape.app.widgets import buttons
 from jshape.errors import JShapeError
 
@@ -61,15 +61,19 @@ class RunPanel:
         if not replans and not editor.plan:
             raise JShapeError("there is no plan to carry out: plan first")
         robot, arm = (context.robot, context.arm) if with_arm else (None, "sim")
+        bank, plan = editor.bank, editor.plan
         if robot is None:
-            robot = simulated_robot(editor.depth_of(bed), editor.bank, editor.material)
+            bank, plan = over_simulated(bank, plan)
+            robot = simulated_robot(editor.depth_of(bed), bank, editor.material)
+        else:
+            editor.show_to(robot)
         context.controller = RunController(
             robot,
-            editor.bank,
+            bank,
             goal,
             context.next_run(),
             meta={"what": "mold", "bank": editor.bank_name, "arm": arm},
-            plan=None if replans else editor.plan,
+            plan=None if replans else plan,
             search=editor.keywords,
             ask_first=with_arm,
             on_look=partial(_seen, editor),

@@ -8,6 +8,7 @@ from jshape.camera import differing
 from jshape.cli.names import Bank
 from jshape.cli.options import Share, plan_file
 from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of, tell
+from jshape.data.view import View
 from jshape.errors import BadFile
 from jshape.io import banks
 from jshape.planning.maps import bank_for
@@ -43,6 +44,8 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
         if made.view is not None and made.view.above:
             bank = bank_for(bank, made.camera)
             robot.camera = bank.camera
+            if made.view.window is not None:  # made on a map of what this camera saw
+                robot.view = View(robot.depth_camera.camera, bank.camera)
         if made.view is not None and not differing(made.view.source, robot.depth_camera.camera, ""):
             robot.view = made.view  # the same looks as those it was made for
         if session is None:

@@ -1,54 +1,34 @@
 """`jshape goal BED`."""
 
 import math
-from collections import Counter
 from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from jshape import sim
-from jshape.camera import Camera, window_of
+from jshape.camera import window_of
+from jshape.cli.goal_frame import GoalFrame, frame_to_change, tilt_deg
 from jshape.cli.goal_options import GoalOptions
 from jshape.cli.goal_sources import NAMES, wanted_of
 from jshape.cli.options import spelled
 from jshape.cli.search_options import read_mask
-from jshape.data.intrinsics import within
+from jshape.data.missing import missing
 from jshape.data.missing import said as said_of
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.errors import BadCamera, JShapeError
+from jshape.errors import JShapeError
 from jshape.goals import Goal, Limits, bed_map, make_goal, report
-from jshape.io import banks, cameras, files, folders, formats, images
-from jshape.io.frames import Source, frame_of, source_of
+from jshape.height_map import ABOVE
+from jshape.io import banks, cameras, files, folders, images
 from jshape.io.simulated import material_of
-from jshape.models.bank import Bank
 from jshape.planning.options import DEFAULT_BANK
 from jshape.sim.material import Material
 from jshape.viz.style import drawn
 
-FLAT = "flat"
-"""The word for a simulated level bed, instead of a file."""
 CONTENTS = (
     *("report.json", "goal.png", "goal.npy", "now.png", "now.npy", "camera.json"),
     "picture.png",
 )
 """Files of a goal's folder."""
-
-
-class GoalFrame(NamedTuple):
-    """The frame that a goal is made for."""
-
-    raw: np.ndarray
-    """As it is stored."""
-    depth: np.ndarray
-    """(H, W) metres, NaN: no reading."""
-    camera: Camera
-    """Of `raw`, which may be a part of the frame."""
-    source: Source
-    """Of the whole frame."""
-    left_out: Counter[str]
-    """Why pixels are no readings."""
 
 
 def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
@@ -63,25 +43,29 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
         folders.check_target(options.out, options.overwrite, contents=CONTENTS)
     material = material_of(options.material)
     bank = banks.load_bank(options.bank or DEFAULT_BANK)
-    now = _bed(bed, options, bank)
+    now = frame_to_change(bed, options, bank)
     at = window_of(bank.camera, now.camera)
     window = None if at is None else (*at, bank.camera.width, bank.camera.height)
-    surface = bed_map(
-        now.depth, now.camera, window=window, max_missing=options.max_missing, where=bed
+    ground = bed_map(
+        now.depth,
+        now.camera,
+        window=window,
+        max_missing=now.most_missing(options.max_missing),
+        where=bed,
     )
-    wanted = wanted_of(options, bed, surface, now.camera, now.source, bank)
-    mask = options.reachable
+    wanted = wanted_of(options, bed, ground, now, bank)
+    mask = options.reachable and _mask(options.reachable, now)
     limits = Limits(
         steepest=_steepest(options, material, wanted.stands),
         floor=options.floor_mm / 1e3,
-        reach=mask and read_mask(mask, {"the camera": now.camera.shape}),
+        reach=mask,
     )
     made = make_goal(surface, wanted.change, limits, balance=options.balanced, like=wanted.frame)
     result = {
         "made_from": wanted.name,
         "bed": bed,
         "camera": now.source.said,
-        "assumed": wanted.assumed,
+        "assumed": [*_seen_as(now), *wanted.assumed],
         "size_mm": wanted.size_mm,
         "at": wanted.at,
         "material": material.name,
@@ -99,32 +83,15 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
     return result
 
 
-def _bed(bed: str, options: GoalOptions, bank: Bank) -> GoalFrame:
-    """The frame of the bed: a file's, or a simulated level one.
-
-    Raises:
-      BadFile, BadImage, BadCamera: as for `jshape plan`.
-    """
-    path = Path(bed)
-    if bed == FLAT and not path.exists():
-        if options.camera_file is not None:
-            raise BadCamera("a simulated bed (flat) is the bundled camera's; leave --camera out")
-        depth = np.asarray(sim.render(sim.flat_bed(), bank.camera))
-        raw = images.to_counts(depth, DEPTH_UNIT)
-        said = "the bundled bank's, above a simulated level bed"
-        source = Source(bank.camera, DEPTH_UNIT, said, True)
-        return GoalFrame(raw, raw * np.float32(DEPTH_UNIT), bank.camera, source, Counter())
-    raw = formats.read_array(path)
-    source = source_of(path, raw.shape, options.camera_file, bank, options.depth_unit)
-    left_out: Counter[str] = Counter()
-    # A goal may lie at any height.
-    depth = frame_of(path, source._replace(stated=False), raw=raw, left_out=left_out)
-    camera = within(source.camera, options.depth_range)
-    if options.window:
-        left, top, width, height = options.window
-        camera = camera.crop(left, top, width, height)
-        raw, depth = (x[top : top + height, left : left + width] for x in (raw, depth))
-    return GoalFrame(raw, depth, camera, source, left_out)
+def _seen_as(now: GoalFrame) -> list[str]:
+    """What is said of a bed that is seen from above."""
+    if now.view is None or now.taken is None:
+        return []
+    tilt, pixel = tilt_deg(now.taken, now.view.source), 1e3 / float(now.camera.scale(ABOVE)[0])
+    return [
+        f"the bed is tilted by {tilt:.1f} degrees: now and goal are seen from straight above, "
+        f"{now.camera.width}x{now.camera.height} pixels of {pixel:.2g} mm"
+    ]
 
 
 def _steepest(options: GoalOptions, material: Material, stands: bool) -> float:
@@ -136,6 +103,14 @@ def _steepest(options: GoalOptions, material: Material, stands: bool) -> float:
     if options.slope is not None:
         return math.tan(math.radians(options.slope))
     return float(material.steepest) if stands else math.tan(float(material.repose))
+
+
+def _mask(path: str, now: GoalFrame) -> np.ndarray:
+    """Pixels of the frame that the hand can reach."""
+    shapes = {"the camera": now.camera.shape}
+    if now.view is not None:
+        shapes = {"the camera": now.view.source.shape, "the bed from above": now.camera.shape}
+    return now.drawing(read_mask(path, shapes)) == 1
 
 
 def _write(
@@ -153,7 +128,9 @@ def _write(
     names = f"{out / f'now.{suffix}'} {out / f'goal.{suffix}'}"
     added = {"out": str(out), "next": f"jshape plan {names} --out my-plan"}
     with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
-        for name, depth in (("now", now.depth), ("goal", made.depth)):
+        # From above, what nobody saw is not made up: it does not count.
+        goal = made.depth if now.view is None else np.where(missing(now.depth), np.nan, made.depth)
+        for name, depth in (("now", now.depth), ("goal", goal)):
             if counts:
                 images.write_depth_png(folder / f"{name}.png", depth, unit)
             else:

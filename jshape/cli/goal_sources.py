@@ -12,10 +12,11 @@ import numpy as np
 from scipy import ndimage
 
 from jshape import metric
-from jshape.camera import Camera, check_same_camera, differing, window_of
+from jshape.camera import check_same_camera, differing, window_of
+from jshape.cli.goal_frame import GoalFrame
 from jshape.cli.goal_options import GoalOptions
 from jshape.data.intrinsics import within
-from jshape.data.missing import fill_missing
+from jshape.data.missing import fill_missing, missing
 from jshape.data.missing import said as said_of
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadPosition, JShapeError, quoted
@@ -33,7 +34,7 @@ from jshape.goals import (
 )
 from jshape.goals.reliefs import inked
 from jshape.io import drawings, files, points
-from jshape.io.frames import Source, frame_of, goal_source
+from jshape.io.frames import frame_of, goal_source
 from jshape.io.records import OneLine, read_value
 from jshape.models.bank import Bank
 from jshape.planning import plan_file as plans
@@ -89,17 +90,14 @@ class NamedAct:
     """Degrees."""
 
 
-def wanted_of(
-    options: GoalOptions, where: str, bed: BedMap, camera: Camera, source: Source, bank: Bank
-) -> Wanted:
+def wanted_of(options: GoalOptions, where: str, bed: BedMap, now: GoalFrame, bank: Bank) -> Wanted:
     """The change that the options ask for.
 
     Args:
       options: of `jshape goal`.
       where: the bed's file.
       bed: to change.
-      camera: of the frame, or of the part of it that was asked for.
-      source: of the whole frame, and of another frame unless its own folder says otherwise.
+      now: its frame; another one is of the same camera unless its own folder says otherwise.
       bank: predicts actions.
 
     Raises:
@@ -112,24 +110,27 @@ def wanted_of(
         places = "at", "size_mm", "turn", "raise_mm", "depth_mm"
         options.refuse(places, f" says nothing of --{kind}: its places are its own")
     if kind == "frame":
-        return _frame(value, options, where, bed, camera, source)
+        return _frame(value, options, where, bed, now)
     if kind == "actions":
-        return _actions(value, where, bed, camera, bank)
-    return _DRAWN[kind](value, options, bed)
+        return _actions(value, where, bed, now, bank)
+    if options.at is not None:
+        u, v = now.places(np.array([options.at]))[0]
+        options = replace(options, at=(float(u), float(v)))
+    return _DRAWN[kind](value, options, bed, now)
 
 
-def _text(text: str, options: GoalOptions, bed: BedMap) -> Wanted:
+def _text(text: str, options: GoalOptions, bed: BedMap, now: GoalFrame) -> Wanted:
     return _laid(relief_of_text(text, _height(options)), options, bed)
 
 
-def _mask(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
+def _mask(path: str, options: GoalOptions, bed: BedMap, now: GoalFrame) -> Wanted:
     drawn, name = _drawing(path, options), f"mask {Path(path).name}"
     if _is_placed(options):
         return _laid(relief_of_mask(drawn, _height(options), name), options, bed)
-    return _on_image(inked(drawn, name) * np.float32(_height(options)), bed, name)
+    return _on_image(inked(drawn, name) * np.float32(_height(options)), bed, now, name)
 
 
-def _height_map(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
+def _height_map(path: str, options: GoalOptions, bed: BedMap, now: GoalFrame) -> Wanted:
     drawn, name = _drawing(path, options), f"height map {Path(path).name}"
     low, high = -(options.depth_mm or 0.0) / 1e3, (options.raise_mm or 0.0) / 1e3
     if options.raise_mm is None:  # what is bright is what is meant, up or down
@@ -137,10 +138,10 @@ def _height_map(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
     relief = relief_of_heights(drawn, low, high, name)
     if _is_placed(options):
         return _laid(relief, options, bed)
-    return _on_image(relief.heights, bed, name)
+    return _on_image(relief.heights, bed, now, name)
 
 
-def _mesh(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
+def _mesh(path: str, options: GoalOptions, bed: BedMap, now: GoalFrame) -> Wanted:
     corners, faces = points.read_mesh(path)
     assumed, unit = [], options.mesh_unit
     if unit is None:
@@ -163,11 +164,9 @@ def _mesh(path: str, options: GoalOptions, bed: BedMap) -> Wanted:
     return _laid(relief, options, bed, assumed, sized=True)
 
 
-def _frame(
-    name: str, options: GoalOptions, where: str, bed: BedMap, camera: Camera, source: Source
-) -> Wanted:
-    path = Path(name)
-    own = goal_source(path, source, Path(where).parent)
+def _frame(name: str, options: GoalOptions, where: str, bed: BedMap, now: GoalFrame) -> Wanted:
+    path, camera = Path(name), now.camera if now.view is None else now.view.source
+    own = goal_source(path, now.source, Path(where).parent)
     left_out: Counter[str] = Counter()
     # Its depths may be any: neither range matters.
     found = frame_of(path, own._replace(stated=False), left_out=left_out)
@@ -178,6 +177,9 @@ def _frame(
             f"{path}: of another camera than the bed: {differing(theirs, camera, 'bed')}"
         )
     found = found[at[1] : at[1] + camera.height, at[0] : at[0] + camera.width]
+    if now.view is not None:
+        found = now.view.depth(found, name)
+        found = np.where(missing(found), bed.frame, found)  # hidden: as it is
     frame, filled = fill_missing(found, limit=options.max_missing, where=name)
     gaps = f"{filled} pixels of {name} without depth, filled{said_of(left_out)}"
     said = [gaps] if filled else []
@@ -185,15 +187,15 @@ def _frame(
     return Wanted(f"frame {path.name}", change, said, frame=frame, stands=True)
 
 
-def _actions(text: str, where: str, bed: BedMap, camera: Camera, bank: Bank) -> Wanted:
+def _actions(text: str, where: str, bed: BedMap, now: GoalFrame, bank: Bank) -> Wanted:
     """What the bank predicts, on the bed's own map: effects keep their size in metres."""
-    view, bank = over_bed(bank, camera, bed.frame, where)
-    own = not view.above
-    now = image_of_depth(bed.frame, bank.camera, view=view, where=where).image
-    acts = _acts(text, bank, lambda at: view.positions(at, bed.level))
-    then = rollout(now, now, **acts, bank=bank).images[-1]
+    view, bank = over_bed(bank, now.camera, bed.frame, where)
+    own = not view.above or now.view is not None
+    first = image_of_depth(bed.frame, bank.camera, view=view, where=where).image
+    acts = _acts(text, bank, lambda at: view.positions(now.places(at), bed.level))
+    then = rollout(first, first, **acts, bank=bank).images[-1]
     before, after = (
-        np.asarray(bank.camera.depth(metric.unweigh(image, bank.camera))) for image in (now, then)
+        np.asarray(bank.camera.depth(metric.unweigh(image, bank.camera))) for image in (first, then)
     )
     seen = bed_map(before, bank.camera)
     change = seen.heights_of(after) - seen.height
@@ -269,8 +271,9 @@ def _laid(
     return Wanted(relief.name, change, assumed, size, options.at or bed.middle())
 
 
-def _on_image(heights: np.ndarray, bed: BedMap, name: str) -> Wanted:
+def _on_image(heights: np.ndarray, bed: BedMap, now: GoalFrame, name: str) -> Wanted:
     """A drawing of the size of the frame, or of the part of it that is looked at."""
+    heights = now.drawing(heights)
     rows, columns = bed.camera.shape
     if heights.shape == (rows, columns) and heights.shape != bed.frame.shape:
         (left, top), part = bed.corner, heights

@@ -69,10 +69,10 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
     wanted = goal_source(desired, source, initial.parent)
     goal = frame_of(desired, wanted, left_out=left_out[1])
     part = options.window, options.depth_range
-    first, goal = (
-        part_of(frame, *part, one.camera) if any(part) else frame
-        for frame, one in ((first, source), (goal, wanted))
-    )
+    if any(part):
+        first = part_of(first, *part, source.camera)
+        if wanted.camera == source.camera:  # of another one it is elsewhere
+            goal = part_of(goal, *part, wanted.camera)
     names, cameras = (str(initial), str(desired)), (source.camera, wanted.camera)
     view, beside, bank = over_beds(bank, cameras, (first, goal), names, again=any(part))
     mask = reachable(options.reachable, source.camera.shape, bank, view)

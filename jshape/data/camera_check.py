@@ -140,14 +140,15 @@ def verdict(setup: SetUp, camera: Camera) -> list[tuple[bool, str]]:
         judge(
             setup.tilt_deg <= TILT_MOST_DEG,
             f"the bed is tilted by {setup.tilt_deg:.1f} degrees against the image",
-            f"at most {TILT_MOST_DEG:g}: the {farther} side is farther away",
+            f"at most {TILT_MOST_DEG:g} to record pairs (plans look from straight above): the "
+            f"{farther} side is farther away",
         )
     low, high = float(camera.z_min), float(camera.z_max)
     near = abs(setup.distance - HEIGHT) <= HEIGHT_OFF
     judge(
         setup.inside >= INSIDE_LEAST,
         f"{setup.inside:.1%} of the bed is {low:g} to {high:g} m away, {setup.distance:.3f} m on "
-        "average" + ("" if near else f" (not {HEIGHT:g}: planned on a height map)"),
+        "average" + ("" if near else f" (not {HEIGHT:g}: plans look from there)"),
         f"at least {INSIDE_LEAST:.0%}: move the camera, or state another --depth-range",
     )
     return said

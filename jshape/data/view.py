@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape import metric
-from jshape._typing import ArrayLike, Bool, Float
+from jshape._typing import ArrayLike, Bool, Float, Num
 from jshape.camera import PAPER_BOX, Camera, check_camera, differing, window_of
 from jshape.data.bed_window import bed_window
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
@@ -16,6 +16,10 @@ from jshape.errors import BadCamera, BadImage, JShapeError, MissingDepth, quoted
 from jshape.height_map import ABOVE, as_frame, looking_down
 from jshape.reproject import between
 
+_ABOVE_HINT = (
+    "; --window or --depth-range says which part of the frames is the bed, and a bank that works "
+    "in metres (pressed-flour-robot) sees any relief"
+)
 MAX_CLAMPED = 0.1
 """Largest share of a frame's readings that may lie beyond the camera's depth range."""
 LEAST_SEEN = 0.2
@@ -56,7 +60,9 @@ class View:
         left, top = self.window
         return depth[top : top + self.target.height, left : left + self.target.width]
 
-    def pixels(self, positions: np.ndarray, depth: ArrayLike | None = None) -> np.ndarray:
+    def pixels(
+        self, positions: np.ndarray, depth: ArrayLike | None = None
+    ) -> Num[np.ndarray, "N 2"]:
         """Where positions (N, 2) of (u, v) in the target's image are in the source's, whole pixels.
 
         `depth` (N,) is the surface's there, metres; None: the middle of the target's range.
@@ -228,7 +234,8 @@ def image_of_depth(
     unit = depth_unit if np.asarray(depth).dtype.kind == "u" else None
     if view is not None:
         metres = view.depth(metres, where)
-    check_depth(metres, camera, where, unit, least_inside=1 - MAX_CLAMPED)
+    hint = _ABOVE_HINT if view is not None and view.window is None else None
+    check_depth(metres, camera, where, unit, least_inside=1 - MAX_CLAMPED, hint=hint)
     known = ~missing(metres)
     if camera.orthographic or (view is not None and view.above):
         if known.mean() < LEAST_SEEN:

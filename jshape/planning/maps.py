@@ -42,7 +42,7 @@ def over_bed(
     if own is not None:
         return own, bank
     on_ground = grid_of(bank) is not None
-    if source.orthographic and on_ground:
+    if source.orthographic:  # a height map; banks that are images of one camera refuse it
         view = View(source, source, (0, 0))
     else:
         view = view_above(source, frame, None if on_ground else bank.camera, where)

@@ -72,6 +72,10 @@ class Robot(AbstractContextManager):
         """The arm itself; commands go through `guard`."""
         return self.guard.arm
 
+    def frame(self) -> Float[np.ndarray, "H W"]:
+        """What the camera itself sees, metres; NaN or 0 = no reading.  Raises CameraLost."""
+        return look(self._guarded, self._frames)
+
     def look(self) -> Float[np.ndarray, "H W"]:
         """Depth in metres as the bank's camera sees it; NaN or 0 = no reading.
 
@@ -80,7 +84,7 @@ class Robot(AbstractContextManager):
           BadCamera: the camera is not the bank's, and no view says how it is seen.
           Occluded: something is in front of the bed.
         """
-        depth = look(self._guarded, self._frames)
+        depth = self.frame()
         if self.view is None:
             source = self.depth_camera.camera
             self.view = View(source, self.camera, cut_of(source, self.camera))

@@ -134,6 +134,10 @@ def waypoints_of(
     frame = "camera" if base_camera is None else "base"
     own = np.eye(4) if base_camera is None else check_rigid(base_camera, "T_base_camera")
     change = own if plan.view is None else own @ plan.view.to_source
+    seen_as_it_is = plan.view is None or plan.view.window is not None
+    if plan.camera.orthographic and plan.camera.pose is not None and seen_as_it_is:
+        # Planned on a map: from there to the camera that it was made from.
+        change = own @ np.array(plan.camera.pose)
     paths = []
     for k, action in enumerate(plan.actions):
         procedure = hand.procedures[action]

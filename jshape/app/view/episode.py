@@ -182,8 +182,7 @@ class Episode:
         near, far = (known.min(), known.max()) if known.size else (self.level, self.level)
         near, far = near - MARGIN_MM / 1000, far + MARGIN_MM / 1000
         middle = (near + far) / 2
-        focal = np.array([float(camera.fx), float(camera.fy)])
-        at = (np.array(action.position) - [float(camera.u0), float(camera.v0)]) / focal * middle
-        size = np.array(action.roi) / focal * middle
+        at = [float(x) for x in camera.at(*action.position, middle)]
+        size = np.array(action.roi) / [float(per_metre) for per_metre in camera.scale(middle)]
         half = np.array([*size / 2, (far - near) / 2])
         return Box(np.array([*at, middle]), half, action.yaw)

@@ -81,7 +81,8 @@ def _always(rr: Any, recording: Any, episode: Episode) -> None:
     for name in _beds(episode):
         pinhole = rr.Pinhole(
             resolution=[camera.width, camera.height],
-            focal_length=[float(camera.fx), float(camera.fy)],
+            # Of parallel rays, which there are none of here: right at the bed's level.
+            focal_length=[float(n) * episode.level for n in camera.scale(episode.level)],
             principal_point=[float(camera.u0), float(camera.v0)],
             image_plane_distance=0.1 * episode.level,
         )
@@ -204,7 +205,7 @@ def _arranged(rr: Any, episode: Episode) -> Any:
 def _solid(rrb: Any, episode: Episode, name: str, title: str) -> Any:
     """A view of a bed in 3-D with the boxes of the actions, from above its lower edge."""
     level = episode.level
-    x, y = (np.asarray(ray).reshape(-1)[[0, -1]] * level for ray in episode.camera.rays())
+    x, y = (np.asarray(ray).reshape(-1)[[0, -1]] for ray in episode.camera.rays(level))
     middle, size = np.array([x.mean(), y.mean(), level]), float(np.ptp(x) + np.ptp(y)) / 2
     eye = rrb.EyeControls3D(
         position=middle + size * np.array([0.0, 0.8, -0.85]),

@@ -1,0 +1,118 @@
+"""The frame that `jshape goal` makes a goal for: as a camera saw it, or from straight above."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from jshape import sim
+from jshape.camera import Camera
+from jshape.cli.goal_options import GoalOptions
+from jshape.data.camera_check import TILT_MOST_DEG
+from jshape.data.intrinsics import within
+from jshape.data.looks import plane_frame
+from jshape.data.missing import fill_missing
+from jshape.data.simulate import DEPTH_UNIT
+from jshape.data.view import LEAST_SEEN, View, look_of
+from jshape.errors import BadCamera, BadImage
+from jshape.io import formats, images
+from jshape.io.frames import Source, frame_of, source_of
+from jshape.models.bank import Bank
+from jshape.planning.maps import over_bed
+
+FLAT = "flat"
+"""The word for a simulated level bed, instead of a file."""
+
+
+@dataclass(frozen=True, eq=False)
+class GoalFrame:
+    """A frame of the bed."""
+
+    raw: np.ndarray
+    """As it is stored."""
+    depth: np.ndarray
+    """(H, W) metres, NaN: no reading."""
+    camera: Camera
+    """Of `depth`, which may be a part of the frame, or the camera above a tilted bed."""
+    source: Source
+    """Of the whole frame."""
+    left_out: Counter[str] = field(default_factory=Counter)
+    """Why pixels are no readings."""
+    taken: np.ndarray | None = None
+    """(H, W) metres that the camera took, where `depth` is what is seen from above."""
+    view: View | None = None
+    """How that became `depth`."""
+
+    def most_missing(self, allowed: float) -> float:
+        """Largest share of pixels without a reading: from above, hidden ones are none of them."""
+        return allowed if self.view is None else 1.0 - LEAST_SEEN
+
+    def places(self, pixels: np.ndarray) -> np.ndarray:
+        """Where pixels (N, 2) of (u, v) that the camera took are in `depth`, not rounded."""
+        if self.view is None or self.taken is None:
+            return pixels
+        whole, _ = fill_missing(self.taken, limit=1.0, where="the bed")
+        u, v = np.rint(np.asarray(pixels, float)).astype(int).T
+        rows, columns = whole.shape
+        return self.view.positions(
+            pixels, whole[np.clip(v, 0, rows - 1), np.clip(u, 0, columns - 1)]
+        )
+
+    def drawing(self, drawn: np.ndarray) -> np.ndarray:
+        """A drawing on the frame that the camera took (H, W) as it lies in `depth`; NaN: beside."""
+        if self.view is None or drawn.shape != self.view.source.shape:
+            return drawn
+        whole, _ = fill_missing(self.depth, limit=1.0, where="the bed")
+        v, u = (at.reshape(-1) for at in np.indices(whole.shape))
+        at = self.view.pixels(np.stack([u, v], 1), whole[v, u])
+        rows, columns = drawn.shape
+        inside = ((at >= 0) & (at < [columns, rows])).all(1)
+        at = np.where(inside[:, None], at, 0)
+        found = np.where(inside, drawn[at[:, 1], at[:, 0]].astype(float), np.nan)
+        return found.reshape(whole.shape).astype(np.float32)
+
+
+def frame_to_change(bed: str, options: GoalOptions, bank: Bank) -> GoalFrame:
+    """The frame of the bed: a file's, or a simulated level one.
+
+    Raises:
+      BadFile, BadImage, BadCamera: as for `jshape plan`.
+    """
+    path = Path(bed)
+    if bed == FLAT and not path.exists():
+        if options.camera_file is not None:
+            raise BadCamera("a simulated bed (flat) is the bundled camera's; leave --camera out")
+        depth = np.asarray(sim.render(sim.flat_bed(), bank.camera))
+        raw = images.to_counts(depth, DEPTH_UNIT)
+        said = "the bundled bank's, above a simulated level bed"
+        source = Source(bank.camera, DEPTH_UNIT, said, True)
+        return GoalFrame(raw, raw * np.float32(DEPTH_UNIT), bank.camera, source)
+    raw = formats.read_array(path)
+    source = source_of(path, raw.shape, options.camera_file, bank, options.depth_unit)
+    left_out: Counter[str] = Counter()
+    # A goal may lie at any height.
+    depth = frame_of(path, source._replace(stated=False), raw=raw, left_out=left_out)
+    camera = within(source.camera, options.depth_range)
+    if options.window:
+        left, top, width, height = options.window
+        camera = camera.crop(left, top, width, height)
+        raw, depth = (x[top : top + height, left : left + width] for x in (raw, depth))
+    if camera.orthographic or (camera.lens is None and tilt_deg(depth, camera) <= TILT_MOST_DEG):
+        return GoalFrame(raw, depth, camera, source, left_out)
+    view, _ = over_bed(bank, camera, depth, bed)
+    if not view.above:
+        return GoalFrame(raw, depth, camera, source, left_out)
+    seen = view.depth(depth, bed).astype(np.float32)
+    return GoalFrame(seen, seen, view.target, source, left_out, depth, view)
+
+
+def tilt_deg(depth: np.ndarray, camera: Camera) -> float:
+    """Angle of the bed's plane against the image, degrees; 0 where none is found."""
+    try:
+        frame = plane_frame(look_of(depth, camera))
+    except BadImage:
+        return 0.0
+    axis = np.eye(4) if camera.pose is None else np.array(camera.pose)
+    return math.degrees(math.acos(min(1.0, abs(float(axis[:3, 2] @ frame[:3, 2])))))

@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jshape._typing import Array, ArrayLike, Float
-from jshape.errors import BadCamera, BadImage, quoted
+from jshape.errors import LENS_WAY, BadCamera, BadImage, quoted
 
 STATIC = {"static": True}
 
@@ -340,7 +340,7 @@ def differing(one: Camera, other: Camera, whose: str) -> str:
     """The fields in which a camera differs from another one, both numbers named."""
     numbers = [(n, float(getattr(one, n)), float(getattr(other, n))) for n in GEOMETRY]
     said = [f"{n} {a:g} ({whose}: {b:g})" for n, a, b in numbers if a != b]
-    return ", ".join([*said, *(["the lens"] if one.lens != other.lens else [])])
+    return ", ".join([*said, *([f"the lens ({LENS_WAY})"] if one.lens != other.lens else [])])
 
 
 def window_of(inner: Camera, outer: Camera) -> tuple[int, int] | None:

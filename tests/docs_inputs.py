@@ -10,7 +10,18 @@ import cv2
 import jax
 import numpy as np
 
-from jshape import D435_BAZAR, PAPER_BOX, Camera, Pairs, metric, rollout, save_pairs, sim
+from jshape import (
+    D435_BAZAR,
+    PAPER_BOX,
+    Camera,
+    HeightMap,
+    Pairs,
+    heightmap,
+    metric,
+    rollout,
+    save_pairs,
+    sim,
+)
 from jshape.cli.main import main
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT, look, simulate_pairs, together
@@ -21,6 +32,7 @@ from jshape.reproject import reproject
 from jshape.robot.cameras.played import Played
 from jshape.viz.style import png
 from tests.conftest import ROOT, SHARED
+from tests.seen_beds import seen_by, standing
 
 APPLIED = (("knock", (130, 110)), ("poke", (330, 280)))
 FAR = Camera(640, 530, 780.0, 780.0, 319.5, 264.5, 0.4, 0.9)
@@ -68,6 +80,26 @@ def tilted(folder: Path) -> None:
     counts = np.where(np.hypot(u - 80, v - 120) < 190, 0, np.rint(depth / DEPTH_UNIT))
     cv2.imwrite(str(folder / "background-0.depth.png"), counts.astype(np.uint16))
     write_camera(folder / "sr300.json", camera, DEPTH_UNIT)
+
+
+def looks(folder: Path) -> None:
+    """A bed and a wanted one from a tripod at 30 degrees; and the bed from two sides."""
+    rng, middle = np.random.default_rng(3), Camera(424, 240, 215, 215, 211.5, 119.5, 0.3, 0.9)
+    now, wanted = (heightmap(depth, PAPER_BOX) for depth in bed_and_goal())
+
+    def written(name: str, described: str, bed: HeightMap, turn: float, posed: bool) -> None:
+        stand = standing(30, 0.6, turn, middle)
+        camera = replace(stand, pose=as_frame(np.array(bed.frame) @ np.array(stand.pose)))
+        depth = seen_by(camera, bed)
+        depth += 2.2e-3 * depth**2 * rng.standard_normal(depth.shape)
+        write_depth_png(folder / f"{name}.png", depth, DEPTH_UNIT)
+        told = camera if posed else replace(camera, pose=None)
+        write_camera(folder / f"{described}.json", told, DEPTH_UNIT)
+
+    written("look", "tripod", now, 0, False)
+    written("look-wanted", "tripod", wanted, 0, False)
+    written("left", "left", now, 0, True)
+    written("right", "right", now, 180, True)
 
 
 def pokes(count: int, seed: int, material: str = "flour") -> Pairs:
@@ -178,6 +210,13 @@ INPUTS = {
     "camera.json": samples,
     "background-0.depth.png": tilted,
     "sr300.json": tilted,
+    "look.png": looks,
+    "look-wanted.png": looks,
+    "left.png": looks,
+    "right.png": looks,
+    "tripod.json": looks,
+    "left.json": looks,
+    "right.json": looks,
     "pairs": lambda folder: save_pairs(pokes(8, 0), folder / "pairs"),
     "monday": lambda folder: save_pairs(pokes(1, 1), folder / "monday"),
     "tuesday": lambda folder: save_pairs(pokes(1, 2), folder / "tuesday"),

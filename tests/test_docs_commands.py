@@ -52,6 +52,7 @@ SLOW = {
     "jshape plan now.png wanted.png --positions paper": "",
     "jshape plan now.png wanted.png --planner refine": "",
     "jshape plan my-goal/now.png my-goal/goal.png": "",
+    "jshape plan now.npz wanted.npz": "",
     "jshape mold wanted.png --arm sim:3": "--max-steps 2",
     "jshape mold wanted.png --arm mujoco:3": "--max-steps 1",
     "jshape mold wanted.png --arm dry": "",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Bank, Pairs, fit, load_bank, metric, save_bank
-from jshape.errors import BadDataset, JShapeError, UnknownName
+from jshape.errors import BadCamera, BadDataset, JShapeError, UnknownName
 from jshape.learn.evaluate import cross_validate, evaluate
 from jshape.learn.scores import roi_errors_mm
 from jshape.learn.validation import validate
@@ -203,3 +203,9 @@ def test_few_pairs_are_compared_and_their_error_is_not_claimed(pairs, count, row
     few = pairs.of(action="poke").select(np.arange(count))
     bank = fit(few)
     assert bank.errors_mm is None and len(validate(bank, few)) == rows
+
+
+def test_pairs_of_a_lens_that_distorts_are_refused(pairs):
+    bent = replace(pairs.camera, lens=(0.05, 0, 0, 0, 0, 0, 0, 0))
+    with pytest.raises(BadCamera, match="lens distorts; jshape heightmap makes a height map of"):
+        fit(replace(pairs, camera=bent))

@@ -9,7 +9,7 @@ import numpy as np
 
 from jshape.cli.options import spelled
 from jshape.cli.search_options import read_mask, search_of
-from jshape.cli.tables import print_table
+from jshape.cli.tables import print_table, warn
 from jshape.errors import BadFile, JShapeError
 from jshape.height_map import places_on
 from jshape.io import banks, files, folders
@@ -83,6 +83,8 @@ def plan_maps(
             files.write_atomic(options.out / file, picture)
         result["out"] = str(options.out)
     print(f"bank: {name}; on height maps: {initial}, {known:.1%} of it known in both")
+    for note in found.notes:
+        warn(note)
     _print(found, options.planner)
     if options.out is not None:
         print(f"plan and pictures: {options.out}")

@@ -19,9 +19,6 @@ from jshape.errors import BadCamera, BadImage, quoted
 
 STATIC = {"static": True}
 
-Number = float | Array | np.ndarray
-"""Of a camera: known, or traced."""
-
 GEOMETRY = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max", "orthographic")
 """The fields of a camera that decide what its frames mean to a bank: neither bits nor pose."""
 
@@ -40,25 +37,25 @@ class Camera:
     """Columns, pixels."""
     height: int = field(metadata=STATIC)
     """Rows, pixels."""
-    fx: Number
+    fx: float | Array | np.ndarray
     """Focal length along u, pixels."""
-    fy: Number
+    fy: float | Array | np.ndarray
     """Focal length along v, pixels."""
-    u0: Number
+    u0: float | Array | np.ndarray
     """Column of the principal point, pixels (may lie outside a cropped window)."""
-    v0: Number
+    v0: float | Array | np.ndarray
     """Row of the principal point, pixels."""
-    z_min: Number
+    z_min: float | Array | np.ndarray
     """Depth that becomes white (2^bits - 1), metres."""
-    z_max: Number
+    z_max: float | Array | np.ndarray
     """Depth that becomes black (0), metres."""
     bits: int = field(default=8, metadata=STATIC)
     """Bits of a luminance."""
     orthographic: bool = field(default=False, metadata=STATIC)
     """Whether rays are parallel, as in a map of heights: fx and fy are then pixels per metre."""
-    lens: tuple[Number, ...] | None = None
+    lens: tuple[Any, ...] | None = None
     """k1, k2, p1, p2, k3, k4, k5, k6 of the rational Brown-Conrady model; None: straight rays."""
-    pose: tuple[tuple[Number, ...], ...] | None = None
+    pose: tuple[tuple[Any, ...], ...] | None = None
     """(4, 4) from the camera's frame to one that several cameras share, such as the robot's base,
     metres; None: its own is that frame."""
 
@@ -180,7 +177,7 @@ class Camera:
         return replace(self, width=width, height=height, u0=self.u0 - left, v0=self.v0 - top)
 
 
-def _bent(x: Any, y: Any, lens: tuple[Number, ...]) -> tuple[Any, Any]:
+def _bent(x: Any, y: Any, lens: tuple[Any, ...]) -> tuple[Any, Any]:
     """Where a lens shows normalised coordinates: the model of OpenCV and of ROS's CameraInfo."""
     k1, k2, p1, p2, k3, k4, k5, k6 = lens
     r2 = x * x + y * y
@@ -192,7 +189,7 @@ def _bent(x: Any, y: Any, lens: tuple[Number, ...]) -> tuple[Any, Any]:
     )
 
 
-def _straight(x: Any, y: Any, lens: tuple[Number, ...]) -> tuple[Any, Any]:
+def _straight(x: Any, y: Any, lens: tuple[Any, ...]) -> tuple[Any, Any]:
     """The inverse of `_bent` by fixed-point steps; `check_camera` refuses what they cannot do."""
     straight = x, y
     for _ in range(20):

@@ -16,7 +16,7 @@ import pytest
 from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
 from jshape.cli.main import main
-from jshape.cli.mold import MoldOptions, goal_of, keep_on, restored
+from jshape.cli.mold import MoldOptions, goal_of, keep_on
 from jshape.cli.parser import parse
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile

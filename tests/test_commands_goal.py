@@ -202,6 +202,7 @@ def test_another_camera_keeps_its_own_pixels_and_format(folder, capsys):
     assert abs(u - 100) < 15 and abs(v - 90) < 15 and change.min() < -5
     assert "another one" in said["assumed"][0]
     assert main([*said["next"].split()[1:4], "--positions", "5x5", "--max-steps", "1"]) == 0
+    capsys.readouterr()
     luminance = np.full(PAPER_BOX.shape, 102, np.uint8)
     cv2.imwrite("dark.png", luminance)
     made(capsys, "dark.png", "--text", "I")

@@ -16,7 +16,7 @@ import pytest
 from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
 from jshape.cli.main import main
-from jshape.cli.mold import MoldOptions, goal_of, keep_on, restored
+from jshape.cli.mold import MoldOptions, goal_of, keep_on
 from jshape.cli.parser import parse
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile
@@ -191,11 +191,11 @@ def blank_robot(eye, bank):
 
 
 def goal_for(tmp_path, camera, bank, **more):
-    """What `jshape mold` takes for a goal whose whole middle is dug 10 mm, and the bed before."""
+    """What `jshape mold` takes for a goal whose whole middle is dug 6 mm, and the bed before."""
     now = np.full(camera.shape, 0.55, np.float32)
     h, w = camera.shape
     wanted = now.copy()
-    wanted[h // 5 : h - h // 5, w // 5 : w - w // 5] += 0.010
+    wanted[h // 5 : h - h // 5, w // 5 : w - w // 5] += 0.006
     write_depth_png(tmp_path / "wanted.png", wanted, 1e-4)
     eye = SimpleNamespace(camera=camera, depth_unit=1e-4, name="it")
     robot = blank_robot(eye, bank)
@@ -212,14 +212,14 @@ def test_a_goal_of_the_robots_own_camera_is_seen_as_the_bed_is(tmp_path, bank):
     camera = replace(PAPER_BOX, fx=350.0, fy=350.0, z_min=0.3, z_max=1.0)
     now, robot, _, goal, seen_by, known = goal_for(tmp_path, camera, bank)
     assert camera_from(known["view"], "it") == robot.view.target == seen_by.camera
-    # The plane is where most of the bed lies, the dug middle, which is brought to 0.445 m.
-    assert robot.view.to_source[2, 3] == pytest.approx(0.56 - 0.445, abs=1e-4)
+    # The plane is where most of the bed lies, its rim, which is brought to 0.445 m.
+    assert robot.view.to_source[2, 3] == pytest.approx(0.55 - 0.445, abs=1e-4)
     before = image_of_depth(now, PAPER_BOX, view=robot.view).image
     dug = float(metric.to_mm(metric.distance(before, goal), PAPER_BOX))
-    assert 8 < dug < 11  # 10 mm over 87 % of the bank's view, along slanted rays
-    assert (before - goal).max() > 0.1 and (goal - before).max() < 0.01  # nothing is raised
-    again = blank_robot(robot.depth_camera, bank)
-    restored(known, again, bank)
+    assert 4.8 < dug < 6  # 6 mm over 84 % of the bank's view, along slanted rays
+    assert (before - goal).max() > 0.06 and (goal - before).max() < 0.01  # nothing is raised
+    again = blank_robot(robot.eye, bank)
+    gone_on(known, again, bank)
     np.testing.assert_array_equal(image_of_depth(now, PAPER_BOX, view=again.view).image, before)
     for spoiled in (3, {"width": 480}):
         with pytest.raises((BadFile, BadCamera), match="the run's view"):
@@ -232,15 +232,15 @@ def test_a_bank_in_metres_molds_on_a_height_map_of_the_bed(tmp_path):
     given = load_bank("pressed-flour-robot")
     now, robot, _, goal, bank, known = goal_for(tmp_path, camera, given)
     assert bank.camera.orthographic and goal.shape == bank.camera.shape
-    assert np.abs(np.subtract(goal.shape, camera.shape)).max() < 15  # the rim lies nearer: less
+    assert np.abs(np.subtract(goal.shape, camera.shape)).max() < 15
     assert robot.camera == bank.camera == camera_from(known["view"], "it")
-    assert float(bank.camera.fx) == pytest.approx(350 / 0.56, rel=1e-3)
+    assert float(bank.camera.fx) == pytest.approx(350 / 0.55, rel=1e-3)
     trained = float(given.predictor("knock").grid.depth)
-    smaller = given.roi("knock")[0] * 350 / 433 * trained / 0.56
+    smaller = given.roi("knock")[0] * 350 / 433 * trained / 0.55
     assert bank.roi("knock")[0] == pytest.approx(smaller, abs=1)  # whole pixels
     seen = image_of_depth(now, bank.camera, view=robot.view)
     depth = np.asarray(bank.camera.depth(metric.unweigh(seen.image, bank.camera)))
-    assert np.median(depth[seen.known]) == pytest.approx(ABOVE - 0.010, abs=2e-4)
+    assert np.median(depth[seen.known]) == pytest.approx(ABOVE, abs=2e-4)
 
 
 def test_a_goal_beside_its_own_camera_is_read_with_it(tmp_path, bank):

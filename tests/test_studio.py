@@ -580,7 +580,7 @@ def test_a_bed_of_a_tilted_camera_is_drawn_on_planned_saved_and_run(bed, tmp_pat
     run = RunController(robot, bank, editor.goal, tmp_path / "run", meta={}, plan=plan)
     wait_for(run, State.ASKING)
     run.answer(True)
-    run.wait(60.0)
+    run.wait(200.0)  # it draws its pictures at the end
     assert run.state is State.FINISHED, run.why
 
     editor.use_bank(name)  # for what is seen now

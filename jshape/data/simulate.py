@@ -78,7 +78,8 @@ def bed_of_depth(depth: np.ndarray, camera: Camera) -> sim.Bed:
     z = np.full(level.height.shape, float(np.median(depth)))
     for _ in range(12):  # which pixel sees a column depends on its height
         u, v = camera.pixel(x[None], y[:, None], z)
-        z = ndimage.map_coordinates(depth, [v, u], order=1, mode="nearest")
+        at = np.broadcast_arrays(v, u)
+        z = ndimage.map_coordinates(depth, at, order=1, mode="nearest")
     return sim.loose_bed((sim.Z_FLOOR - z).astype(np.float32))
 
 

@@ -237,7 +237,7 @@ def image_of_depth(
     hint = _ABOVE_HINT if view is not None and view.window is None else None
     check_depth(metres, camera, where, unit, least_inside=1 - MAX_CLAMPED, hint=hint)
     known = ~missing(metres)
-    if camera.orthographic or (view is not None and view.above):
+    if above(camera) or (view is not None and view.above):
         if known.mean() < LEAST_SEEN:
             raise MissingDepth(
                 f"{where}: {known.mean():.1%} of the bed is seen; at least {LEAST_SEEN:.0%} must be"
@@ -247,6 +247,11 @@ def image_of_depth(
     clamped = int(outside_range(metres, camera).sum())
     level = camera.luminance(metres, quantize=False)
     return Seen(np.asarray(metric.weigh(level, camera)), filled, clamped, known)
+
+
+def above(camera: Camera) -> bool:
+    """Whether a bank's camera is one that was put above a bed: only those have a pose."""
+    return camera.orthographic or camera.pose is not None
 
 
 def plannable(depth: np.ndarray, camera: Camera) -> str | None:

@@ -62,6 +62,7 @@ class BedMap:
         """U and v (Y, X) in the frame of every node of the surface."""
         x, y = self.axes()
         u, v = self.camera.pixel(x[None, :], y[:, None], self.level - self.height)
+        u, v = np.broadcast_arrays(u, v)  # of parallel rays a row and a column
         return u + self.corner[0], v + self.corner[1]
 
     def point(self, at: Pixel) -> tuple[float, float]:

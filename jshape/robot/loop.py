@@ -13,7 +13,7 @@ import numpy as np
 
 from jshape import metric
 from jshape.camera import Camera, check_same_camera
-from jshape.data.view import image_of_depth
+from jshape.data.view import above, image_of_depth
 from jshape.errors import JShapeError, quoted
 from jshape.models.bank import Bank
 from jshape.planning.api import Plan, check_image, plan, rollout
@@ -178,6 +178,8 @@ def mold(
     def look() -> tuple[np.ndarray, np.ndarray]:
         depth = world.look()
         seen = image_of_depth(depth, bank.camera, max_missing=constraints.max_missing, where="look")
+        if above(bank.camera):  # what is hidden does not count
+            return depth, np.where(seen.known, seen.image, goal)
         return depth, seen.image
 
     uses = dict(constraints.max_uses or {})  # what is left of each action's

@@ -18,6 +18,7 @@ PARTS = {
     "authors": "plans beside the reference twin and the authors' way of computing them",
     "unet": "the U-Net beside PyTorch and ONNX Runtime",
     "simulator": "beds per second",
+    "views": "height maps of beds seen from anywhere",
 }
 """Modules of this folder with `run(report, out)`, in the order of the page: `out` takes figures."""
 

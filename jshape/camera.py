@@ -19,6 +19,9 @@ from jshape.errors import LENS_WAY, BadCamera, BadImage, quoted
 
 STATIC = {"static": True}
 
+Number = float | Array | np.ndarray
+"""Of a camera: known, or traced."""
+
 GEOMETRY = ("width", "height", "fx", "fy", "u0", "v0", "z_min", "z_max", "orthographic")
 """The fields of a camera that decide what its frames mean to a bank: neither bits nor pose."""
 
@@ -37,17 +40,17 @@ class Camera:
     """Columns, pixels."""
     height: int = field(metadata=STATIC)
     """Rows, pixels."""
-    fx: float | Array | np.ndarray
+    fx: Number
     """Focal length along u, pixels."""
-    fy: float | Array | np.ndarray
+    fy: Number
     """Focal length along v, pixels."""
-    u0: float | Array | np.ndarray
+    u0: Number
     """Column of the principal point, pixels (may lie outside a cropped window)."""
-    v0: float | Array | np.ndarray
+    v0: Number
     """Row of the principal point, pixels."""
-    z_min: float | Array | np.ndarray
+    z_min: Number
     """Depth that becomes white (2^bits - 1), metres."""
-    z_max: float | Array | np.ndarray
+    z_max: Number
     """Depth that becomes black (0), metres."""
     bits: int = field(default=8, metadata=STATIC)
     """Bits of a luminance."""

@@ -8,8 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape.camera import PAPER_BOX
+from benchmarks.views import aimed
+from jshape.camera import PAPER_BOX, Camera
 from jshape.errors import BadPosition, JShapeError, UnknownName
+from jshape.height_map import as_frame
 from jshape.sim import (
     ACTIONS,
     AGENTS,
@@ -332,6 +334,37 @@ def test_render_equals_a_plain_ray_marcher():
     image = np.asarray(render(bed, camera, Z_FLOOR))
     by_hand = sim_rays.render(bed.height, bed.cell, camera, Z_FLOOR)
     np.testing.assert_allclose(image, by_hand, atol=5e-5)
+
+
+@pytest.mark.parametrize("kind", ["pinhole", "parallel rays"])
+@pytest.mark.parametrize("tilt", [0, 30, 60])
+def test_render_from_anywhere_equals_a_plain_ray_marcher(tilt, kind):
+    bed = irregular_bed(key(6), std=0.008, size=(0.3, 0.25))
+    camera = Camera(12, 9, 40.0, 42.0, 5.0, 4.5, 0.2, 2.0, pose=aimed(tilt, 0.4))
+    if kind != "pinhole":
+        camera = replace(camera, fx=80.0, fy=90.0, orthographic=True)
+    image = np.asarray(render(bed, camera))
+    by_hand = sim_rays.render(bed.height, bed.cell, camera, Z_FLOOR)
+    np.testing.assert_allclose(image, by_hand, atol=2e-6)
+
+
+def test_a_pose_that_is_none_changes_nothing():
+    bed, camera = irregular_bed(key(6), std=0.008), PAPER_BOX.crop(100, 100, 120, 90)
+    posed = render(bed, replace(camera, pose=aimed(0, SURFACE)))
+    np.testing.assert_allclose(posed, render(bed, camera), atol=1e-6)
+
+
+def test_a_ray_that_meets_no_bed_reads_nothing():
+    wide = Camera(9, 61, 20.0, 20.0, 4.0, 30.0, 0.2, 2.0)
+    image = np.asarray(render(flat_bed(), replace(wide, pose=aimed(60, 0.4))))
+    down = np.cos(np.radians(60)) + (np.arange(61) - 30.0) / 20.0 * np.sin(np.radians(60))
+    rays = np.abs(down) > 0.1  # but for those that all but graze
+    assert (image[rays & (down < 0)] == 0).all() and (down < 0).sum() > 10
+    np.testing.assert_allclose(image[rays & (down > 0), 4], 0.2 / down[rays & (down > 0)],
+                               rtol=1e-4)  # fmt: skip
+    buried = np.eye(4)
+    buried[2, 3] = SURFACE + 0.01
+    assert (np.asarray(render(flat_bed(), replace(wide, pose=as_frame(buried)))) == 0).all()
 
 
 def test_the_camera_sees_the_near_side_of_a_wall_first():

@@ -240,9 +240,8 @@ def camera_over(
         to_common = np.asarray(frame, float)
     away = float((np.linalg.inv(first.to_common) @ to_common)[2, 3])
     pitch = 1.0 / float(first.camera.scale(max(away, 0.05))[0]) if pitch is None else pitch
-    shown = np.concatenate(
-        [_points(look, *_bed(look)) @ np.linalg.inv(to_common).T for look in looks]
-    )
+    to_map = np.linalg.inv(to_common)
+    shown = np.concatenate([_points(look, *_bed(look), to_map) for look in looks])
     shown = shown[np.abs(shown[:, 2]) < RELIEF]
     if len(shown) < 100:
         raise BadImage(f"{where}: no reading lies within {RELIEF:g} m of the bed's plane")
@@ -254,12 +253,16 @@ def camera_over(
     return camera_above(to_common, size, float(pitch), origin), as_frame(to_common)
 
 
-def _points(look: Look, depth: np.ndarray, camera: Camera) -> Float[np.ndarray, "P 4"]:
-    """Points of a look, in the common frame, metres; the fourth number is 1."""
+def _points(
+    look: Look, depth: np.ndarray, camera: Camera, to: np.ndarray
+) -> Float[np.ndarray, "P 3"]:
+    """Points of a look, metres, in the frame that (4, 4) `to` leads to from the common one."""
     x, y = (np.broadcast_to(a, depth.shape) for a in camera.rays())
     there = np.isfinite(depth)
     z = depth[there].astype(float)
-    return np.stack([x[there] * z, y[there] * z, z, np.ones_like(z)], -1) @ look.to_common.T
+    x, y = x[there] * z, y[there] * z
+    # Row by row: for such slim matrices the threads of a BLAS cost more than they save.
+    return np.stack([r[0] * x + r[1] * y + r[2] * z + r[3] for r in (to @ look.to_common)[:3]], -1)
 
 
 def seen_from(
@@ -284,7 +287,7 @@ def reprojected(look: Look, target: Camera) -> Float[np.ndarray, "h w"]:
     pose = np.eye(4) if target.pose is None else np.array(target.pose)
     step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
     some = look.depth[::step, ::step], coarse(look.camera, step)
-    z = (_points(look, *some) @ np.linalg.inv(pose).T)[:, 2]
+    z = _points(look, *some, np.linalg.inv(pose))[:, 2]
     middle = (float(target.z_min) + float(target.z_max)) / 2
     z = z[np.abs(z - middle) < RELIEF]
     if not z.size:
@@ -377,10 +380,12 @@ def _check_still(found: HeightMap, like: HeightMap, where: str) -> None:
     both = (found.mask & like.mask)[some]
     if not both.any():
         raise BadCamera(f"{where}: sees nothing that the look before saw: did the camera move?")
-    rows, columns = np.nonzero(both)
-    gap, terms = gap[both], np.stack([rows, columns, np.ones_like(rows)], 1).astype(np.float32)
-    off, plane = float(np.median(np.abs(gap))), np.linalg.lstsq(terms, gap, rcond=None)[0]
-    if off > APART and np.median(np.abs(gap - terms @ plane)) < off / 2:
+    gap, off = gap[both], float(np.median(np.abs(gap[both])))
+    if off <= APART:
+        return
+    terms = np.stack([*np.nonzero(both), np.ones(gap.size, int)], 1).astype(np.float32)
+    plane = np.linalg.lstsq(terms, gap, rcond=None)[0]
+    if np.median(np.abs(gap - terms @ plane)) < off / 2:
         raise BadCamera(
             f"{where}: the bed lies {1e3 * off:.1f} mm from where the look before saw it (median, "
             f"at most {1e3 * APART:g} mm): did the camera move?"

@@ -21,20 +21,27 @@ def height_at(height, cell, x, y):
 
 
 def render(height, cell, camera, z_floor, step=0.0005):
-    """Depth of the first surface that each pixel's ray meets, metres."""
+    """Depth of the first surface that each pixel's ray meets, metres; no lens."""
     height = np.asarray(height, float)
+    pose = np.eye(4) if camera.pose is None else np.array(camera.pose)
     depth = np.zeros((camera.height, camera.width))
     top = z_floor - height.max() - step
     for v in range(camera.height):
         for u in range(camera.width):
             x, y = (u - camera.u0) / camera.fx, (v - camera.v0) / camera.fy
+            begin, along = (0.0, 0.0, 0.0, 1.0), (x, y, 1.0, 0.0)
+            if camera.orthographic:
+                begin, along = (x, y, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0)
+            begin, along = pose @ begin, pose @ along
 
-            def inside(z, x=x, y=y):
-                return z >= z_floor - height_at(height, cell, x * z, y * z)
+            def inside(t, begin=begin, along=along):
+                x, y, z, _ = begin + t * along
+                return z >= z_floor - height_at(height, cell, x, y)
 
-            count = math.ceil((z_floor - top) / step) + 1
-            z = next(top + k * step for k in range(count + 1) if inside(top + k * step))
-            low, high = z - step, z
+            first, last = ((z - begin[2]) / along[2] for z in (top, z_floor))
+            count = math.ceil((last - first) / step) + 1
+            t = next(first + k * step for k in range(count + 1) if inside(first + k * step))
+            low, high = t - step, t
             for _ in range(30):
                 middle = (low + high) / 2
                 low, high = (low, middle) if inside(middle) else (middle, high)

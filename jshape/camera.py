@@ -122,7 +122,7 @@ class Camera:
         u, v = (np.arange(n, dtype=np.float32) for n in (self.width, self.height))
         return self.at(u[None, :], v[:, None], z)
 
-    def lines(self, to: Any = None) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+    def lines(self, to: Any = None) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """Where the ray of each pixel begins, and how far it goes per metre of depth: x, y and z.
 
         In the frame that the matrix `to` (at least (3, 4)) leads to; None is the camera's own.

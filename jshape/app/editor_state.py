@@ -146,8 +146,10 @@ class EditorState(GoalState):
         else:
             view = cut_out(source, self.camera, depth) or view_above(source, depth, self.camera)
         wanted = image_of_depth(depth, self.camera, view=view, where=str(path))
-        hidden = ~wanted.known & (self.bed is not None and view is not None and view.above)
-        self.want(np.where(hidden, self.bed, wanted.image) if hidden.any() else wanted.image)
+        image = wanted.image
+        if self.bed is not None and view is not None and view.above:
+            image = np.where(wanted.known, image, self.bed)  # what is hidden stays as it is
+        self.want(image)
 
     def make_plan(self, **fields: Any) -> Plan:
         """Plan from the bed to the goal; `fields` are those of `jshape.options`."""

@@ -2,6 +2,7 @@
 
 import math
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,14 +47,14 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
     now = frame_to_change(bed, options, bank)
     at = window_of(bank.camera, now.camera)
     window = None if at is None else (*at, bank.camera.width, bank.camera.height)
-    ground = bed_map(
+    surface = bed_map(
         now.depth,
         now.camera,
         window=window,
         max_missing=now.most_missing(options.max_missing),
         where=bed,
     )
-    wanted = wanted_of(options, bed, ground, now, bank)
+    wanted = wanted_of(options, bed, surface, now, bank)
     mask = options.reachable and _mask(options.reachable, now)
     limits = Limits(
         steepest=_steepest(options, material, wanted.stands),
@@ -105,7 +106,7 @@ def _steepest(options: GoalOptions, material: Material, stands: bool) -> float:
     return float(material.steepest) if stands else math.tan(float(material.repose))
 
 
-def _mask(path: str, now: GoalFrame) -> np.ndarray:
+def _mask(path: str | Path, now: GoalFrame) -> np.ndarray:
     """Pixels of the frame that the hand can reach."""
     shapes = {"the camera": now.camera.shape}
     if now.view is not None:

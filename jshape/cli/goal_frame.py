@@ -68,7 +68,7 @@ class GoalFrame:
         v, u = (at.reshape(-1) for at in np.indices(whole.shape))
         at = self.view.pixels(np.stack([u, v], 1), whole[v, u])
         rows, columns = drawn.shape
-        inside = ((at >= 0) & (at < [columns, rows])).all(1)
+        inside = np.all((at >= 0) & (at < np.array([columns, rows])), axis=1)
         at = np.where(inside[:, None], at, 0)
         found = np.where(inside, drawn[at[:, 1], at[:, 0]].astype(float), np.nan)
         return found.reshape(whole.shape).astype(np.float32)

@@ -350,8 +350,10 @@ def _without_gaps(depth: np.ndarray, per_metre: float) -> np.ndarray:
         return depth
     side = 2 * max(1, round(1e-3 * GAP_MM * per_metre / 2)) + 1
     # A closing by a square: what it covers is narrower than the square.
-    square, border = np.ones((side, side), np.uint8), {"borderType": 0, "borderValue": 0}
-    closed = cv2.erode(cv2.dilate(known.astype(np.uint8), square, **border), square, **border)
+    square, border = np.ones((side, side), np.uint8), {"borderType": 0, "borderValue": (0,)}
+    closed: np.ndarray = known.astype(np.uint8)
+    for step in (cv2.dilate, cv2.erode):
+        closed = np.asarray(step(closed, square, **border))  # type: ignore[call-overload]
     rows, columns = (at + 1 for at in np.nonzero((closed > 0) & ~known))
     whole = np.pad(depth, 1, constant_values=np.nan)
     flat, wide = whole.reshape(-1), whole.shape[1]

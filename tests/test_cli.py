@@ -227,8 +227,8 @@ BAD_SETTINGS = {
     "camera with text": (lambda f: _edit_json(f / "camera.json", u0="left"), [], "u0"),
     "camera of no JSON": (lambda f: (f / "camera.json").write_text("{"), [], "camera.json"),
     "no such camera": (None, ["--camera", "no-camera"], "no-camera"),
-    "bank for another camera": (
-        lambda f: _edit_json(f / "camera.json", fx=500.0), [], "bank is for another camera: fx 500",
+    "camera of another size": (
+        lambda f: _edit_json(f / "camera.json", width=470), [], "the camera makes 470x395",
     ),
     "wrong checksum": (_break_checksum, [], "effects.npz"),
     "bank without manifest": (lambda f: (f / "bank" / MANIFEST).unlink(), [], "manifest.json"),
@@ -426,7 +426,7 @@ def test_a_mesh_mostly_out_of_range_is_no_goal(folder, capsys):
     faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6]]
     mesh = trimesh.Trimesh(np.concatenate([slab, chip]), faces, process=False)
     (folder / "goal.ply").write_bytes(bytes(mesh.export(file_type="ply")))
-    refused(["plan", "now.png", "goal.ply", *PLAN[3:]], capsys, "goal.ply: depths are 0.45 to 0.9")
+    refused(["plan", "now.png", "goal.ply", *PLAN[3:]], capsys, "goal.ply: 0.3% of the bed is seen")
 
 
 def test_a_bundled_bank_and_a_folder_of_one_name(folder, capsys):

@@ -58,7 +58,7 @@ class Camera:
     """Whether rays are parallel, as in a map of heights: fx and fy are then pixels per metre."""
     lens: tuple[Any, ...] | None = None
     """k1, k2, p1, p2, k3, k4, k5, k6 of the rational Brown-Conrady model; None: straight rays."""
-    pose: tuple[tuple[Any, ...], ...] | None = None
+    pose: tuple[Any, ...] | None = None
     """(4, 4) from the camera's frame to one that several cameras share, such as the robot's base,
     metres; None: its own is that frame."""
 

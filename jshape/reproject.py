@@ -110,9 +110,10 @@ def reproject(
     reach = 0.5 * (far - near) + REACH / source.scale(seen_at(start)[2])[0]
     for _ in range(steps):
         gap, change, seen = surface(t)
-        before, step = t, gap / jnp.where(change < -LEAST_SLOPE, change, jnp.inf)
+        step = gap / jnp.where(change < -LEAST_SLOPE, change, jnp.inf)
         t = jnp.clip(t - step, start - reach, start + reach)
-    return jnp.where(seen & (jnp.abs(t - before) <= OFF), t, jnp.nan)
+    # The step as it came, not as it was clipped: what lies beyond the span is not seen.
+    return jnp.where(seen & (jnp.abs(step) <= OFF), t, jnp.nan)
 
 
 def between(source: Camera, target: Camera) -> Float[np.ndarray, "4 4"]:

@@ -16,7 +16,7 @@ import pytest
 from jshape import load_bank, metric
 from jshape.camera import PAPER_BOX
 from jshape.cli.main import main
-from jshape.cli.mold import MoldOptions, goal_of, keep_on
+from jshape.cli.mold import MoldOptions, goal_of, keep_on, restored
 from jshape.cli.parser import parse
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile
@@ -218,12 +218,12 @@ def test_a_goal_of_the_robots_own_camera_is_seen_as_the_bed_is(tmp_path, bank):
     dug = float(metric.to_mm(metric.distance(before, goal), PAPER_BOX))
     assert 4.8 < dug < 6  # 6 mm over 84 % of the bank's view, along slanted rays
     assert (before - goal).max() > 0.06 and (goal - before).max() < 0.01  # nothing is raised
-    again = blank_robot(robot.eye, bank)
-    gone_on(known, again, bank)
+    again = blank_robot(robot.depth_camera, bank)
+    restored(known, again, bank)
     np.testing.assert_array_equal(image_of_depth(now, PAPER_BOX, view=again.view).image, before)
     for spoiled in (3, {"width": 480}):
         with pytest.raises((BadFile, BadCamera), match="the run's view"):
-            gone_on({"view": spoiled}, again, bank)
+            restored({"view": spoiled}, again, bank)
 
 
 def test_a_bank_in_metres_molds_on_a_height_map_of_the_bed(tmp_path):

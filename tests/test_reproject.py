@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jshape import sim
-from jshape.camera import Camera
+from jshape.camera import PAPER_BOX, Camera
 from jshape.height_map import as_frame
 from jshape.reproject import reproject
 from tests.reference import reproject as twin
@@ -169,3 +169,12 @@ def test_only_sizes_are_compiled_for():
     before = reproject._cache_size()
     looked(20, 75.0, (0.35, 0.7))
     assert reproject._cache_size() == before
+
+
+def test_what_lies_beyond_the_span_is_not_seen():
+    """A chip before a far floor: only the chip is within the depths that there can be."""
+    depth = np.full(PAPER_BOX.shape, 0.9, np.float32)
+    depth[180:210, 220:260] = 0.45
+    span = np.array([0.43, 0.47], np.float32)
+    seen = np.isfinite(np.asarray(reproject(depth, PAPER_BOX, PAPER_BOX, span)))
+    assert seen[185:205, 225:255].all() and seen.mean() < 0.01

@@ -178,6 +178,8 @@ def _plane(look: Look, where: str) -> np.ndarray:
     """
     depth, camera = _bed(look)
     there = np.isfinite(depth)
+    if not there.any():
+        raise BadImage(f"{where}: no pixel has a reading")
     all_of_it = np.isfinite(look.depth).mean() * depth.size
     share, missed = there.sum() / all_of_it, f"{where}: the bed's plane is not found: "
     hint = "; look at the levelled bed first, or cut it out with a window"

@@ -107,6 +107,7 @@ def test_what_rounding_cannot_decide():
     assert not rounding_cannot_decide(tie, now, nothing)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(3))
 def test_evaluations_are_counted_as_the_search_makes_them(seed):
     made = problem(seed)

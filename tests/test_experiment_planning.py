@@ -138,6 +138,7 @@ def test_a_benchmark_that_was_killed_goes_on(finished, tmp_path, monkeypatch):
     assert not lines(again)
 
 
+@pytest.mark.full
 def test_runs_with_other_settings_are_not_mixed(finished, tmp_path, small):
     out, _ = finished
     with pytest.raises(BadFile, match=r"other settings: seed, drawn \(seed was 0, now 1\)"):
@@ -163,6 +164,7 @@ def test_methods_that_cannot_run_here_are_named(monkeypatch):
         methods.methods_of(["best"])
 
 
+@pytest.mark.full
 def test_a_run_that_fails_is_a_result(finished, small, monkeypatch):
     def refuse(self, *args, **kwargs):
         raise JShapeError("the hand is stuck")

@@ -69,6 +69,7 @@ def test_the_tree_holds_the_best_of_each_step(told):
     assert min(one.distance_mm for one in layers[-1]) >= told.plan.distances_mm[-1] - 1e-3
 
 
+@pytest.mark.full
 def test_the_figures_say_what_was_chosen(told):
     layers = shaping.tree(told, count=3)
     drawn = tree_figure(["one"], [1.0], [layers]).axes[0]

@@ -237,6 +237,7 @@ def test_refinement_compares_one_training_with_itself(tmp_path, pairs, monkeypat
     assert told["settings"]["training"]["width"] == 1
 
 
+@pytest.mark.full
 def test_actions_with_too_few_pairs_are_left_out_and_noted(pairs):
     names = np.array(["knock", *pairs.action[1:].tolist()])
     kept, notes = studies.enough(replace(pairs, action=names), least=4)

@@ -118,6 +118,7 @@ def test_strengths_are_tried_in_their_order(seed):
     np.testing.assert_allclose(found.distance, distances[-1], atol=1e-7)
 
 
+@pytest.mark.full
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**31), min_gain=st.floats(0, 0.02))
 def test_greedy_equals_the_transcription_on_real_numbers(seed, min_gain):

@@ -250,6 +250,7 @@ def test_maps_plan_as_the_images_from_above_do(small_bank):
     np.testing.assert_allclose(maps.distances_mm, images.distances_mm, rtol=0.1, atol=0.05)
 
 
+@pytest.mark.full
 def test_what_is_not_seen_is_left_out(small_bank):
     now, unseen = sim.flat_bed(), np.s_[:, 40:]
     x, _ = now.axes()

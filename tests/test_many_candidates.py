@@ -59,6 +59,7 @@ def on(kind, seed, hands):
     return dense(hands, rough(rng, SMALL.shape, 6.0), rough(rng, SMALL.shape, 6.0), yaws)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["image", "ground"])
 def test_what_need_not_be_looked_at_again_cannot_gain_more(kind, hands):
     """After the best and after random actions."""
@@ -79,7 +80,8 @@ def test_what_need_not_be_looked_at_again_cannot_gain_more(kind, hands):
         assert grew > 0  # some do gain more than before
 
 
-@pytest.mark.parametrize("kind", ["image", pytest.param("ground", marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("kind", ["image", "ground"])
 def test_bounds_and_turns_change_nothing_but_the_evaluations(kind, hands):
     """Against one compiled loop that evaluates again all that was touched."""
     state, candidates = on(kind, 7, hands)

@@ -78,6 +78,7 @@ def test_real_sand_gets_a_plan_that_helps(shared_data):
     assert np.hypot(*(found.positions[0] - (u, v))) < 30
 
 
+@pytest.mark.full
 def test_raw_frames_of_other_cameras_are_planned_on(shared_data, tmp_path, capsys):
     """A Kinect's and a RealSense's raw frames, which looks at a bin at 34 degrees; once their
     camera is known."""

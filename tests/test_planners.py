@@ -156,6 +156,7 @@ def test_searching_longer_pays(planner):
     assert max(gains) > 0.02 or planner == "greedy"
 
 
+@pytest.mark.full
 def test_the_same_key_gives_the_same_sequence(planner):
     problem, _ = made_problem(1)
     one, other = search(planner, problem), search(planner, problem)
@@ -163,6 +164,7 @@ def test_the_same_key_gives_the_same_sequence(planner):
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("allowed", [37, 700, 1500])
 def test_no_more_is_evaluated_than_allowed(planner, allowed):
     problem, _ = made_problem(2)
@@ -244,6 +246,7 @@ def test_an_empty_plan(planner, why):
     assert float(found.distance) == pytest.approx(float(problem.state.distance), rel=1e-6)
 
 
+@pytest.mark.full
 def test_actions_are_used_as_often_as_allowed(planner):
     problem, own = made_problem(2)
     used = np.bincount(np.asarray(own.move[:5]), minlength=3)

@@ -101,6 +101,7 @@ def test_applied_actions_are_in_the_image_and_overlap_where_they_say(applied):
     assert any(action.yaw != 0 for action in every)
 
 
+@pytest.mark.full
 def test_goals_come_from_their_own_record(applied):
     """Another repetition of what is written down ends up nearer to the goal than the start is,
     measured by the bed as by its image."""

@@ -167,6 +167,7 @@ def test_the_simulated_arm_does_what_the_world_does(hand, flat):
     assert np.abs(_depth(other) - surface).max() > 0.01
 
 
+@pytest.mark.full
 def test_something_buried_ends_the_stroke_early_and_the_bed_knows(hand, flat):
     import jax
 

@@ -235,6 +235,7 @@ def test_recordings_without_two_looks_at_the_bed(recorded, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.full
 def test_a_recording_of_idle_visits_has_no_pairs(recorded, tmp_path, capsys):
     truth, frames = recorded
     with recording_writer(tmp_path / "idle", PAPER_BOX, UNIT) as add:

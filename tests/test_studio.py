@@ -157,6 +157,7 @@ def test_edits_that_make_no_sense_leave_the_plan(planned):
     assert planned.selected == 3
 
 
+@pytest.mark.full
 def test_another_goal_or_bed_drops_the_plan(planned, bed):
     planned.draw(BRUSH)
     assert planned.plan is None

@@ -84,7 +84,7 @@ def tilted(folder: Path) -> None:
 
 def looks(folder: Path) -> None:
     """A bed and a wanted one from a tripod at 30 degrees; and the bed from two sides."""
-    rng, middle = np.random.default_rng(3), Camera(424, 240, 215, 215, 211.5, 119.5, 0.3, 0.9)
+    rng, middle = np.random.default_rng(3), Camera(424, 240, 215.0, 215.0, 211.5, 119.5, 0.3, 0.9)
     now, wanted = (heightmap(depth, PAPER_BOX) for depth in bed_and_goal())
 
     def written(name: str, described: str, bed: HeightMap, turn: float, posed: bool) -> None:
@@ -204,12 +204,27 @@ def camera(count: int | None) -> Played:
     return Played("virtual D435", D435_BAZAR, DEPTH_UNIT, shots(), live=True)
 
 
+def maps(folder: Path) -> None:
+    """Height maps of the looks from a tripod."""
+    looks(folder)
+    like: list[str] = []
+    for name, frame in (("now", "look"), ("wanted", "look-wanted")):
+        words = [str(folder / f"{frame}.png"), "--camera-file", str(folder / "tripod.json"), *like]
+        assert main(["heightmap", *words, "--out", str(folder / f"{name}.npz")]) == 0
+        like = ["--like", str(folder / "now.npz")]
+
+
 INPUTS = {
     "now.png": samples,
     "wanted.png": samples,
     "camera.json": samples,
     "background-0.depth.png": tilted,
     "sr300.json": tilted,
+    "far.png": far,
+    "far-wanted.png": far,
+    "far.json": far,
+    "now.npz": maps,
+    "wanted.npz": maps,
     "look.png": looks,
     "look-wanted.png": looks,
     "left.png": looks,

@@ -327,7 +327,7 @@ def test_saved_and_loaded_is_the_same(tmp_path):
     assert found.kind == "P" and found.rois == bank.rois
     roi = image_of(hills(7), CORNER)
     for name in bank.actions:
-        position = (CORNER[1] + 18, CORNER[0] + 15)
+        position = (CORNER[0] + 18, CORNER[1] + 15)
         np.testing.assert_array_equal(
             found.predict(name, roi, position=position), bank.predict(name, roi, position=position)
         )

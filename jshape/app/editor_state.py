@@ -71,7 +71,7 @@ class EditorState(GoalState):
         """Plan with another bank, which must be for the same camera if there is a bed."""
         self.check_free()
         loaded = bank = banks.load_bank(name)
-        if self.bed is not None and self.camera.orthographic:
+        if self.bed is not None and self._view is not None and self._view.above:
             bank = bank_for(bank, self.camera)
         if self.bed is not None and bank.camera != self.camera:
             raise JShapeError(

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from jshape._typing import ArrayLike, Float
@@ -350,6 +349,8 @@ def _without_gaps(depth: np.ndarray, per_metre: float) -> np.ndarray:
     known = np.isfinite(depth)
     if known.all() or not known.any():
         return depth
+    import cv2  # not above: a plan on images needs none
+
     side = 2 * max(1, round(1e-3 * GAP_MM * per_metre / 2)) + 1
     # A closing by a square: what it covers is narrower than the square.
     square, border = np.ones((side, side), np.uint8), {"borderType": 0, "borderValue": (0,)}

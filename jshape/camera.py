@@ -201,6 +201,11 @@ def _straight(x: Any, y: Any, lens: tuple[Any, ...]) -> tuple[Any, Any]:
     return straight
 
 
+def matrix(pose: Any) -> Float[np.ndarray, "4 4"]:
+    """A pose, or a map's frame, as an array (host); None is the identity."""
+    return np.eye(4) if pose is None else np.array(pose)
+
+
 def namespace(*trees: Any) -> ModuleType:
     """NumPy for numbers that are known, `jax.numpy` for those that are traced.
 

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from jshape._typing import Array, ArrayLike, Bool, Float
-from jshape.camera import STATIC, Camera
+from jshape.camera import STATIC, Camera, matrix
 from jshape.errors import BadCamera, BadImage, quoted
 
 ABOVE = 0.45
@@ -81,7 +81,7 @@ class HeightMap:
         known = np.concatenate([np.asarray(one.heights)[one.mask] for one in (self, *others)])
         low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
         rows, columns = np.shape(self.heights)
-        frame = np.eye(4) if self.frame is None else np.array(self.frame)
+        frame = matrix(self.frame)
         size, origin = (columns, rows), (float(self.origin[0]), float(self.origin[1]))
         return camera_above(frame, size, float(self.pitch), origin, (low, high), bits=bits)
 
@@ -157,8 +157,7 @@ def looking_down(above: float) -> np.ndarray:
 
 def _above(camera: Camera, frame: Frame | None) -> float:
     """How far over the map's plane its camera is, metres."""
-    pose = np.eye(4) if camera.pose is None else np.array(camera.pose)
-    return float((np.linalg.inv(np.eye(4) if frame is None else np.array(frame)) @ pose)[2, 3])
+    return float((np.linalg.inv(matrix(frame)) @ matrix(camera.pose))[2, 3])
 
 
 def check_map(found: HeightMap, where: str = "height map") -> HeightMap:

@@ -13,7 +13,7 @@ import numpy as np
 from jax import lax
 
 from jshape._typing import Array, Float
-from jshape.camera import Camera
+from jshape.camera import Camera, matrix
 
 HALVINGS = 6
 """Halvings of the range of depths before Newton's steps: 64 parts of 200 mm are 3 mm each."""
@@ -118,7 +118,7 @@ def reproject(
 
 def between(source: Camera, target: Camera) -> Float[np.ndarray, "4 4"]:
     """The transform from the target's frame to the source's, metres (host)."""
-    one, other = (np.eye(4) if c.pose is None else np.array(c.pose) for c in (source, target))
+    one, other = (matrix(c.pose) for c in (source, target))
     return np.linalg.inv(one) @ other
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from jshape import sim
-from jshape.camera import Camera
+from jshape.camera import Camera, matrix
 from jshape.cli.goal_options import GoalOptions
 from jshape.data.camera_check import TILT_MOST_DEG
 from jshape.data.intrinsics import within
@@ -114,5 +114,5 @@ def tilt_deg(depth: np.ndarray, camera: Camera) -> float:
         frame = plane_frame(look_of(depth, camera))
     except BadImage:
         return 0.0
-    axis = np.eye(4) if camera.pose is None else np.array(camera.pose)
+    axis = matrix(camera.pose)
     return math.degrees(math.acos(min(1.0, abs(float(axis[:3, 2] @ frame[:3, 2])))))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape._typing import ArrayLike, Float
-from jshape.camera import Camera, check_camera, check_pose
+from jshape.camera import Camera, check_camera, check_pose, matrix
 from jshape.data.depth import check_unit, to_metres, wrong_shape
 from jshape.data.planes import NEAR, fit_plane, largest_surface, off_plane
 from jshape.errors import BadCamera, BadImage, JShapeError, quoted
@@ -132,7 +132,7 @@ def taken(
             outside = np.ones(depth.shape, bool)
             outside[top : top + height, left : left + width] = False
             depth[outside] = np.nan
-        pose = np.eye(4) if camera.pose is None else np.array(camera.pose)
+        pose = matrix(camera.pose)
         looks.append(Look(depth, camera, pose))
     return looks
 
@@ -285,7 +285,7 @@ def seen_from(
 
 def reprojected(look: Look, target: Camera) -> Float[np.ndarray, "h w"]:
     """What the target would see of one look; NaN where the look does not show it."""
-    pose = np.eye(4) if target.pose is None else np.array(target.pose)
+    pose = matrix(target.pose)
     step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
     some = look.depth[::step, ::step], coarse(look.camera, step)
     z = _points(look, *some, np.linalg.inv(pose))[:, 2]

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jshape.camera import matrix
 from jshape.data.looks import Look, noise_of, reprojected
 from jshape.height_map import HeightMap
 
@@ -48,7 +49,7 @@ def map_report(looks: Sequence[Look], frames: Sequence[int], found: HeightMap) -
       found: the map.
     """
     target = found.camera()
-    frame = np.eye(4) if found.frame is None else np.array(found.frame)
+    frame = matrix(found.frame)
     stands, precision = [], np.zeros(target.shape)
     for look, count in zip(looks, frames, strict=True):
         depth = reprojected(look, target)

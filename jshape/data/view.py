@@ -7,7 +7,7 @@ import numpy as np
 
 from jshape import metric
 from jshape._typing import ArrayLike, Bool, Float, Num
-from jshape.camera import PAPER_BOX, Camera, check_camera, differing, window_of
+from jshape.camera import PAPER_BOX, Camera, check_camera, differing, matrix, window_of
 from jshape.data.bed_window import bed_window
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
 from jshape.data.looks import Look, camera_over, plane_frame, seen_from
@@ -89,8 +89,8 @@ class View:
 
 def look_of(depth: np.ndarray, camera: Camera) -> Look:
     """A frame (H, W) in metres as a look of its camera."""
-    pose = np.eye(4) if camera.pose is None else np.array(camera.pose)
-    return Look(np.where(missing(depth), np.nan, depth).astype(np.float32), camera, pose)
+    seen = np.where(missing(depth), np.nan, depth).astype(np.float32)
+    return Look(seen, camera, matrix(camera.pose))
 
 
 def in_range(frame: np.ndarray, camera: Camera) -> bool:
@@ -181,20 +181,6 @@ def _same_place(one: Camera, other: Camera) -> bool:
 def middle_of(camera: Camera) -> float:
     """Depth in the middle of a camera's range, metres."""
     return (float(camera.z_min) + float(camera.z_max)) / 2
-
-
-def middle_depth(frame: np.ndarray) -> float:
-    """How far the bed is: the median depth over the middle half of a frame (H, W), metres.
-
-    Raises:
-      BadImage: nothing was seen there.
-    """
-    height, width = frame.shape
-    middle = frame[height // 4 : height - height // 4, width // 4 : width - width // 4]
-    seen = middle[~missing(middle)]
-    if seen.size == 0:
-        raise BadImage("no depth reading in the middle of the frame: where is the bed?")
-    return float(np.median(seen))
 
 
 class Seen(NamedTuple):

@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 
 from jshape import metric
 from jshape._typing import Bool, Float
-from jshape.camera import Camera
+from jshape.camera import Camera, matrix
 from jshape.data.missing import fill_missing
 from jshape.data.view import LEAST_SEEN, View, cut_out, view_above, view_like
 from jshape.errors import BadCamera, BadImage
@@ -155,7 +155,7 @@ def on_grid_of(like: HeightMap, other: HeightMap) -> HeightMap:
     Raises:
       BadImage: maps in different frames.
     """
-    frames = [np.eye(4) if m.frame is None else np.array(m.frame) for m in (like, other)]
+    frames = [matrix(m.frame) for m in (like, other)]
     if like.frame is not None and other.frame is not None and not np.allclose(*frames, atol=1e-4):
         raise BadImage(
             "I0 and Istar: the maps lie in different frames; make the second one like the first "

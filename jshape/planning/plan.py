@@ -10,7 +10,7 @@ import numpy as np
 
 from jshape import actions as places
 from jshape import metric
-from jshape.camera import Camera
+from jshape.camera import Camera, matrix
 from jshape.data.view import View
 from jshape.errors import JShapeError
 from jshape.height_map import HeightMap, map_of
@@ -142,7 +142,7 @@ class Plan:
         x, y = self.camera.at(u, v, z)
         points = np.stack(np.broadcast_arrays(x, y, z, 1.0), -1)
         own = self.camera if self.view is None or self.view.window is None else self.view.source
-        return (points @ np.array(np.eye(4) if own.pose is None else own.pose).T)[:, :3]
+        return (points @ matrix(own.pose).T)[:, :3]
 
     @property
     def _surface(self) -> np.ndarray | float:

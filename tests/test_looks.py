@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from jshape import Camera, heightmap
-from jshape.data.planes import fit_plane, largest_surface, tilt_deg_of
+from jshape.camera import matrix
+from jshape.data.planes import bed_in, fit_plane, tilt_deg_of
+from jshape.data.view import view_above
 from jshape.errors import BadImage
 from jshape.io.formats import read_array
 from tests.seen_beds import SMALL, seen_by, standing
@@ -19,16 +21,28 @@ def box():
     return np.where(depth > 0, depth, floor * np.ones_like(depth)), depth > 0
 
 
-def test_the_largest_surface_without_a_step_is_the_bed(box):
+def test_a_bed_before_a_floor_that_fills_more_of_the_view(box):
     depth, inside = box
-    assert inside.mean() < 0.45, "the floor is the larger part of the image"
-    part = depth[10:100, 20:140], inside[10:100, 20:140]
-    camera = SMALL.crop(20, 10, 120, 90)
-    found = largest_surface(part[0], camera)
-    assert (found == part[1]).mean() > 0.99
-    holes = part[0].copy()
-    holes[40:43, 50:53] = np.nan
-    assert not largest_surface(holes, camera)[40:43, 50:53].any()
+    assert inside.mean() < 0.45
+    holes = depth.copy()
+    holes[60:63, 90:93] = np.nan
+    found = bed_in(holes, SMALL)
+    assert (found == inside).mean() > 0.99 and not found[60:63, 90:93].any()
+
+
+@pytest.mark.parametrize(
+    ("step", "expected"), [(-0.03, 0.57), (0.03, 0.6)], ids=["a box on a table", "a pit in the bed"]
+)
+def test_what_fills_the_middle_is_the_bed_if_it_stands_above(step, expected):
+    """Seen from straight above, where neither's walls are seen; both are the smaller surface."""
+    depth = np.full(SMALL.shape, 0.6, np.float32)
+    middle = np.s_[35:85, 50:115]
+    depth[middle] += step
+    view = view_above(SMALL, depth)
+    assert matrix(heightmap(depth, SMALL).frame)[2, 3] == pytest.approx(expected, abs=1e-3)
+    area = view.target.width * view.target.height / float(view.target.fx) ** 2
+    seen = depth[middle].shape if step < 0 else depth.shape
+    assert area == pytest.approx(np.prod(seen) * (expected / 140) ** 2, rel=0.06)
 
 
 def test_a_heap_does_not_tilt_the_plane():
@@ -48,7 +62,7 @@ def test_a_bed_that_is_all_hills_has_a_plane():
 
 
 def test_what_is_no_bed_is_refused(rng):
-    with pytest.raises(BadImage, match="largest surface without a step holds .* at least 15%"):
+    with pytest.raises(BadImage, match="largest surface without a step holds .* at least 10%"):
         heightmap(rng.uniform(0.3, 0.7, SMALL.shape).astype(np.float32), SMALL)
     v, u = np.mgrid[:120, :160]
     waves = 0.55 + 0.11 * np.sin(u / 12) + 0.11 * np.sin(v / 12)

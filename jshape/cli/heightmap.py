@@ -11,8 +11,7 @@ from cyclopts import Parameter
 from jshape.cli.names import Preset
 from jshape.cli.options import File, Positive, Window, Writes
 from jshape.cli.tables import print_table
-from jshape.data.looks import heightmap as map_from
-from jshape.data.looks import taken
+from jshape.data.looks import taken, together
 from jshape.data.map_report import MapReport, map_report
 from jshape.errors import BadFile
 from jshape.height_map import HeightMap
@@ -65,10 +64,10 @@ def heightmap(frame: Path, /, *frames: Path, options: HeightmapOptions) -> dict[
     like = None if options.like is None else read_map(options.like)
     cameras = read_looks((frame, *frames), options.camera_file or (), options.depth_unit)
     depths, where = [one.depths for one in cameras], cameras[0].name
-    of = [one.camera for one in cameras]
     pitch = None if options.pitch_mm is None else options.pitch_mm / 1e3
-    found = map_from(depths, of, like=like, pitch=pitch, window=options.window, where=where)
+    of = [one.camera for one in cameras]
     looks = taken(depths, of, window=options.window, where=where)
+    found = together(looks, like=like, pitch=pitch, where=where)
     report = map_report(looks, [len(one.depths) for one in cameras], found)
     write_map(options.out, found)
     result = _fields(found, report, cameras) | {"out": str(options.out)}

@@ -9,15 +9,13 @@ import numpy as np
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera, check_camera, check_pose, matrix
 from jshape.data.depth import check_unit, to_metres, wrong_shape
-from jshape.data.planes import NEAR, fit_plane, largest_surface, off_plane
+from jshape.data.planes import LEAST_SURFACE, NEAR, bed_in, fit_plane, off_plane
 from jshape.errors import BadCamera, BadImage, JShapeError, quoted
 from jshape.height_map import Frame, HeightMap, as_frame, camera_above, check_map, map_of
 from jshape.reproject import between, reproject
 
 RELIEF = 0.25
 """What is farther from the bed's plane, metres, is none of it: floor, arm, walls."""
-LEAST_SURFACE = 0.15
-"""Least share of the readings that lies in the largest surface without a step: less is no bed."""
 LEAST_PLANE = 0.5
 """Least share of that surface's readings that lies in the bed's plane."""
 PLANES = (NEAR, 0.03, 0.06)
@@ -79,6 +77,18 @@ def heightmap(
       BadCamera: cameras without a pose, or poses that do not agree.
     """
     looks = taken(depths, cameras, depth_unit, window, where)
+    return together(looks, like=like, frame=frame, pitch=pitch, where=where)
+
+
+def together(
+    looks: Sequence[Look],
+    *,
+    like: HeightMap | None = None,
+    frame: ArrayLike | None = None,
+    pitch: float | None = None,
+    where: str = "depth",
+) -> HeightMap:
+    """The height map of looks that were taken: see `heightmap`."""
     if like is None:
         target, frame = camera_over(looks, frame, pitch, where)
         return map_of(seen_from(looks, target, where), target, frame)
@@ -206,7 +216,7 @@ def _bed(look: Look) -> tuple[np.ndarray, Camera]:
     """Some pixels of what a look shows, NaN where they are not the bed's, and their camera."""
     step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
     depth, camera = look.depth[::step, ::step], coarse(look.camera, step)
-    return np.where(largest_surface(depth, camera), depth, np.float32(np.nan)), camera
+    return np.where(bed_in(depth, camera), depth, np.float32(np.nan)), camera
 
 
 def coarse(camera: Camera, step: int) -> Camera:

@@ -1,6 +1,6 @@
 """Planes in depth images: the one that most readings lie in, and how far the others are from it.
 
-Of a frame that shows more than the bed, the largest surface without a step is the bed.
+Of a frame that shows more than the bed, one surface without a step is the bed (`bed_in`).
 
 A plane in space is a plane in inverse depth: a x + b y + c = 1/z along the ray (x, y, 1).
 """
@@ -19,14 +19,40 @@ LEAST_NEAR = 0.001
 STEP = 3.0
 """Slope against the image between neighbours beyond which there is a step: 72 degrees, where a bed
 tilted by 45 degrees still connects around its heaps."""
+FILLS = 0.8
+"""Least share of the middle fifth of the view, each way, that a bed among surroundings fills."""
+LEAST_SURFACE = 0.1
+"""Least share of the readings that are the bed's: a smaller surface is a thing on it, or noise."""
 ROUNDS = 8
 """Of fitting a plane to what is near it: the last moves it by less than 0.01 degrees."""
 _TRIES = 200
 _SAMPLE = 2000
 
 
-def largest_surface(depth: np.ndarray, camera: Camera) -> np.ndarray:
-    """(H, W) readings of the largest surface that has no step: the box, not the floor around it.
+def bed_in(depth: np.ndarray, camera: Camera) -> np.ndarray:
+    """(H, W) readings of the bed: the largest surface without a step, as a bin's floor.
+
+    But the one that fills the middle of the view if it stands above that: a box on a table, a table
+    on the floor.  What fills the middle and lies lower is a pit in the bed.
+    """
+    label = _surfaces(depth, camera)
+    rows, columns = (slice(2 * n // 5, n - 2 * n // 5) for n in depth.shape)
+    largest, middle = (label == _usual(part) for part in (label, label[rows, columns]))
+    share = middle.sum() / max((label >= 0).sum(), 1)
+    if (largest & middle).any() or middle[rows, columns].mean() < FILLS or share < LEAST_SURFACE:
+        return largest
+    plane = fit_plane(np.where(largest, depth, np.nan), camera)
+    above = np.median(off_plane(depth, camera, plane)[0][middle]) > 0
+    return middle if above else largest
+
+
+def _usual(label: np.ndarray) -> int:
+    """The surface that most of some pixels belong to; -2: none has a reading."""
+    return int(np.bincount(label[label >= 0]).argmax()) if (label >= 0).any() else -2
+
+
+def _surfaces(depth: np.ndarray, camera: Camera) -> np.ndarray:
+    """(H, W) numbers of the surfaces without a step, -1 where there is no reading.
 
     Neighbours belong together, all eight of them, unless their depths (metres, NaN: none) differ
     by more than `STEP` times what lies between them.
@@ -44,9 +70,7 @@ def largest_surface(depth: np.ndarray, camera: Camera) -> np.ndarray:
     one, other = np.concatenate(joined, 1)
     graph = coo_array((np.ones(one.size, bool), (one, other)), shape=(depth.size,) * 2)
     _, label = connected_components(graph, directed=False)
-    label = label.reshape(depth.shape)
-    sizes = np.bincount(label[np.isfinite(depth)], minlength=1)
-    return (label == sizes.argmax()) & np.isfinite(depth)
+    return np.where(np.isfinite(depth), label.reshape(depth.shape), -1)
 
 
 def fit_plane(depth: np.ndarray, camera: Camera, near: float = NEAR) -> np.ndarray:

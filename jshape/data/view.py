@@ -8,7 +8,6 @@ import numpy as np
 from jshape import metric
 from jshape._typing import ArrayLike, Bool, Float, Num
 from jshape.camera import PAPER_BOX, Camera, check_camera, differing, matrix, window_of
-from jshape.data.bed_window import bed_window
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
 from jshape.data.looks import Look, camera_over, plane_frame, seen_from
 from jshape.data.missing import fill_missing, missing
@@ -143,8 +142,7 @@ def view_above(
     look = look_of(frame, source)
     if target is None:
         whole, _ = camera_over([look], where=where)
-        part = bed_window(ABOVE - seen_from([look], whole, where))
-        return View(source, whole if part is None else whole.crop(*part))
+        return View(source, whole)
     above = plane_frame(look, where) @ looking_down(middle_of(target))
     return View(source, replace(target, pose=as_frame(above)))
 

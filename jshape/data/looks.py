@@ -214,22 +214,16 @@ def _plane(look: Look, where: str) -> np.ndarray:
 
 def _bed(look: Look) -> tuple[np.ndarray, Camera]:
     """Some pixels of what a look shows, NaN where they are not the bed's, and their camera."""
-    step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
-    depth, camera = look.depth[::step, ::step], coarse(look.camera, step)
+    depth, camera = _some(look)
     return np.where(bed_in(depth, camera), depth, np.float32(np.nan)), camera
 
 
-def coarse(camera: Camera, step: int) -> Camera:
-    """The camera of every `step`-th pixel."""
-    return replace(
-        camera,
-        width=-(-camera.width // step),
-        height=-(-camera.height // step),
-        fx=camera.fx / step,
-        fy=camera.fy / step,
-        u0=camera.u0 / step,
-        v0=camera.v0 / step,
-    )
+def _some(look: Look) -> tuple[np.ndarray, Camera]:
+    """About `_POINTS` pixels of a look, and the camera that has only those."""
+    step, camera = max(1, int(np.sqrt(look.depth.size / _POINTS))), look.camera
+    size = {name: -(-getattr(camera, name) // step) for name in ("width", "height")}
+    optics = {name: getattr(camera, name) / step for name in ("fx", "fy", "u0", "v0")}
+    return look.depth[::step, ::step], replace(camera, **size, **optics)
 
 
 def camera_over(
@@ -296,9 +290,7 @@ def seen_from(
 def reprojected(look: Look, target: Camera) -> Float[np.ndarray, "h w"]:
     """What the target would see of one look; NaN where the look does not show it."""
     pose = matrix(target.pose)
-    step = max(1, int(np.sqrt(look.depth.size / _POINTS)))
-    some = look.depth[::step, ::step], coarse(look.camera, step)
-    z = _points(look, *some, np.linalg.inv(pose))[:, 2]
+    z = _points(look, *_some(look), np.linalg.inv(pose))[:, 2]
     middle = (float(target.z_min) + float(target.z_max)) / 2
     z = z[np.abs(z - middle) < RELIEF]
     if not z.size:

@@ -4,7 +4,6 @@ The other may be a pinhole of any lens and pose; so may the one imitated, or it 
 above with parallel rays: then the result is a height map.  Arrays are `[v, u]`, depths in metres.
 """
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -16,7 +15,9 @@ from jshape._typing import Array, Float
 from jshape.camera import Camera, matrix
 
 HALVINGS = 6
-"""Halvings of the range of depths before Newton's steps: 64 parts of 200 mm are 3 mm each."""
+"""Least halvings of the range of depths before Newton's steps."""
+PART = 3.2e-3
+"""Metres that they leave of it at most: 200 mm take 6, what is more takes more."""
 STEPS = 3
 """Newton's steps: they leave 0.1 um on beds with hills, seen from above or up to 45 degrees."""
 REACH = 4.0
@@ -34,15 +35,9 @@ OFF = 5e-4
 """Metres of Newton's last step: more is no surface that it came near to."""
 
 
-@partial(jax.jit, static_argnames=("halvings", "steps"))
+@jax.jit
 def reproject(
-    depth: Float[Any, "H W"],
-    source: Camera,
-    target: Camera,
-    span: Float[Any, "2"],
-    *,
-    halvings: int = HALVINGS,
-    steps: int = STEPS,
+    depth: Float[Any, "H W"], source: Camera, target: Camera, span: Float[Any, "2"]
 ) -> Float[Array, "h w"]:
     """The depth image of `target` from one that `source` took.
 
@@ -51,13 +46,14 @@ def reproject(
     overhangs.  So halving finds the one change, and Newton's method its depth.  Where the depths
     around it differ by more than a surface's would, it is the edge of what hides the ray's end.
 
+    Both loops carry where they will read next: XLA would else compute it anew for every array that
+    a reading goes into (19 ms instead of 11 for 190,000 rays).
+
     Args:
       depth: metres along the source's axis, NaN: no reading.
       source: that took it; without a pose its own frame is the common one.
       target: to imitate; likewise.
       span: least and greatest depth of the target that there can be, metres.
-      halvings: of that span, before Newton's steps.
-      steps: Newton's.
 
     Returns:
       Metres along the target's axis, NaN where the source did not see.
@@ -74,23 +70,35 @@ def reproject(
     def reading(index):
         return flat.at[index].get(mode="promise_in_bounds")  # clipped: this spares asking again
 
-    def halve(_, state):
-        near, far, part = state
-        middle = near + part * (far - near)
-        u, v, z = seen_at(middle)
+    def nearest(t):
+        """Index of the reading nearest to the points at depths t."""
+        u, v, _ = seen_at(t)
         column = jnp.clip(jnp.round(u), 0, width - 1).astype(jnp.int32)
-        row = jnp.clip(jnp.round(v), 0, height - 1).astype(jnp.int32)
-        there = reading(row * width + column)
+        return jnp.clip(jnp.round(v), 0, height - 1).astype(jnp.int32) * width + column
+
+    def corner(u, v):
+        """Column and row of the first of the four readings around a pixel."""
+        return (jnp.clip(jnp.floor(a), 0, n - 2) for a, n in ((u, width), (v, height)))
+
+    def first_of_four(t):
+        """Its index, for the points at depths t."""
+        left, top = corner(*seen_at(t)[:2])
+        return top.astype(jnp.int32) * width + left.astype(jnp.int32)
+
+    def halve(_, state):
+        near, far, part, middle, index = state
+        there, z = reading(index), seen_at(middle)[2]
+        near, far = jnp.where(there > z, middle, near), jnp.where(there <= z, middle, far)
         elsewhere = part + GOLDEN
         elsewhere = elsewhere - jnp.floor(elsewhere)
         part = jnp.where(jnp.isnan(there), elsewhere, jnp.float32(0.5))
-        return jnp.where(there > z, middle, near), jnp.where(there <= z, middle, far), part
+        middle = near + part * (far - near)
+        return near, far, part, middle, nearest(middle)
 
-    def surface(t):
-        """What Newton's step needs of the gap to the surface at t, and whether it was seen."""
+    def newton(_, state):
+        t, first, _ = state
         (u, v, z), (by_u, by_v, by_z) = jax.jvp(seen_at, (t,), (jnp.ones_like(t),))
-        left, top = (jnp.clip(jnp.floor(a), 0, n - 2) for a, n in ((u, width), (v, height)))
-        first = top.astype(jnp.int32) * width + left.astype(jnp.int32)
+        left, top = corner(u, v)
         a, b, c, d = (reading(first + off) for off in (0, 1, width, width + 1))
         right, down = jnp.clip(u - left, 0.0, 1.0), jnp.clip(v - top, 0.0, 1.0)
         upper, lower = a + right * (b - a), c + right * (d - c)
@@ -101,19 +109,24 @@ def reproject(
         inside = (jnp.abs(u - (width - 1) / 2) <= width / 2) & (z > 0)
         inside = inside & (jnp.abs(v - (height - 1) / 2) <= height / 2)
         flat_enough = most - least <= STEEP / source.scale(z)[0]
-        return gap, change, inside & flat_enough & (change < -LEAST_SLOPE)
+        step = gap / jnp.where(change < -LEAST_SLOPE, change, jnp.inf)
+        # The step as it came, not as it is clipped: what lies beyond the span is not seen.
+        seen = inside & flat_enough & (change < -LEAST_SLOPE) & (jnp.abs(step) <= OFF)
+        t = jnp.clip(t - step, start - reach, start + reach)
+        return t, first_of_four(t), seen
 
     span = jnp.asarray(span, jnp.float32)
-    ends = tuple(jnp.full(target.shape, end, jnp.float32) for end in (span[0], span[1], 0.5))
-    near, far, _ = lax.fori_loop(jnp.int32(0), jnp.int32(halvings), halve, ends)
-    t = start = 0.5 * (near + far)
+    halvings = jnp.ceil(jnp.log2((span[1] - span[0]) / PART)).astype(jnp.int32)
+    halvings = jnp.maximum(halvings, HALVINGS)
+    near, far, part = (jnp.full(target.shape, x, jnp.float32) for x in (span[0], span[1], 0.5))
+    middle = 0.5 * (near + far)
+    state = near, far, part, middle, nearest(middle)
+    near, far, *_ = lax.fori_loop(jnp.int32(0), halvings, halve, state)
+    start = 0.5 * (near + far)
     reach = 0.5 * (far - near) + REACH / source.scale(seen_at(start)[2])[0]
-    for _ in range(steps):
-        gap, change, seen = surface(t)
-        step = gap / jnp.where(change < -LEAST_SLOPE, change, jnp.inf)
-        t = jnp.clip(t - step, start - reach, start + reach)
-    # The step as it came, not as it was clipped: what lies beyond the span is not seen.
-    return jnp.where(seen & (jnp.abs(step) <= OFF), t, jnp.nan)
+    state = start, first_of_four(start), jnp.zeros(target.shape, bool)
+    t, _, seen = lax.fori_loop(jnp.int32(0), jnp.int32(STEPS), newton, state)
+    return jnp.where(seen, t, jnp.nan)
 
 
 def between(source: Camera, target: Camera) -> Float[np.ndarray, "4 4"]:

@@ -40,5 +40,5 @@ def seen_by(camera: Camera, of: HeightMap | None = None) -> np.ndarray:
     whole = bed() if of is None else of
     above = whole.camera()
     span = np.array([0.15, 1.2], np.float32)
-    depth = reproject(whole.depth(above), above, camera, span, halvings=10)
+    depth = reproject(whole.depth(above), above, camera, span)
     return np.nan_to_num(np.asarray(depth))

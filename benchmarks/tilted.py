@@ -1,14 +1,17 @@
 """Closed loops seen from an angle: what is left of the distance, against the same from above.
 
-    python -m benchmarks.tilted --problems 4 --out bench/tilted.json
+    python -m benchmarks.tilted --kinds shape sequence relief --problems 12 --out bench/tilted
 
-Goals that no action made (the shapes of the planning benchmark), in the simulator, with its noisy
-camera.  All looks become one map of the box, so that only the looks differ.
+`shape`: goals that no action made (those of the planning benchmark, measured sand and dough too,
+where they are there); `sequence`: from the first frame to the last of the sequences of the
+material-point method; `relief`: beds with more relief than the paper's, with a picture each.  All
+in the simulator, with its noisy camera.  All looks become one map of the box, so that only the
+looks differ.
 """
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,17 +19,23 @@ import jax
 import numpy as np
 
 from benchmarks.experiments.problems import Problem, shape_problems
+from benchmarks.experiments.recorded import mpm_problems
+from benchmarks.relief import BEDS, picture, relief_problems
+from benchmarks.report import markdown
+from benchmarks.sim_against_mpm import default_data
 from jshape import metric, sim
-from jshape.camera import D435_BAZAR, PAPER_BOX, Camera
+from jshape.camera import D435_BAZAR, Camera
 from jshape.data.looks import Look, camera_over, seen_from
+from jshape.data.simulate import bed_of_depth
 from jshape.data.simulate import look as simulated_look
 from jshape.data.view import image_of_depth, look_of
 from jshape.height_map import as_frame
 from jshape.io.banks import load_bank
 from jshape.planning.maps import bank_for
 from jshape.planning.options import DEFAULT_BANK
-from jshape.robot.loop import mold
+from jshape.robot.loop import Molding, mold
 from jshape.robot.simulated import SimulatedWorld
+from jshape.viz.style import png
 
 VIEWS = {
     "from above": (0,),
@@ -37,6 +46,7 @@ VIEWS = {
 """Tilts of the cameras of each view, degrees about u."""
 AWAY = 0.5
 """Metres from each camera to the bed's middle."""
+KINDS = ("shape", "sequence", "relief")
 
 
 def posed(tilt: float) -> Camera:
@@ -69,45 +79,88 @@ class Seen:
         """Apply an action at pixel (u, v) of the map."""
         x, y = self.camera.at(*(float(at) for at in position), 0.0)
         x, y, *_ = np.array(self.camera.pose) @ [float(x), float(y), 0.0, 1.0]
-        place = PAPER_BOX.pixel(x, y, sim.SURFACE)
+        place = self.world.camera.pixel(x, y, sim.SURFACE)
         self.world.act(action, tuple(float(at) for at in place), strength, yaw)
 
 
-def attempt(problem: Problem, tilts: Sequence[float], seed: int = 0) -> dict[str, float]:
-    """What is left of a problem's true distance, %, and how many actions were done."""
-    bank = load_bank(DEFAULT_BANK)
+def attempt(problem: Problem, tilts: Sequence[float], seed: int) -> tuple[Molding, float]:
+    """A closed loop, and what it left of the problem's distance, both without noise, %."""
     straight = np.diag([1.0, -1.0, -1.0, 1.0])
     straight[2, 3] = sim.SURFACE
-    goal = np.asarray(PAPER_BOX.depth(metric.unweigh(problem.goal, PAPER_BOX)))
-    wanted = look_of(goal, PAPER_BOX)
+    goal = np.asarray(problem.camera.depth(metric.unweigh(problem.goal, problem.camera)))
+    wanted = look_of(goal, problem.camera)
     target, _ = camera_over([wanted], frame=straight)
-    world = Seen(
-        SimulatedWorld(jax.random.key(seed), problem.bed), [posed(t) for t in tilts], target, seed
-    )
+    key, camera = jax.random.key(seed), problem.camera
+    world = SimulatedWorld(key, problem.bed, material=problem.material, camera=camera)
     image = image_of_depth(seen_from([wanted], target), target).image
-    done = mold(world, image, bank_for(bank, target))
-    left = problem.distance_mm(world.world.bed) / problem.start_mm
-    seen = float(np.isfinite(done.depths[0]).mean())
-    return {"left": 100 * left, "steps": len(done.steps), "seen": seen}
+    bank = bank_for(load_bank(DEFAULT_BANK), target)
+    run = mold(Seen(world, [posed(tilt) for tilt in tilts], target, seed), image, bank)
+    return run, 100 * problem.distance_mm(world.bed) / problem.distance_mm(problem.bed)
+
+
+def problems_of(kind: str, count: int, data: Path) -> list[Problem]:
+    """The problems of a kind, each with a bed to act in and a goal without noise."""
+    if kind == "shape":
+        return shape_problems(0, count, data / "real")
+    if kind == "relief":
+        return relief_problems()
+    found = []
+    for one in mpm_problems(data / "mpm"):
+        depth = np.asarray(one.camera.depth(metric.unweigh(one.start, one.camera)))
+        found.append(replace(one, bed=bed_of_depth(depth, one.camera), truth=one.goal))
+    return found
+
+
+def rows_of(kind: str, problems: list[Problem], views: Sequence[str], out: Path) -> Iterator[dict]:
+    """What each problem left in each view; a picture of each bed with relief."""
+    for number, problem in enumerate(problems):
+        runs = {}
+        for view in BEDS[problem.name][2] if kind == "relief" else views:
+            runs[view] = run, left = attempt(problem, VIEWS[view], number)
+            row = {"kind": kind, "problem": problem.name, "view": view, "left": left}
+            yield row | {
+                "actions": len(run.steps),
+                "seen": 100 * float(np.isfinite(run.depths[0]).mean()),
+            }
+        if kind == "relief":
+            name = problem.name.split(",")[0]
+            (out / f"tilted_{name}.png").write_bytes(png(picture(problem.name, runs)))
+
+
+def table(rows: list[dict]) -> str:
+    """Rows as Markdown, the means of each kind and view at the end."""
+    lines = [
+        (row["problem"], row["view"], f"{row['left']:.1f}", row["actions"], f"{row['seen']:.1f}")
+        for row in rows
+    ]
+    for kind, view in dict.fromkeys((row["kind"], row["view"]) for row in rows):
+        those = [row for row in rows if (row["kind"], row["view"]) == (kind, view)]
+        left, seen = (f"{np.mean([row[name] for row in those]):.1f}" for name in ("left", "seen"))
+        lines.append((f"mean of {len(those)} ({kind})", view, left, "", seen))
+    head = ("problem", "view", "left (%)", "actions", "seen (%)")
+    return markdown(head, [tuple(map(str, line)) for line in lines])
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """The table of all views."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--problems", type=int, default=4)
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--problems", type=int, default=12, help="shapes")
+    parser.add_argument("--views", nargs="+", choices=VIEWS, default=list(VIEWS)[:2],
+                        help="of shapes and sequences")  # fmt: skip
+    parser.add_argument("--data", type=Path, default=default_data().parent,
+                        help="folder with real/ and mpm/")  # fmt: skip
+    parser.add_argument("--out", type=Path, default=Path("bench/tilted"), help="folder")
     asked = parser.parse_args(words)
-    rows = []
-    for number, problem in enumerate(shape_problems(0, asked.problems)):
-        for name, tilts in VIEWS.items():
-            row = {"problem": problem.name, "view": name, **attempt(problem, tilts, number)}
+    asked.out.mkdir(parents=True, exist_ok=True)
+    rows: list[dict] = []
+    for kind in asked.kinds:
+        problems = problems_of(kind, asked.problems, asked.data)
+        for row in rows_of(kind, problems, asked.views, asked.out):
             rows.append(row)
-            said = f"{row['left']:5.1f} % left after {row['steps']} actions, {row['seen']:.1%} seen"
-            print(f"{row['problem']:12} {name:18} {said}", flush=True)
-    for name in VIEWS:
-        print(f"{name:18} {np.mean([r['left'] for r in rows if r['view'] == name]):.1f} % left")
-    if asked.out:
-        asked.out.write_text(json.dumps(rows, indent=1))
+            print(json.dumps(row), flush=True)
+            (asked.out / "tilted.json").write_text(json.dumps(rows, indent=1) + "\n")
+    print(table(rows))
     return 0
 
 

@@ -38,7 +38,6 @@ NEEDS = {
     "session.mcap": "rosbags",
     "mujoco:3": "mujoco",
     "ray": "ray",
-    "--save": "rerun",
     "view": "nicegui",
     "studio": "nicegui",
 }

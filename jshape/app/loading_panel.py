@@ -14,7 +14,7 @@ from jshape.app.widgets import buttons, small, upload
 from jshape.errors import JShapeError
 from jshape.io import cameras
 
-ACCEPT = ".png,.tif,.tiff,.npy,.exr,.ply,.pcd,.json"
+ACCEPT = ".png,.tif,.tiff,.npy,.ply,.pcd,.json"
 """What can be dropped: frames, point clouds, and the camera.json of frames."""
 
 

@@ -48,7 +48,7 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
     """Read two images, plan, print and write.
 
     Args:
-      initial: Depth image now: 16-bit PNG, TIFF, NPY, EXR; or a height map (NPZ).
+      initial: Depth image now: 16-bit PNG, TIFF, NPY; or a height map (NPZ).
       desired: The same wanted, or a point cloud (PLY, PCD).
     """
     if are_maps(initial, desired):

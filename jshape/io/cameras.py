@@ -13,7 +13,7 @@ from jshape.data.depth import check_depth_unit, unit_that_fits
 from jshape.data.missing import only_readings
 from jshape.errors import BadCamera, JShapeError, did_you_mean
 from jshape.io.files import read_json, write_json
-from jshape.io.formats import COUNTS, read_array
+from jshape.io.formats import SUFFIXES, read_array
 from jshape.io.records import Numbers, Range, read_record
 
 CAMERA = "camera.json"
@@ -77,7 +77,7 @@ def _unit_beside(path: Path, camera: Camera) -> str:
         near = sorted(itertools.islice(found, 100))
     except OSError:
         return ""
-    frames = (file for file in near if file.suffix.lower() in COUNTS)
+    frames = (file for file in near if file.suffix.lower() in SUFFIXES)
     for file in itertools.islice(frames, 3):
         try:
             counts = read_array(file)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape.errors import BadImage, needs, quoted
+from jshape.errors import BadImage, needs
 from jshape.io.arrays import parse_npy
 from jshape.io.files import read_bytes
 
@@ -26,9 +26,7 @@ FILE_LIMIT = 512 * 2**20
 PIXEL_LIMIT = 2**26
 """Most pixels of an image: 67 million."""
 
-COUNTS = (".png", ".tif", ".tiff", ".npy")
-"""Endings of files that can hold the 16-bit counts of a frame."""
-SUFFIXES = (*COUNTS, ".exr")
+SUFFIXES = (".png", ".tif", ".tiff", ".npy")
 """Endings of the files that `read_array` reads."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -37,6 +35,7 @@ _OTHERS = {
     b"\xff\xd8\xff": "a JPEG, which cannot hold a depth image",
     b"GIF8": "a GIF, which cannot hold a depth image",
     b"BM": "a BMP, which cannot hold a depth image",
+    b"v/1\x01": "an EXR; save it as NPY or float TIFF",
     b"PK\x03\x04": "a ZIP or NPZ archive",
     b"\x1f\x8b": "packed by gzip; unpack it",
     b"\x28\xb5\x2f\xfd": "packed by Zstandard; unpack it",
@@ -53,8 +52,8 @@ def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
 
     Raises:
       BadFile: the file is missing, a folder, empty, too large or unreadable.
-      BadImage: it is not a whole PNG, TIFF, EXR or NPY, has more than one channel, or says that it
-        lies turned (unless `turned`: then a TIFF is made upright, a PNG is as it is stored).
+      BadImage: it is not a whole PNG, TIFF or NPY, has more than one channel, or says that it
+        lies turned (unless `turned`: then a TIFF is made upright).
     """
     path = Path(path)
     data = read_bytes(path, limit=FILE_LIMIT)
@@ -66,7 +65,7 @@ def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
     reader = next((r for magic, r in _READERS.items() if data.startswith(magic)), None)
     if reader is None:
         what = next((w for magic, w in _OTHERS.items() if data.startswith(magic)), "not an image")
-        raise BadImage(f"{path}: {what}; allowed: PNG, TIFF, EXR or NPY")
+        raise BadImage(f"{path}: {what}; allowed: PNG, TIFF or NPY")
     image = reader(data, str(path))
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[..., 0]
@@ -215,44 +214,7 @@ def _tiff_tags(data: bytes, where: str) -> dict[int, Any]:
         raise BadImage(f"{where}: the TIFF is cut off or damaged") from None
 
 
-def _read_exr(data: bytes, where: str) -> np.ndarray:
-    """An EXR of one channel, which is called Y for OpenCV: it returns noise for a lone Z."""
-    cut = BadImage(f"{where}: the EXR is cut off or damaged")
-    at, channels, whole = data.find(b"channels\0chlist\0") + 16, [], False
-    if at < 16 or at + 4 > len(data):
-        raise cut
-    first = at + 4
-    at, end = first, min(first + struct.unpack_from("<i", data, at)[0], len(data))
-    while at < end and data[at] != 0:
-        stop = data.find(b"\0", at, end)
-        if stop < 0:
-            raise cut
-        channels.append(data[at:stop].decode("latin-1"))
-        whole = whole or data[stop + 1 : stop + 5] == b"\0\0\0\0"
-        at = stop + 17
-    if len(channels) != 1:
-        raise BadImage(
-            f"{where}: the EXR has {len(channels)} channels ({', '.join(channels[:6])}); "
-            "a depth image has one"
-        )
-    if whole:  # OpenCV makes 8 bits of them
-        raise BadImage(
-            f"{where}: the EXR holds whole numbers (UINT); depth is float or half, metres"
-        )
-    if len(channels[0]) != 1:
-        raise BadImage(
-            f"{where}: the EXR's channel is called {quoted(channels[0])}; rename it Z or Y"
-        )
-    size = data.find(b"dataWindow\0box2i\0") + 21
-    if 21 <= size < len(data) - 20:
-        left, top, right, bottom = struct.unpack_from("<4i", data, size)
-        _check_size(where, right - left + 1, bottom - top + 1)
-    return _decode(data[:first] + b"Y" + data[first + 1 :], where, "EXR")
-
-
 def _decode(data: bytes, where: str, kind: str) -> np.ndarray:
-    # OpenCV reads this once, when it meets its first EXR; importing cv2 earlier does no harm.
-    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
     import cv2
 
     log: Any = cv2.utils.logging
@@ -265,11 +227,6 @@ def _decode(data: bytes, where: str, kind: str) -> np.ndarray:
     finally:
         log.setLogLevel(level)
     if image is None:
-        built = cv2.getBuildInformation().splitlines()
-        if kind == "EXR" and not any("OpenEXR:" in line and "NO" not in line for line in built):
-            raise BadImage(
-                f"{where}: this build of OpenCV cannot read EXR; convert it to TIFF or NPY"
-            )
         raise BadImage(f"{where}: the {kind} is cut off, damaged or of a type that is not read")
     return image
 
@@ -277,7 +234,6 @@ def _decode(data: bytes, where: str, kind: str) -> np.ndarray:
 _READERS: dict[bytes, Callable[[bytes, str], np.ndarray]] = {
     _PNG: read_png,
     b"\x93NUMPY": parse_npy,
-    b"v/1\x01": _read_exr,
     **dict.fromkeys(_TIFF, _read_tiff),
 }
 """The reader of each format, by the bytes that its files start with."""

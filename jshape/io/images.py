@@ -30,7 +30,7 @@ def read_depth(
     check_range: bool = True,
     left_out: Counter[str] | None = None,
 ) -> Float[np.ndarray, "H W"]:
-    """A depth image: PNG, TIFF, EXR or NPY, one channel; `read_array`, then `depth_of_array`.
+    """A depth image: PNG, TIFF or NPY, one channel; `read_array`, then `depth_of_array`.
 
     Raises BadFile if the file cannot be read, and as `depth_of_array`.
     """

@@ -22,7 +22,7 @@ from jshape.errors import BadDataset, one_line, quoted
 from jshape.io.cameras import CAMERA, read_camera, write_camera
 from jshape.io.files import as_error, refused, write_atomic, write_json
 from jshape.io.folders import atomic_folder, folder_of
-from jshape.io.formats import COUNTS
+from jshape.io.formats import SUFFIXES
 from jshape.io.images import read_counts, write_counts_png
 from jshape.io.tables import check_action, read_table
 
@@ -98,7 +98,7 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
         camera, depth_unit = read_camera(folder / CAMERA)
     within = folder / FRAMES if (folder / FRAMES).is_dir() else folder
     with as_error(BadDataset), refused(within, "cannot be read"):
-        images = sorted(p for p in within.iterdir() if p.suffix.lower() in COUNTS)
+        images = sorted(p for p in within.iterdir() if p.suffix.lower() in SUFFIXES)
     images = [path for path in images if not path.name.startswith(".")]
     found = in_order(images)
     if not found:

@@ -13,12 +13,10 @@ from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, within
 from jshape.errors import BadCamera, BadImage, JShapeError, one_line
 from jshape.io import bags
 from jshape.io.cameras import DEPTH_UNIT, read_camera
-from jshape.io.formats import read_array
+from jshape.io.formats import SUFFIXES, read_array
 from jshape.io.recordings import CAMERA, open_recording
 from jshape.robot.cameras.base import AS_THEY_SAY, CameraSettings
 from jshape.robot.cameras.played import Played, calls
-
-PICTURES = (".png", ".npy", ".tif", ".tiff", ".exr")
 
 
 class Format(NamedTuple):
@@ -77,7 +75,7 @@ def folder_camera(folder: str | os.PathLike, given: CameraSettings = AS_THEY_SAY
 
 
 def picture_camera(path: str | os.PathLike, given: CameraSettings = AS_THEY_SAY) -> Played:
-    """One depth picture, again and again: 16-bit PNG or TIFF (counts), NPY or EXR (metres).
+    """One depth picture, again and again: 16-bit PNG or TIFF (counts), NPY or float TIFF (metres).
 
     Without a camera given it is that of `camera.json` beside it, else the paper's if the size is.
 
@@ -127,6 +125,6 @@ FILES = (
         *("FOLDER", f"a recording with {CAMERA}"),
         *(lambda path: (path / CAMERA).is_file(), folder_camera),
     ),
-    Format("FILE.png|.npy|.tif|.exr", "a depth picture", _suffix(PICTURES), picture_camera),
+    Format("FILE.png|.npy|.tif", "a depth picture", _suffix(SUFFIXES), picture_camera),
 )
 """What opens as a camera by its path; a new format is a function and a row here."""

@@ -179,7 +179,7 @@ def test_odd_folders_are_refused_in_one_line(tmp_path, planned, stored_bank):
     with pytest.raises(BadFile, match="no frame yet"):
         read_episode(run.folder)
     run.append({"action": "knock"}, np.full(PAPER_BOX.shape, 0.45))
-    with pytest.raises(BadFile, match="line 1: position is None; expected two numbers"):
+    with pytest.raises(BadFile, match="line 1: missing position"):
         read_episode(run.folder)
     other = runs.Run.create(tmp_path / "other", {"bank": str(stored_bank)})
     other.append({"action": "knock", "position": [9, 9], "before_mm": "much"}, None)

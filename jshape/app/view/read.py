@@ -8,11 +8,12 @@ import numpy as np
 
 from jshape import metric
 from jshape.app.view.episode import Episode, EpisodeAction, EpisodeStep
-from jshape.app.view.records import ActionRecord, begun, near, record_of, same
+from jshape.app.view.records import ActionRecord, begun, near, same
 from jshape.camera import Camera
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.io import banks, files, formats, images, journal, runs
+from jshape.io.records import read_record
 from jshape.models.bank import Bank
 from jshape.planning.api import check_image, rollout
 from jshape.planning.plan import Plan
@@ -83,7 +84,9 @@ class _Reader:
         waiting = begun(self._folder / journal.NAME)
         where, rows = self._folder / runs.STEPS, self._run.steps
         _check_count(len(rows) + len(waiting), str(self._folder))
-        records = [record_of(row, f"{where}: line {k + 1}") for k, row in enumerate(rows)]
+        records = [
+            read_record(ActionRecord, row, f"{where}: line {k}") for k, row in enumerate(rows, 1)
+        ]
         start = self._start()
         first_mm = next((done.before_mm for done in (*waiting, *records)), None)
         steps = [EpisodeStep(seen=start, seen_mm=self._start_mm(start, first_mm))]
@@ -107,7 +110,7 @@ class _Reader:
 
     def _step(self, done: ActionRecord, before: EpisodeStep, depth: Any) -> EpisodeStep:
         """What an action, and the look after it if there was one, have to tell."""
-        action = EpisodeAction(done.name, done.position, done.strength, done.yaw, self._roi(done))
+        action = EpisodeAction(done.action, done.position, done.strength, done.yaw, self._roi(done))
         numbers = done.before_mm, done.predicted_mm, done.obtained_mm, done.effort_nm, done.seconds
         return EpisodeStep(depth, self._predicted(done, before), action, *numbers)
 
@@ -130,23 +133,23 @@ class _Reader:
             for k, name in enumerate(plan.actions):
                 there = near(plan.exact_positions[k], done.position)
                 predicted_mm = float(plan.distances_mm[k + 1])
-                if there and name == done.name and same(predicted_mm, done.predicted_mm):
+                if there and name == done.action and same(predicted_mm, done.predicted_mm):
                     return _depth(plan.images[k + 1], plan.camera)
         bank, goal = self._bank, self._goal
         if before.seen is None or not same(before.seen_mm, done.before_mm):
             return None
-        if bank is None or goal is None or done.name not in bank.actions:
+        if bank is None or goal is None or done.action not in bank.actions:
             return None
         image = image_of_depth(before.seen, bank.camera, max_missing=1.0).image
         how = {"strengths": np.array([done.strength]), "yaws": np.array([done.yaw])}
-        ahead = rollout(image, goal, [done.name], np.array([done.position]), bank=bank, **how)
+        ahead = rollout(image, goal, [done.action], np.array([done.position]), bank=bank, **how)
         return _depth(ahead.images[1], bank.camera)
 
     def _roi(self, done: ActionRecord) -> tuple[int, int] | None:
-        if done.name not in self._rois and self._plan is not None:
+        if done.action not in self._rois and self._plan is not None:
             planned = zip(self._plan.actions, self._plan.rois.tolist(), strict=True)
             self._rois |= {name: (w, h) for name, (w, h) in planned if name not in self._rois}
-        return self._rois.get(done.name)
+        return self._rois.get(done.action)
 
     def _find_bank(self) -> Bank | None:
         """The bank that the run was made with, unless it is gone."""

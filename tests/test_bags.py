@@ -176,7 +176,7 @@ def test_another_cameras_info_is_named_and_not_taken(tmp_path, counts):
         ({"roi": (8, 6, 20, 16)}, r"for 40x30, of which it shows 20x16 at \(8, 6\);"),
         ({"binning": 2}, "for 40x30, 2x2 put together; --camera FILE"),
         ({"size": (48, 40), "roi": (8, 6, 40, 30, 1)}, r"40x30 at \(8, 6\) of .* \(do_rectify\)"),
-        ({"distortion": (0.1, 0.0), "p": (0.0,) * 4}, "are rectified, and P, which says how, is"),
+        ({"distortion": (0.1, 0.0), "p": (0.0,) * 4}, "P is empty; K says .*, the lens 0.1, 0, "),
     ],
     ids=[
         "zero",
@@ -237,10 +237,8 @@ def test_intrinsics_that_may_be_others_are_a_question(tmp_path, counts):
 
     one("either", "/d/depth", "K says fx 50, fy 51, .* rectified frames, fx 433, .*--camera", p=P)
     lens = {"distortion": (0.1, -0.2, 0.0, 0.0, 0.0)}
-    one("bent", "/d/depth", r"distorts \(coefficients 0.1, -0.2, .*; if they are, P .* 433,",
-        p=P, **lens)  # fmt: skip
-    one("bent, no P", "/d/depth", "neither raw nor that the frames are rectified$", p=(0,) * 4,
-        **lens)  # fmt: skip
+    one("bent", "/d/depth", "neither rect nor raw; .* the lens 0.1, -0.2, .* 433,", p=P, **lens)
+    one("bent, no P", "/d/depth", "neither rect nor raw; .* fx 0, .*--camera", p=(0,) * 4, **lens)
 
 
 EIGHT = (0.4, 0.1, 1e-3, -2e-3, 0.02, 0.5, 0.05, 0.03)
@@ -440,7 +438,7 @@ def test_counts_of_another_unit_are_refused(scale, unit, options, tmp_path, coun
 def test_an_mcap_of_another_system_is_said_to_be(tmp_path, counts):
     path = next(depth_bag(tmp_path / "bag", "mcap", SMALL, counts).glob("*.mcap"))
     path.write_bytes(path.read_bytes().replace(b"ros2", b"ros1", 1))
-    refused(r"cannot be read: the MCAP is not one of ROS 2 \(Profile is not ros2", path)
+    refused(r"cannot be read: .* not one of ROS \(Profile is not ros2", path)
 
 
 def test_frames_that_change_within_a_bag(tmp_path, counts, metres):
@@ -502,9 +500,9 @@ def test_a_truncated_bag_is_one_line(how, share, tmp_path, rng):
     inside.write_bytes(data[: int(share * len(data))])
     refused("cut off or damaged", path, JShapeError, frames=True)
     refused("cut off or damaged", inside, JShapeError, frames=True)
-    mender = {"ros1": "rosbag reindex", "ros2": "", "mcap": "mcap recover"}[how]
+    hint = "a RealSense's own plays as realsense:alone.bag" if how == "ros1" else ""
     alone = inside.rename(tmp_path / f"alone{inside.suffix}")
-    refused(rf"cut off or damaged.*\).*{mender}", alone, JShapeError, frames=True)
+    refused(rf"cut off or damaged.*\).*{hint}", alone, JShapeError, frames=True)
 
 
 def test_what_is_no_bag_is_said(tmp_path):

@@ -92,30 +92,18 @@ def _taken(
 ) -> tuple[np.ndarray, np.ndarray]:
     """K and D, or P and no distortion, whichever the frames of a topic have."""
     words = {*re.split("[/_]", topic.lower())}
-    if words & {"rect", "rectified"}:
-        if p.any():
-            return p, d[:0]
-        if bent(d):
-            raise BadCamera(
-                f"{where}: the frames are rectified, and P, which says how, is empty; "
-                "--camera FILE replaces it"
-            )
-        return k, d
-    if "raw" in words:
-        return k, d
+    rectified = bool(words & {"rect", "rectified"})
+    if rectified and (p.any() or not bent(d)):
+        return (p if p.any() else k), d[:0]
     projects = bool(p[0, 0] > 0 and p[1, 1] > 0)
-    if bent(d):
-        hint = f"; if they are, P holds: {_shown(p)}, to be said with --camera FILE" * projects
-        raise BadCamera(
-            f"{where}: the lens distorts (coefficients {', '.join(f'{c:g}' for c in d[:5])}), and "
-            f"the topic's name says neither raw nor that the frames are rectified{hint}"
-        )
-    if projects and not np.allclose(k, p[:, :3], rtol=0, atol=_ALIKE_PX):
-        raise BadCamera(
-            f"{where}: K says {_shown(k)}, and P, which holds for rectified frames, {_shown(p)}; "
-            "the topic's name says neither rect nor raw; --camera FILE says what it is"
-        )
-    return k, d
+    alike = not projects or np.allclose(k, p[:, :3], rtol=0, atol=_ALIKE_PX)
+    if "raw" in words or not (rectified or bent(d)) and alike:
+        return k, d
+    why = "P is empty" if rectified else "the topic's name says neither rect nor raw"
+    raise BadCamera(
+        f"{where}: {why}; K says {_shown(k)}, the lens {', '.join(f'{c:g}' for c in d[:5])}, and "
+        f"P, which holds for rectified frames, {_shown(p)}; --camera FILE says what it is"
+    )
 
 
 def _shown(m: np.ndarray) -> str:

@@ -13,11 +13,6 @@ SUFFIXES = (".bag", ".db3", ".mcap")
 METADATA = "metadata.yaml"
 """What marks the folder of a ROS 2 bag."""
 
-SDK = "/device_0/"
-"""What topics of librealsense's recordings start with."""
-_MENDERS = {".mcap": "mcap recover", ".bag": "rosbag reindex"}
-"""Programs of others that mend what a killed recorder left."""
-
 
 class Messages:
     """The messages of an open bag, by topic; whatever rosbags raises becomes one line."""
@@ -97,19 +92,11 @@ class Messages:
             raise
         except Exception as problem:  # rosbags, SQLite, LZ4, YAML: no common type
             reason = one_line(problem, 120) or type(problem).__name__
-            mender = _MENDERS.get(self.path.suffix)
-            hint = f"; {mender} may save what is whole of it" if mender else ""
-            if self.path.is_file() and (self.path.parent / METADATA).is_file():
-                hint = f"; it may be packed as a part of the bag {self.path.parent}"
-            if self.path.suffix == ".bag" and any(t.startswith(SDK) for t in self._topics()):
-                hint = f"; it looks recorded by a RealSense: try realsense:{self.path.name}"
-            what = "the bag is cut off or damaged"
-            if "rofile is not ros2" in reason:
-                what, hint = "the MCAP is not one of ROS 2", ""
-            raise BadFile(f"{self.path}: cannot be read: {what} ({reason}){hint}") from None
-
-    def _topics(self) -> list[str]:
-        return list(getattr(self, "types", ()))
+            hint = f"; a RealSense's own plays as realsense:{self.path.name}"
+            raise BadFile(
+                f"{self.path}: cannot be read: the bag is cut off or damaged, or not one of ROS "
+                f"({reason}){hint * (self.path.suffix == '.bag')}"
+            ) from None
 
 
 def shown(name: str) -> str:

@@ -19,12 +19,14 @@ from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.io.bag_cameras import INFO, camera_of, stated
 from jshape.io.bag_images import COMPRESSED, IMAGE, decode, encoding_of
 from jshape.io.bag_messages import METADATA as METADATA
-from jshape.io.bag_messages import SDK, Messages, shown
 from jshape.io.bag_messages import SUFFIXES as SUFFIXES
+from jshape.io.bag_messages import Messages, shown
 from jshape.io.cameras import DEPTH_UNIT
 
 _PACKED = ("/compressed", "/compressedDepth")
 """What image_transport puts behind a topic's name for the same frames, packed."""
+_SDK = "/device_0/"
+"""What topics of librealsense's recordings start with."""
 _LISTED = 8
 
 
@@ -207,7 +209,7 @@ def _unpacked(topic: str) -> str:
 def _sdk_unit(messages: Messages, topic: str) -> float | None:
     """Metres per count of librealsense's recordings: an option of the sensor, as text."""
     option = "/".join(topic.split("/")[:3]) + "/option/Depth_Units/value"
-    if not topic.startswith(SDK) or messages.types.get(option) != "std_msgs/msg/String":
+    if not topic.startswith(_SDK) or messages.types.get(option) != "std_msgs/msg/String":
         return None
     try:
         unit = float(messages.first(option).data)

@@ -43,6 +43,8 @@ _STAMPED = re.compile(
 """A date and a time: 2024-05-01_12-00-00, 20240501_120000.25."""
 _COUNTED = 10**9
 """Numbers from here on are times (seconds since 1970 and finer), between which nothing lacks."""
+_NANOSECONDS = 9
+"""Digits of the longest one of a second's nanoseconds."""
 
 
 class Label(NamedTuple):
@@ -134,8 +136,8 @@ def in_order(paths: Iterable[Path]) -> dict[Decimal, Path]:
         as well stand between two numbers (1.9, 1.10).
     """
     found: dict[Decimal, Path] = {}
-    parts: dict[Path, tuple[int, int]] = {}
     kinds: dict[tuple[str, str], Path] = {}
+    fractions: dict[Path, str] = {}
     for path, (start, whole, fraction) in _read(sorted(paths)).items():
         kinds.setdefault((start, path.suffix.lower()), path)
         if len(kinds) > 1:
@@ -148,21 +150,29 @@ def in_order(paths: Iterable[Path]) -> dict[Decimal, Path]:
         if number in found:
             raise BadDataset(f"{path.parent}: {_names([found[number], path])} have the same number")
         found[number] = path
-        parts[path] = int(whole), int(fraction or 0)
-    ordered = {number: found[number] for number in sorted(found)}
-    as_parts = sorted(parts, key=parts.__getitem__)
-    if as_parts != list(ordered.values()):
-        # Either counted on behind the dot, or seconds and nanoseconds without leading zeros.
-        pairs = [parts[path] for path in as_parts]
-        counted = all(b[0] > a[0] or b[1] == a[1] + 1 for a, b in pairwise(pairs))
-        times = [s + Decimal(ns).scaleb(-9) for s, ns in pairs]
-        if counted or _unsteady(times) < _unsteady(list(ordered)):
-            other = next((a, b) for a, b in zip(as_parts, ordered.values(), strict=True) if a != b)
-            raise BadDataset(
-                f"{as_parts[0].parent}: which comes first, {_names(other)}? The dot may be a "
-                "decimal point or stand between two numbers; rename them, as 000000.png"
-            )
-    return ordered
+        if fraction:
+            fractions[path] = fraction
+    _check_fractions(fractions)
+    return {number: found[number] for number in sorted(found)}
+
+
+def _check_fractions(fractions: dict[Path, str]) -> None:
+    """Refuse digits behind a dot that are no decimal's: a count (1.9, 1.10), or nanoseconds.
+
+    A decimal whose length varies has lost its trailing zeros; nanoseconds without their leading
+    ones are up to nine digits.
+    """
+    by_length = sorted(fractions, key=lambda path: len(fractions[path]))
+    lengths = [len(fractions[path]) for path in by_length]
+    if not lengths or lengths[0] == lengths[-1]:
+        return
+    zeros = any(len(one) > 1 and one.endswith("0") for one in fractions.values())
+    if zeros or lengths[-1] == _NANOSECONDS:
+        raise BadDataset(
+            f"{by_length[0].parent}: which comes first, {_names((by_length[0], by_length[-1]))}? "
+            "The dot may be a decimal point or stand between two numbers; rename them, as "
+            "000000.png"
+        )
 
 
 def _read(paths: Sequence[Path]) -> dict[Path, tuple[str, str, str | None]]:
@@ -183,13 +193,6 @@ def by_number(name: str) -> list[str | Decimal]:
     """What to sort names by, so that 2 comes before 10."""
     parts = re.split(r"([0-9]{1,30}(?:\.[0-9]{1,30})?)", name)
     return [Decimal(part) if k % 2 else part for k, part in enumerate(parts)]
-
-
-def _unsteady(times: Sequence[Decimal]) -> Decimal:
-    """How much longer the longest step between times is than the middle one."""
-    steps = sorted(b - a for a, b in pairwise(times))
-    middle = steps[len(steps) // 2]
-    return steps[-1] / middle if middle > 0 else Decimal("Infinity")
 
 
 def _names(paths: Iterable[Path]) -> str:

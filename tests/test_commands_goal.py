@@ -310,7 +310,7 @@ def test_what_a_phone_turned_comes_in_upright(tmp_path, kind, orientation):
         (["--mesh", "empty.stl"], "has no face"),
         (["--mesh", "now.png"], ".stl or .obj"),
         (["--mask", "empty.stl"], "not an image"),
-        (["--mask", "cut.jpg"], "cut.jpg: a JPEG"),
+        (["--mask", "cut.jpg"], "cut.jpg: the painting is cut off"),
         (["--height-map", "after.png"], "need a height"),
         (["--frame", "mask.npy"], "has 7x5 pixels"),
         (["--actions", "stir 1,2"], "unknown action 'stir'"),

@@ -134,20 +134,14 @@ def png(array, form="16UC1; png compressed "):
     return make
 
 
-def without_index(path: Path, kept=()) -> Path:
-    """An MCAP whose summary holds the records of these opcodes only; none at all without one."""
+def without_index(path: Path) -> Path:
+    """An MCAP without its summary, as a recorder that was killed leaves it."""
     data = path.read_bytes()
-    at, body, summary, ended = 8, data[:8], b"", False
-    while data[at] != 0x02:
-        end = at + 9 + struct.unpack("<Q", data[at + 1 : at + 9])[0]
-        if not ended:
-            body += data[at:end]
-        elif data[at] in kept:
-            summary += data[at:end]
-        ended, at = ended or data[at] == 0x0F, end
-    start = len(body) if summary else 0
-    footer = b"\x02" + struct.pack("<QQQI", 20, start, 0, 0)
-    path.write_bytes(body + summary + footer + data[:8])
+    at = 8
+    while data[at] != 0x0F:  # the end of the data
+        at += 9 + struct.unpack("<Q", data[at + 1 : at + 9])[0]
+    end = at + 9 + struct.unpack("<Q", data[at + 1 : at + 9])[0]
+    path.write_bytes(data[:end] + b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0) + data[:8])
     return path
 
 

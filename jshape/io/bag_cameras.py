@@ -97,7 +97,7 @@ def _taken(
         return (p if p.any() else k), d[:0]
     projects = bool(p[0, 0] > 0 and p[1, 1] > 0)
     alike = not projects or np.allclose(k, p[:, :3], rtol=0, atol=_ALIKE_PX)
-    if "raw" in words or not (rectified or bent(d)) and alike:
+    if not rectified and ("raw" in words or alike and not bent(d)):
         return k, d
     why = "P is empty" if rectified else "the topic's name says neither rect nor raw"
     raise BadCamera(

@@ -6,12 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from jshape.errors import BadFile, JShapeError, needs, one_line
-from jshape.io.mcap_index import scan_where_no_index
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 """Bags that are one file; a folder with `METADATA` is one too."""
 METADATA = "metadata.yaml"
 """What marks the folder of a ROS 2 bag."""
+_HINTS = {
+    ".bag": "; a RealSense's own plays as realsense:{}",
+    ".mcap": "; `mcap recover` makes one that is whole, with its index",
+}
 
 
 class Messages:
@@ -39,7 +42,6 @@ class Messages:
             self._reader: Any = rosbag1.Reader(path) if old else rosbag2.Reader(path)
             self._reader.open()
             self._open = True
-            scan_where_no_index(self._reader)
             # Several publishers of one topic are several connections.
             self.types = {c.topic: c.msgtype for c in self._reader.connections}
 
@@ -92,10 +94,10 @@ class Messages:
             raise
         except Exception as problem:  # rosbags, SQLite, LZ4, YAML: no common type
             reason = one_line(problem, 120) or type(problem).__name__
-            hint = f"; a RealSense's own plays as realsense:{self.path.name}"
+            hint = _HINTS.get(self.path.suffix, "").format(self.path.name)
             raise BadFile(
                 f"{self.path}: cannot be read: the bag is cut off or damaged, or not one of ROS "
-                f"({reason}){hint * (self.path.suffix == '.bag')}"
+                f"({reason}){hint}"
             ) from None
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jshape.errors import BadImage, needs, one_line
+from jshape.errors import BadImage, needs
 from jshape.io.files import read_bytes
 from jshape.io.formats import FILE_LIMIT, PIXEL_LIMIT, read_array
 
@@ -37,10 +37,12 @@ def read_drawing(path: str | os.PathLike) -> np.ndarray:
             with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "BMP")) as image:
                 if image.width * image.height > PIXEL_LIMIT:
                     size = f"{image.width}x{image.height} pixels"
-                    raise BadImage(f"{size}; at most {PIXEL_LIMIT:,} are read")
+                    raise BadImage(f"{path}: {size}; at most {PIXEL_LIMIT:,} are read")
                 upright = ImageOps.exif_transpose(image)
-    except Exception as problem:  # Pillow promises no type for a damaged file
-        raise BadImage(f"{path}: is no painting that can be read: {one_line(problem)}") from None
+    except BadImage:
+        raise
+    except Exception:  # Pillow promises no type for a damaged file
+        raise BadImage(f"{path}: the painting is cut off or damaged") from None
     if upright.mode in ("L", "I;16"):
         grey, clear = np.asarray(upright), image.info.get("transparency")
         return grey if clear is None else np.ma.masked_equal(grey, clear)

@@ -19,7 +19,6 @@ from jshape.io.cameras import (
     read_camera,
     write_camera,
 )
-from jshape.io.formats import encode_png
 
 GOOD = {
     "width": 480, "height": 395, "fx": 433.0, "fy": 433, "u0": 240, "v0": -3.5,
@@ -133,27 +132,9 @@ def test_a_bad_camera_is_not_written(tmp_path):
     assert not path.exists()
 
 
-@pytest.mark.parametrize(
-    "counts, said",
-    [
-        (None, "16-bit frames$"),
-        (
-            4450,
-            "; 0.0001 would fit: the frames then lie at 0.445 to 0.445 m, within .* 0.42 to 0.47",
-        ),
-        (445, "; 0.001 would fit"),
-        (44_500, "; 1e-05 would fit"),
-        (700, "counts around 700, which no power of ten brings within the camera's 0.42 to 0.47 m"),
-    ],
-)
-def test_without_a_unit_the_one_that_fits_the_frames_is_named(tmp_path, counts, said):
+def test_a_missing_unit_is_asked_for(tmp_path):
     path = write(tmp_path / "c.json", {k: v for k, v in GOOD.items() if k != "depth_unit"})
-    if counts is not None:
-        frame = np.full((395, 480), counts, np.uint16)
-        frame[:9] = 65535
-        (tmp_path / "before").mkdir()
-        (tmp_path / "before" / "0.png").write_bytes(encode_png(frame))
-    with pytest.raises(BadCamera, match=f"depth_unit is missing: metres per count of .*{said}"):
+    with pytest.raises(BadCamera, match="depth_unit is missing: metres per count of .* 0.001 or"):
         read_camera(path)
     assert read_camera(path, 0.5)[1] == 0.5
 

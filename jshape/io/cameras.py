@@ -1,19 +1,16 @@
 """camera.json: the fields of a Camera, and the metres that one count of its frames stands for."""
 
-import itertools
 import os
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from jshape.camera import PRESETS, Camera, check_camera
-from jshape.data.depth import check_depth_unit, unit_that_fits
-from jshape.data.missing import only_readings
-from jshape.errors import BadCamera, JShapeError, did_you_mean
+from jshape.data.depth import check_depth_unit
+from jshape.errors import BadCamera, did_you_mean
 from jshape.io.files import read_json, write_json
-from jshape.io.formats import SUFFIXES, read_array
 from jshape.io.records import Numbers, Range, read_record
 
 CAMERA = "camera.json"
@@ -48,6 +45,18 @@ class CameraFile:
     depth_unit: Annotated[float, Range(0, above=True)] | None = None
 
 
+class Source(NamedTuple):
+    """Where frames come from, as far as it was said or could be guessed."""
+
+    camera: Camera
+    depth_unit: float
+    """Metres per count."""
+    said: str
+    """How we know, for people."""
+    stated: bool
+    """Somebody described the camera; False: a preset, or guessed."""
+
+
 def read_camera(path: str | os.PathLike, depth_unit: float | None = None) -> tuple[Camera, float]:
     """A camera and its depth unit, metres per count.
 
@@ -57,35 +66,15 @@ def read_camera(path: str | os.PathLike, depth_unit: float | None = None) -> tup
 
     Raises:
       BadFile: the file cannot be read or is not JSON.
-      BadCamera: a field is missing, unknown or not a number in its range.  Without `depth_unit`
-        the error names the one that would fit the frames beside the file.
+      BadCamera: a field is missing, unknown or not a number in its range.
     """
     content = read_json(path)
     camera, own = camera_from(content, str(path)), content.get("depth_unit")
     if own is None and depth_unit is None:
         raise BadCamera(
-            f"{path}: depth_unit is missing: metres per count of 16-bit frames"
-            f"{_unit_beside(Path(path), camera)}"
+            f"{path}: depth_unit is missing: metres per count of the frames, often 0.001 or 0.0001"
         )
     return camera, check_depth_unit(own if depth_unit is None else depth_unit, str(path))
-
-
-def _unit_beside(path: Path, camera: Camera) -> str:
-    """What the first frames of the camera's size beside its file, or one folder below, say."""
-    try:
-        found = itertools.chain(path.parent.glob("*.*"), path.parent.glob("*/*.*"))
-        near = sorted(itertools.islice(found, 100))
-    except OSError:
-        return ""
-    frames = (file for file in near if file.suffix.lower() in SUFFIXES)
-    for file in itertools.islice(frames, 3):
-        try:
-            counts = read_array(file)
-        except JShapeError:
-            continue
-        if counts.dtype == np.uint16 and counts.shape == camera.shape:
-            return unit_that_fits(only_readings(counts), camera)
-    return ""
 
 
 def write_camera(path: str | os.PathLike, camera: Camera, depth_unit: float) -> None:
@@ -149,11 +138,8 @@ def _shortest(value: Any) -> float:
     return float(str(array[()])) if array.dtype == np.float32 else float(array)
 
 
-def described(text: str, depth_unit: float | None = None) -> tuple[Camera, float, bool]:
+def described(text: str, depth_unit: float | None = None) -> Source:
     """The camera that a camera.json or the name of a preset describes; `depth_unit` overrides it.
-
-    Returns:
-      The camera, metres per count, and whether somebody described it (False: a preset).
 
     Raises:
       BadCamera: neither of them, or both.
@@ -164,9 +150,17 @@ def described(text: str, depth_unit: float | None = None) -> tuple[Camera, float
                 f"{text}: is a preset and a file here; write ./{text} for the file, or rename it "
                 "for the preset"
             )
-        return PRESETS[text], depth_unit or DEPTH_UNIT, False
+        return Source(PRESETS[text], depth_unit or DEPTH_UNIT, f"preset {text}", False)
     if not Path(text).exists():
         what = "no such file" if Path(text).suffix else "neither a camera.json nor a preset"
         near = did_you_mean(text, PRESETS)
         raise BadCamera(f"{text}: {what}; allowed: camera.json, {', '.join(PRESETS)}{near}")
-    return *read_camera(text, depth_unit), True
+    return Source(*read_camera(text, depth_unit), text, True)
+
+
+def described_beside(path: Path, depth_unit: float | None = None) -> Source | None:
+    """The camera that the camera.json in a recording's folder, or beside a frame, describes."""
+    file = (path if path.is_dir() else path.parent) / CAMERA
+    if not os.path.lexists(file):  # one that is no file is refused, not passed over
+        return None
+    return Source(*read_camera(file, depth_unit), str(file), True)

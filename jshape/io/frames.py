@@ -1,9 +1,7 @@
 """Depth images that commands read: of which camera they are, and as frames in metres."""
 
-import os
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,20 +10,8 @@ from jshape.data.depth import check_depth
 from jshape.data.intrinsics import within
 from jshape.errors import BadImage
 from jshape.io import cameras, formats, images, points
-from jshape.io.cameras import described
+from jshape.io.cameras import Source, described, described_beside
 from jshape.models.bank import Bank
-
-
-class Source(NamedTuple):
-    """Where frames come from, as far as it was said or could be guessed."""
-
-    camera: Camera
-    depth_unit: float
-    """Metres per count."""
-    said: str
-    """How we know, for people."""
-    stated: bool
-    """Somebody described the camera; False: it was guessed."""
 
 
 def source_of(
@@ -44,12 +30,9 @@ def source_of(
       BadImage: nothing says whose size this is.
     """
     assumed = "" if depth_unit else f", {cameras.DEPTH_UNIT:g} m per count (--depth-unit)"
-    if given is not None:
-        camera, unit, stated = described(given, depth_unit)
-        return Source(camera, unit, given if stated else f"preset {given}{assumed}", stated)
-    beside = initial.parent / cameras.CAMERA
-    if os.path.lexists(beside):  # one that is no file is refused, not passed over
-        return Source(*cameras.read_camera(beside, depth_unit), str(beside), True)
+    found = described_beside(initial, depth_unit) if given is None else described(given, depth_unit)
+    if found is not None:
+        return found if found.stated else found._replace(said=found.said + assumed)
     for name, camera in {"the bank's own": bank.camera, **PRESETS}.items():
         if shape == camera.shape and window_of(bank.camera, camera) is not None:
             said = f"{name}, guessed from the size {shape[1]}x{shape[0]}; --camera says otherwise"
@@ -66,11 +49,10 @@ def goal_source(path: Path, now: Source, folder: Path | None) -> Source:
     A point cloud is seen by the latter.  `folder` is the one that `now` speaks for; None: of no
     file.  Raises BadCamera, BadFile: a camera.json that is none.
     """
-    beside = path.parent / cameras.CAMERA
-    here = folder is not None and beside.parent.resolve() == folder.resolve()
-    if path.suffix.lower() in points.SUFFIXES or here or not os.path.lexists(beside):
+    here = folder is not None and path.parent.resolve() == folder.resolve()
+    if path.suffix.lower() in points.SUFFIXES or here:
         return now
-    return Source(*cameras.read_camera(beside), str(beside), True)
+    return described_beside(path) or now
 
 
 def frame_of(

@@ -1,6 +1,5 @@
 """The frames of `jshape heightmap`: which camera took each, and what they show in metres."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,7 +9,7 @@ import numpy as np
 from jshape._typing import Float
 from jshape.camera import Camera
 from jshape.errors import BadCamera
-from jshape.io.cameras import CAMERA, described, read_camera
+from jshape.io.cameras import CAMERA, Source, described, described_beside
 from jshape.io.images import read_depth
 from jshape.io.recordings import open_recording
 
@@ -25,12 +24,6 @@ class CameraFrames(NamedTuple):
     """Of the first file."""
     said: str
     """How the camera is known, for people."""
-
-
-class _Described(NamedTuple):
-    camera: Camera
-    depth_unit: float
-    said: str
 
 
 def read_looks(
@@ -48,7 +41,7 @@ def read_looks(
       BadCamera: no camera is described, or not as many as there are paths.
       BadFile, BadImage, BadDataset: frames that cannot be read, or are not of their camera.
     """
-    given = [_Described(*described(one, depth_unit)[:2], one) for one in camera_files]
+    given = [described(one, depth_unit) for one in camera_files]
     if len(given) > 1 and len(given) != len(paths):
         raise BadCamera(
             f"{len(paths)} frames and {len(given)} camera files; give one camera file for all "
@@ -63,7 +56,7 @@ def read_looks(
     return [_read(one, group) for one, group in groups]
 
 
-def _read(one: _Described, paths: Sequence[Path]) -> CameraFrames:
+def _read(one: Source, paths: Sequence[Path]) -> CameraFrames:
     files = [file for path in paths for file in _files(path)]
     depths = [
         read_depth(file, camera=one.camera, depth_unit=one.depth_unit, check_range=False)
@@ -76,16 +69,11 @@ def _files(path: Path) -> Sequence[Path]:
     return open_recording(path, allow_gaps=True).files if path.is_dir() else (path,)
 
 
-def _beside(path: Path, depth_unit: float | None) -> _Described:
-    """The camera that a frame's or recording's folder describes.
-
-    Raises:
-      BadCamera: it describes none.
-    """
-    beside = (path if path.is_dir() else path.parent) / CAMERA
-    if not os.path.lexists(beside):
+def _beside(path: Path, depth_unit: float | None) -> Source:
+    found = described_beside(path, depth_unit)
+    if found is None:
         raise BadCamera(
             f"{path}: no {CAMERA} beside it says which camera took it; write one, or name one "
             "with --camera-file"
         )
-    return _Described(*read_camera(beside, depth_unit), str(beside))
+    return found

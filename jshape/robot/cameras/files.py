@@ -12,7 +12,7 @@ from jshape.data.depth import check_numbers, to_metres, wrong_shape
 from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, within
 from jshape.errors import BadCamera, BadImage, JShapeError, one_line
 from jshape.io import bags
-from jshape.io.cameras import DEPTH_UNIT, read_camera
+from jshape.io.cameras import DEPTH_UNIT, described_beside
 from jshape.io.formats import SUFFIXES, read_array
 from jshape.io.recordings import CAMERA, open_recording
 from jshape.robot.cameras.base import AS_THEY_SAY, CameraSettings
@@ -104,8 +104,8 @@ def picture_camera(path: str | os.PathLike, given: CameraSettings = AS_THEY_SAY)
 
 
 def _beside(path: Path, shape: tuple[int, ...], depth_unit: float | None) -> tuple[Camera, float]:
-    if os.path.lexists(path.parent / CAMERA):
-        return read_camera(path.parent / CAMERA, depth_unit)
+    if (found := described_beside(path, depth_unit)) is not None:
+        return found.camera, found.depth_unit
     for known in (PAPER_BOX, D435_BAZAR):
         if known.shape == shape:
             return known, DEPTH_UNIT

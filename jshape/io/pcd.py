@@ -12,7 +12,6 @@ from jshape.errors import BadFile, one_line, quoted
 
 UNPACKED_LIMIT = 2**27
 """Most bytes that a compressed PCD may unpack to: some 8 million points."""
-_KEYS = ("FIELDS", "SIZE", "TYPE", "COUNT", "POINTS", "DATA")
 
 
 def parse_pcd(path: Path, data: bytes) -> Float[np.ndarray, "P 3"]:
@@ -28,42 +27,72 @@ def parse_pcd(path: Path, data: bytes) -> Float[np.ndarray, "P 3"]:
     Raises:
       BadFile: a damaged header, too few points, or no x y z.
     """
-    header, start = _header(path, data)
-    names, dtype = _layout(path, header)
     try:
-        count = int(header["POINTS"][0])
-    except (ValueError, IndexError):
-        raise BadFile(f"{path}: POINTS of the PCD is not a number") from None
+        return _points(data)
+    except KeyError as missing:
+        raise BadFile(f"{path}: the header of the PCD has no {missing.args[0]}") from None
+    except (ValueError, TypeError, IndexError, OverflowError, MemoryError) as problem:
+        raise BadFile(f"{path}: the PCD is damaged or cut off: {one_line(problem)}") from None
+
+
+def _points(data: bytes) -> np.ndarray:
+    header, start = _header(data)
+    names = [name.lower() for name in header["FIELDS"]]
+    counts = header.get("COUNT", ["1"] * len(names))
+    layout = zip(header["TYPE"], header["SIZE"], counts, names, strict=True)
+    point = np.dtype(
+        [(f"f{k}", f"<{t.lower()}{size}", (int(n),)) for k, (t, size, n, _) in enumerate(layout)]
+    )
+    if any(names.count(axis) != 1 for axis in "xyz"):
+        raise ValueError(f"x, y and z are needed; its fields are {' '.join(names)[:80]}")
+    xyz = [f"f{names.index(axis)}" for axis in "xyz"]
+    if any(point[name].base.kind != "f" or point[name].shape != (1,) for name in xyz):
+        raise ValueError("x, y and z must each be one F4 or F8")
+    size = header["POINTS"] if "POINTS" in header else [*header["WIDTH"], *header["HEIGHT"]]
+    count = int(np.prod([int(n) for n in size]))
     if count <= 0:
-        raise BadFile(f"{path}: holds no points")
+        raise ValueError("it holds no points")
     kind, body = " ".join(header["DATA"]).lower(), data[start:]
-    cut_off = BadFile(f"{path}: the PCD is cut off: {count:,} points expected")
     if kind == "ascii":
-        return _ascii(path, body, names, dtype, count)
+        return _ascii(body, point, xyz, count)
     if kind == "binary":
-        if len(body) < count * dtype.itemsize:
-            raise cut_off
-        table = np.frombuffer(body, dtype, count)
-        return np.stack([table[f"f{names.index(axis)}"][:, 0] for axis in "xyz"], -1)
+        table = np.frombuffer(body, point, count)
+        return np.stack([table[name][:, 0] for name in xyz], -1)
     if kind != "binary_compressed":
-        raise BadFile(
-            f"{path}: DATA of the PCD is {quoted(kind)}; allowed: ascii, binary, binary_compressed"
-        )
-    packed, unpacked = (int.from_bytes(body[k : k + 4], "little") for k in (0, 4))
-    if unpacked != count * dtype.itemsize or len(body) < 8 + packed:
-        raise cut_off
+        raise ValueError(f"DATA is {quoted(kind)}; allowed: ascii, binary, binary_compressed")
+    packed, unpacked = (int(n) for n in np.frombuffer(body, "<u4", 2))
+    if unpacked != count * point.itemsize or len(body) < 8 + packed:
+        raise ValueError(f"{count:,} points expected")
     if unpacked > UNPACKED_LIMIT:
-        raise BadFile(f"{path}: unpacks to {unpacked:,} bytes; at most {UNPACKED_LIMIT:,} are read")
-    try:
-        plain = _unpack_lzf(body[8 : 8 + packed], unpacked)
-    except (IndexError, ValueError):
-        raise BadFile(f"{path}: the PCD is damaged: it does not unpack") from None
-    columns, at = {}, 0  # packed field by field: all of x, then all of y, ...
-    for k, name in enumerate(names):
-        field = dtype[k]
-        columns[name] = np.frombuffer(plain, field.base, count * field.shape[0], at)
-        at += count * field.itemsize
-    return np.stack([columns[axis] for axis in "xyz"], -1)
+        raise ValueError(f"unpacks to {unpacked:,} bytes; at most {UNPACKED_LIMIT:,} are read")
+    plain = _unpack_lzf(body[8 : 8 + packed], unpacked)
+    # Packed field by field: all of x, then all of y, ...
+    return np.stack(
+        [np.frombuffer(plain, point[n].base, count, count * point.fields[n][1]) for n in xyz], -1
+    )
+
+
+def _header(data: bytes) -> tuple[dict[str, list[str]], int]:
+    """The words behind every key of the header, and where the points begin."""
+    header: dict[str, list[str]] = {}
+    start = 0
+    while "DATA" not in header:
+        end = data.find(b"\n", start)
+        if end < 0:
+            raise KeyError("DATA")
+        key, *words = data[start:end].decode("ascii").split() or ["#"]
+        header[key.upper()] = words
+        start = end + 1
+    return header, start
+
+
+def _ascii(text: bytes, point: np.dtype, xyz: list[str], count: int) -> np.ndarray:
+    first = np.cumsum([0, *(point[k].shape[0] for k in range(len(point)))])
+    lines = [line for line in text.splitlines() if line.strip()][:count]
+    rows = np.array([line.split() for line in lines], "S").astype(float)
+    if rows.shape != (count, first[-1]):
+        raise ValueError(f"{count:,} points of {first[-1]} numbers expected, {len(lines):,} found")
+    return rows[:, [first[int(name[1:])] for name in xyz]]
 
 
 def _unpack_lzf(data: bytes, size: int) -> bytearray:
@@ -91,64 +120,3 @@ def _unpack_lzf(data: bytes, size: int) -> bytearray:
     if len(out) != size:
         raise ValueError("another size than was said")
     return out
-
-
-def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], int]:
-    """The header's lines by key, and where the points start."""
-    header: dict[str, list[str]] = {}
-    at = 0
-    while "DATA" not in header:
-        end = data.find(b"\n", at, at + 10_000)
-        if end < 0 or at > 100_000:
-            raise BadFile(f"{path}: is not a PCD file (no DATA line)")
-        words = data[at:end].decode("latin-1").split()
-        if words and not words[0].startswith("#"):
-            header[words[0].upper()] = words[1:]
-        at = end + 1
-    header.setdefault("COUNT", ["1"] * len(header.get("FIELDS", [])))
-    if "POINTS" not in header and "WIDTH" in header:
-        try:
-            width, height = int(header["WIDTH"][0]), int(header.get("HEIGHT", ["1"])[0])
-        except (ValueError, IndexError):
-            raise BadFile(f"{path}: WIDTH or HEIGHT of the PCD is not a number") from None
-        header["POINTS"] = [str(width * height)]
-    absent = [key for key in _KEYS if key not in header]
-    if absent:
-        raise BadFile(f"{path}: the header of the PCD has no {', '.join(absent)}")
-    return header, at
-
-
-def _layout(path: Path, header: dict[str, list[str]]) -> tuple[list[str], np.dtype]:
-    """Names of the fields, and the type of one point with fields f0, f1, ..."""
-    names = [name.lower() for name in header["FIELDS"]]
-    if any(names.count(axis) != 1 for axis in "xyz"):
-        raise BadFile(f"{path}: the PCD has fields {' '.join(names)[:80]}; x, y and z are needed")
-    columns = header["TYPE"], header["SIZE"], header["COUNT"]
-    if any(len(column) != len(names) for column in columns):
-        raise BadFile(f"{path}: FIELDS, SIZE, TYPE and COUNT of the PCD differ in length")
-    fields = []
-    for k, (name, kind, size, count) in enumerate(zip(names, *columns, strict=True)):
-        code = f"<{kind.lower()}{size}"
-        known = (
-            code in ("<f4", "<f8") or kind.upper() in ("I", "U") and size in ("1", "2", "4", "8")
-        )
-        if not known or not count.isascii() or not count.isdigit() or not 1 <= int(count) < 1e6:
-            raise BadFile(f"{path}: field {name} of the PCD has type {kind}{size}, count {count}")
-        if name in ("x", "y", "z") and code not in ("<f4", "<f8"):
-            raise BadFile(f"{path}: field {name} of the PCD is {kind}{size}; it must be F4 or F8")
-        fields.append((f"f{k}", code, (int(count),)))
-    return names, np.dtype(fields)
-
-
-def _ascii(path: Path, text: bytes, names: list[str], dtype: np.dtype, count: int) -> np.ndarray:
-    widths = [dtype[k].shape[0] for k in range(len(names))]
-    columns = [sum(widths[: names.index(axis)]) for axis in "xyz"]
-    rows = [row for row in map(bytes.split, text.split(b"\n")) if row][:count]
-    if len(rows) < count:
-        raise BadFile(f"{path}: the PCD is cut off: {count:,} points expected, {len(rows):,} found")
-    if any(len(row) != sum(widths) for row in rows):
-        raise BadFile(f"{path}: a point of the PCD has not {sum(widths)} numbers")
-    try:
-        return np.array([[float(row[k]) for k in columns] for row in rows])
-    except ValueError as problem:
-        raise BadFile(f"{path}: a point of the PCD is not a number: {one_line(problem)}") from None

@@ -168,7 +168,7 @@ BAD = {
     "xy.pcd": (pcd(ONE, fields="x y"), "x, y and z are needed"),
     "int.pcd": (pcd(ONE, kind="I"), "must each be one F4 or F8"),
     "cut.pcd": (pcd(ONE, "binary")[:-1], "cut off"),
-    "cut_ascii.pcd": (pcd(np.repeat(ONE, 3, 0)).rsplit(b"\n", 1)[0], "3 points of 3 numbers expected"),
+    "cut_ascii.pcd": (pcd(np.repeat(ONE, 3, 0)).rsplit(b"\n", 1)[0], "3 points of 3 numbers"),
     "width.pcd": (pcd(ONE) + b" 7", "points of 3 numbers"),
     "word.pcd": (pcd(ONE).replace(b"0.4499", b"deep"), "could not convert"),
     "points.pcd": (pcd(ONE).replace(b"POINTS 1", b"POINTS many"), "invalid literal"),

@@ -22,7 +22,8 @@ LIMIT = 256 * 2**20
 """Most bytes that a map may have, packed or unpacked: 20 million nodes."""
 OFF = 0.05
 """Share of the pitch that a node may lie off the grid."""
-_NEEDED = ("height_m", "seen", "pitch_m", "x_m", "y_m")
+_KINDS = {"f": "metres as floats", "biu": "true or false", "fiu": "metres"}
+"""What arrays of these kinds (`dtype.kind`) hold."""
 
 
 def write_map(path: str | os.PathLike, found: HeightMap) -> None:
@@ -57,56 +58,42 @@ def read_map(path: str | os.PathLike) -> HeightMap:
     """
     where = str(path)
     arrays = read_arrays(read_bytes(path, limit=LIMIT), where, LIMIT)
-    for name in _NEEDED:
+
+    def array(name: str, kinds: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
         if name not in arrays:
             there = ", ".join(map(quoted, list(arrays)[:8])) or "nothing"
             raise BadFile(f"{where}: has no {name}, so it is no height map; it holds {there}")
-    heights, seen = arrays["height_m"], arrays["seen"]
-    if heights.ndim != 2 or heights.dtype.kind != "f":
-        raise BadFile(
-            f"{where}: height_m is {heights.dtype} of shape {heights.shape}; expected (rows, "
-            "columns) of metres as floats"
-        )
-    if seen.shape != heights.shape or seen.dtype.kind not in "biu":
-        raise BadFile(
-            f"{where}: seen is {seen.dtype} of shape {seen.shape}; expected true or false of "
-            f"{heights.shape}"
-        )
-    pitch = arrays["pitch_m"]
-    if pitch.size != 1:
-        raise BadFile(f"{where}: pitch_m has shape {pitch.shape}; expected one number, metres")
-    step = float(pitch.reshape(()))
+        found = np.squeeze(arrays[name]) if shape == () else arrays[name]
+        fits = found.ndim == 2 if shape is None else found.shape == shape
+        if not fits or found.dtype.kind not in kinds:
+            raise BadFile(
+                f"{where}: {name} is {found.dtype} of shape {found.shape}; expected {_KINDS[kinds]}"
+                f" of shape {'(rows, columns)' if shape is None else shape}"
+            )
+        return found
+
+    heights = array("height_m", "f")
     rows, columns = heights.shape
-    first = [_first(arrays[n], size, step, f"{where}: {n}")
-             for n, size in (("x_m", columns), ("y_m", rows))]  # fmt: skip
+    seen, pitch = array("seen", "biu", heights.shape), float(array("pitch_m", "fiu", ()))
+    x, y = (
+        _first(array(name, "fiu", (size,)), pitch, f"{where}: {name}")
+        for name, size in (("x_m", columns), ("y_m", rows))
+    )
     frame = arrays.get("frame")
     with as_error(BadFile, BadImage, BadCamera):
         if frame is not None:
             check_pose(frame, where, "frame")
-        return check_map(
-            HeightMap(
-                heights.astype(np.float32),
-                step,
-                (first[0], first[1]),
-                seen.astype(bool),
-                None if frame is None else as_frame(frame),
-            ),
-            where,
-        )
+            frame = as_frame(frame)
+        heights = heights.astype(np.float32)
+        return check_map(HeightMap(heights, pitch, (x, y), seen.astype(bool), frame), where)
 
 
-def _first(at: np.ndarray, size: int, pitch: float, where: str) -> float:
+def _first(at: np.ndarray, pitch: float, where: str) -> float:
     """Where the first node along an axis is, if all lie `pitch` apart; else BadFile."""
-    if at.shape != (size,) or at.dtype.kind not in "fiu":
+    if not np.abs(at - (at[0] + pitch * np.arange(len(at)))).max() <= OFF * abs(pitch):
+        step = float(np.median(np.diff(at.astype(float)))) if len(at) > 1 else 0.0
         raise BadFile(
-            f"{where} is {at.dtype} of shape {at.shape}; expected {size} numbers, as height_m has"
-        )
-    even = at[0] + pitch * np.arange(size)
-    if not np.abs(at - even).max() <= OFF * abs(pitch):
-        step = float(np.median(np.diff(at.astype(float)))) if size > 1 else 0.0
-        mm = "; is one of them in millimetres?" if 0.5 < abs(step / (1e3 * pitch)) < 2 else ""
-        mm = mm or ("; is one of them in millimetres?" if 0.5 < abs(1e3 * step / pitch) < 2 else "")
-        raise BadFile(
-            f"{where} goes up in steps of {step:g}, some or all of them; pitch_m is {pitch:g}{mm}"
+            f"{where} goes up in steps of {step:g}, some or all of them; pitch_m is {pitch:g}; all "
+            "are metres"
         )
     return float(at[0])

@@ -255,7 +255,7 @@ def test_what_cannot_be_trained_is_refused(pairs):
         fit(blind, "DCR", **QUICK)
     with pytest.raises(BadDataset, match="poke: 8 of 8 pairs have no pixel with a reading"):
         fit(blind, "C", **QUICK)
-    with pytest.raises(JShapeError, match="unknown option 'widht' of training; allowed: epochs"):
+    with pytest.raises(JShapeError, match="unknown option of training 'widht'; allowed: epochs"):
         fit(pairs, "C", widht=3)
 
 

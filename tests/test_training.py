@@ -210,7 +210,7 @@ def test_a_loss_that_is_no_number_stops_at_once(examples):
 @pytest.mark.parametrize(
     "options, match",
     [
-        ({"epoch": 3}, "unknown option 'epoch' of training; allowed: epochs, batch"),
+        ({"epoch": 3}, "unknown option of training 'epoch'; allowed: epochs, batch"),
         ({"epochs": 0}, "epochs is 0; expected a whole number from 1 to"),
         ({"batch": 2.5}, "batch is 2.5; expected a whole"),
         ({"width": True}, "width is True"),

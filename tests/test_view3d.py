@@ -201,9 +201,9 @@ def test_a_box_holds_the_material_of_its_roi_and_projects_to_its_outline(rng, ya
     act = EpisodeAction("knock", (300.0, 150.0), 1.0, yaw, (100, 60))
     episode = _episode(depth, [act])
     box, corners = episode.box(1), act.outline
-    assert len({tuple(c) for c in np.round(box.corners, 9)}) == 8
-    x, y, z = box.corners.T
-    u, v = x / box.centre[2] * 433.0 + 240, y / box.centre[2] * 433.0 + 197
+    assert len({tuple(c) for c in np.round(box, 9)}) == 8
+    x, y, z = box.T
+    u, v = x / z.mean() * 433.0 + 240, y / z.mean() * 433.0 + 197
     seen = {tuple(c) for c in np.round(np.stack([u, v], -1), 3)}
     assert seen == {tuple(c) for c in np.round(corners, 3)}
     left, top = np.floor(corners.min(0)).astype(int)

@@ -140,11 +140,9 @@ def read_material(path: str | os.PathLike) -> Material:
     """
     found = read_record(MaterialFile, _content(path), str(path))
     name, given = found.name or Path(path).stem, _in_si(found)
-    return (
-        replace(MATERIALS[found.like], name=name, **given)
-        if found.like
-        else Material(name, **given)
-    )
+    if found.like:
+        return replace(MATERIALS[found.like], name=name, **given)
+    return Material(name, **given)
 
 
 def read_agent(path: str | os.PathLike) -> Agent:
@@ -153,15 +151,7 @@ def read_agent(path: str | os.PathLike) -> Agent:
     spread = {f"spread_{'xy' if n == 'place' else n}": x for n, x in _in_si(found.spread).items()}
     numbers = {
         name: {
-            "fingers": [
-                (
-                    f.path_mm,
-                    f.radius_mm,
-                    f.radius_mm / 2 if f.rise_mm is None else f.rise_mm,
-                    f.flat,
-                )
-                for f in one.fingers
-            ],
+            "fingers": [finger.numbers for finger in one.fingers],
             "reach": one.reach_mm,
             "times": tuple(one.times.tolist()),
         }

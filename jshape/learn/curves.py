@@ -1,5 +1,7 @@
 """Training curves: a table as CSV and a picture."""
 
+import csv
+import io
 from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
@@ -16,15 +18,14 @@ def curves_csv(curves: Mapping[str, Sequence[Row]], to_mm: float) -> str:
       curves: epochs of each action.
       to_mm: mm per unit of d.
     """
-    lines = ["action,epoch,train_mm,validation_mm,seconds"]
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(("action", "epoch", "train_mm", "validation_mm", "seconds"))
     for action, rows in curves.items():
-        name = '"' + action.replace('"', '""') + '"' if set(action) & set(',"\n\r') else action
-        lines += [
-            f"{name},{row.epoch},{row.train * to_mm:.6g},{row.validation * to_mm:.6g},"
-            f"{row.seconds:.4g}"
-            for row in rows
-        ]
-    return "\n".join(lines) + "\n"
+        for row in rows:
+            losses = (f"{loss * to_mm:.6g}" for loss in (row.train, row.validation))
+            writer.writerow((action, row.epoch, *losses, f"{row.seconds:.4g}"))
+    return stream.getvalue()
 
 
 @own_style()

@@ -1,11 +1,11 @@
 """How predictors are trained: numbers with the paper's as defaults, where it prints them."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from jshape.errors import JShapeError, quoted
+from jshape.errors import JShapeError, UnknownName, quoted
 
 MORPHOLOGIES = ("erode", "dilate")
 FREE = ("epochs", "patience", "save_every")
@@ -37,48 +37,42 @@ class Training:
     """Morphology of the mask after Otsu: "erode" (the paper) or "dilate" (its authors' code)."""
 
 
+_WHOLE = 2**31 - 1
+_RANGES = {
+    "epochs": (1, _WHOLE),
+    "batch": (1, _WHOLE),
+    "learning_rate": (1e-12, 1.0),
+    "validation": (0.0, 0.9),
+    "patience": (0, _WHOLE),
+    "seed": (0, 2**32 - 1),
+    "save_every": (1, _WHOLE),
+    "width": (1, _WHOLE),
+}
+"""The least and the greatest of each number; whole numbers where these are."""
+
+
 def settings_from(options: dict[str, Any]) -> Training:
     """Training settings from options by name, checked.
 
     Raises:
       JShapeError: an unknown option, or a value out of its range.
     """
-    values = asdict(Training())
-    for name in options:
-        if name not in values:
-            raise JShapeError(
-                f"unknown option {quoted(name)} of training; allowed: {', '.join(values)}"
-            )
-    values |= options
-    for least, names in (
-        (1, ("epochs", "batch", "save_every", "width")),
-        (0, ("patience", "seed")),
-    ):
-        for name in names:
-            values[name] = _whole(name, values[name], least)
-    values["seed"] = _whole("seed", values["seed"], 0, 2**32 - 1)
-    for name, most in (("learning_rate", 1.0), ("validation", 0.9)):
-        values[name] = _number(name, values[name], most)
-    if values["learning_rate"] == 0:
-        raise JShapeError("learning_rate is 0; expected more")
-    if values["morphology"] not in MORPHOLOGIES:
-        allowed = ", ".join(MORPHOLOGIES)
-        raise JShapeError(f"morphology is {quoted(values['morphology'])}; allowed: {allowed}")
+    values = dict(options)
+    for name, value in options.items():
+        if name == "morphology":
+            if value not in MORPHOLOGIES:
+                allowed = ", ".join(MORPHOLOGIES)
+                raise JShapeError(f"morphology is {quoted(value)}; allowed: {allowed}")
+        elif name in _RANGES:
+            low, high = _RANGES[name]
+            kinds = (int, np.integer) if isinstance(low, int) else (int, float, np.number)
+            good = isinstance(value, kinds) and not isinstance(value, bool)
+            if not good or not low <= value <= high:
+                kind = "whole number" if isinstance(low, int) else "number"
+                raise JShapeError(
+                    f"{name} is {quoted(value)}; expected a {kind} from {low} to {high}"
+                )
+            values[name] = type(low)(value)
+        else:
+            raise UnknownName("option of training", name, [one.name for one in fields(Training)])
     return Training(**values)
-
-
-def _whole(name: str, value: Any, least: int, most: int = 2**31 - 1) -> int:
-    if not isinstance(value, int | np.integer) or isinstance(value, bool):
-        raise JShapeError(f"{name} is {quoted(value)}; expected a whole number from {least}")
-    if not least <= value <= most:
-        raise JShapeError(
-            f"{name} is {quoted(value)}; expected a whole number from {least} to {most}"
-        )
-    return int(value)
-
-
-def _number(name: str, value: Any, most: float) -> float:
-    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not number or not 0 <= value <= most:
-        raise JShapeError(f"{name} is {quoted(value)}; expected a number from 0 to {most:g}")
-    return float(value)

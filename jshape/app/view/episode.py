@@ -40,25 +40,6 @@ class EpisodeAction(NamedTuple):
         return None if self.roi is None else pictures.outline(self.position, self.roi, self.yaw)
 
 
-class Box(NamedTuple):
-    """A box around the material that an action meets, turned about the optical axis."""
-
-    centre: np.ndarray
-    """(3,) camera frame, metres."""
-    half: np.ndarray
-    """(3,) half of its size, metres."""
-    yaw: float
-    """Turn from X towards Y, radians."""
-
-    @property
-    def corners(self) -> Float[np.ndarray, "8 3"]:
-        """Camera frame, metres."""
-        signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        return self.centre + (signs * self.half) @ turn.T
-
-
 @dataclass(frozen=True, eq=False)
 class EpisodeStep:
     """The bed at the start, or after an action."""
@@ -166,8 +147,11 @@ class Episode:
         gap = 1000.0 * (wanted - depth)
         return np.where(missing(depth) | missing(wanted), np.nan, gap).astype(np.float32)
 
-    def box(self, step: int) -> Box | None:
-        """The box around what the action of a step met and left; None if its ROI is not known."""
+    def box(self, step: int) -> Float[np.ndarray, "8 3"] | None:
+        """Corners of the box around what the action of a step met and left, turned as the hand is.
+
+        They are in the camera's frame, metres; None if the action's ROI is not known.
+        """
         action = self.steps[step].action
         corners = None if action is None else action.outline
         if action is None or action.roi is None or corners is None:
@@ -185,4 +169,7 @@ class Episode:
         at = [float(x) for x in camera.at(*action.position, middle)]
         size = np.array(action.roi) / [float(per_metre) for per_metre in camera.scale(middle)]
         half = np.array([*size / 2, (far - near) / 2])
-        return Box(np.array([*at, middle]), half, action.yaw)
+        signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+        cos, sin = np.cos(action.yaw), np.sin(action.yaw)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        return np.array([*at, middle]) + (signs * half) @ turn.T

@@ -173,7 +173,7 @@ class EpisodePage:
         """The box of an action in 3-D, if it is known."""
         if (box := self._episode.box(k)) is None:
             return []
-        edges = box.corners[EDGES].reshape(-1, 3).tolist()
-        top = box.corners[:2].mean(0).tolist()  # the upper edge that is far from who looks
+        edges = box[EDGES].reshape(-1, 3).tolist()
+        top = box[:2].mean(0).tolist()  # the upper edge that is far from who looks
         look = {"colour": pictures.colour_of(name), "words": f"{k} {name}", "chosen": chosen}
         return [{"edges": edges, "top": top, **look}]

@@ -219,7 +219,7 @@ def test_what_a_killed_recording_left_is_said_before_the_next(folder, tmp_path, 
     folder.rename(left)
     code, _, err = run(capsys, "record", left, "--out", tmp_path / "rec", "--frames", 1)
     assert code == 0 and err.count("\n") == 1
-    assert f"left unfinished before: {left}, a recording of 6 whole frames; to keep it: mv" in err
+    assert f"left unfinished before: {left}, 7 whole files; to keep it: mv" in err
     left.rename(tmp_path / "rec-0123")
     assert len(open_recording(tmp_path / "rec-0123")) == 6
     assert not run(capsys, "record", tmp_path / "rec", "--out", tmp_path / "rec2")[2]

@@ -377,7 +377,10 @@ def test_a_missing_file_is_named(folder):
         ({"errors": [{"action": "grasp", "mm": -0.1}]}, "error 1: mm is -0.1"),
         ({"errors": [{"action": "grasp", "mm": 1e300}]}, "error 1: mm is 1e+300"),
         ({"errors": [{"action": "grasp", "mm": 10**400}]}, "error 1: mm is 1000"),
-        ({"checksums": {"../../etc/passwd": "", "effects.npz": ""}}, "must not contain '..'"),
+        (
+            {"checksums": {"../../etc/passwd": "", "effects.npz": ""}},
+            "must lead into the folder",
+        ),
     ],
     ids=str,
 )
@@ -439,4 +442,4 @@ def test_a_pipe_in_place_of_the_arrays_is_not_waited_for(folder):
 def test_a_bank_reached_through_a_link_out_of_it_is_refused(folder):
     (folder / "effects.npz").rename(folder.parent / "elsewhere.npz")
     (folder / "effects.npz").symlink_to(folder.parent / "elsewhere.npz")
-    refused(folder, "leads out of the folder")
+    refused(folder, "must lead into the folder")

@@ -379,8 +379,8 @@ def test_the_table_itself(folder):
         (head + '\n"a', "not CSV"),
         ("\n".join(rows), "the header lacks"),
         (head + ",note,note\n" + rows[0] + ",1,2", "names note twice"),
-        (head + ",strength\n" + rows[0] + ",0,5", "(decimal commas? write 0.5, or separate col"),
-        (head.replace(",", ";") + "\n" + rows[0], "(separated by ';'; this line by ','?)"),
+        (head + ",strength\n" + rows[0] + ",0,5", "(a decimal comma takes"),
+        (head.replace(",", ";") + "\n" + rows[0], "separated by ';'"),
         ("\n".join([head, rows[0].replace("poke/0", "x" * 300)]), "at most 200 characters"),
         (head + "\n" + (rows[0] + "\n") * 200_001, "line 200002: at most 200,000 rows are read"),
     ):
@@ -452,7 +452,7 @@ def test_a_bad_frame_is_named_by_line_and_column(folder, content, match):
 @pytest.mark.parametrize(
     "change, match",
     [
-        ({"depth_unit": None}, "depth_unit is missing.*; 0.0001 would fit: the frames then lie at"),
+        ({"depth_unit": None}, "depth_unit is missing.*often 0.001 or 0.0001"),
         ({"depth_unit": 0.001}, "depth_unit 0.0001 instead of 0.001 would fit it"),
     ],
 )

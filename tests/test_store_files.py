@@ -303,10 +303,10 @@ def test_what_a_killed_process_left_is_named_with_the_ways_out(tmp_path, inside)
     assert len(lines) == 2 and lines == folders.left_behind(target)
     kept = f"{tmp_path}/my rec-0123"
     assert lines[0] == (
-        f"left unfinished before: {left}, a recording of 2 whole frames; "
+        f"left unfinished before: {left}, 3 whole files; "
         f"to keep it: mv '{left}' '{kept}'; to remove it: rm -r '{left}'"
     )
-    assert ", 1 file of a result; " in lines[1]
+    assert ", 1 whole files; " in lines[1]
     subprocess.run(lines[0].split("to keep it: ")[1].split(";")[0], shell=True, check=True)
     assert os.path.isfile(f"{kept}/frames/000001.png") and len(folders.left_behind(target)) == 1
 

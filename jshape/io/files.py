@@ -10,7 +10,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path, PureWindowsPath
 from typing import Any, NoReturn
 
 from jshape.errors import BadFile, BadImage, JShapeError, one_line, quoted
@@ -198,20 +198,17 @@ def inside(folder: str | os.PathLike, relative: Any) -> Path:
       BadFile: an empty or absolute path, one with `..` or a backslash, or a symbolic link that
         leads out of the folder.
     """
-    folder, why = Path(folder), ""
+    folder = Path(folder)
     if not isinstance(relative, str) or not relative.strip() or "\0" in relative:
         raise BadFile(f"{folder}: {quoted(relative)} is not a file name")
-    windows = PureWindowsPath(relative)
-    if relative.startswith("/") or windows.drive or windows.root or "\\" in relative:
-        why = "it must be relative to the folder, with / between names"
-    elif ".." in PurePosixPath(relative).parts:
-        why = "it must not contain '..'"
-    else:
-        with refused(folder / relative, "cannot be resolved"):
-            if not (folder / relative).resolve().is_relative_to(folder.resolve()):
-                why = "it leads out of the folder"
-    if why:
-        raise BadFile(f"{folder}: path {quoted(relative)} is not allowed; {why}")
+    path = PureWindowsPath(relative)  # which sees drives, and both kinds of slash
+    plain = not (path.drive or path.root or "\\" in relative or ".." in path.parts)
+    with refused(folder / relative, "cannot be resolved"):
+        if not (plain and (folder / relative).resolve().is_relative_to(folder.resolve())):
+            raise BadFile(
+                f"{folder}: path {quoted(relative)} is not allowed; it must lead into the folder, "
+                "with / between names and without '..'"
+            )
     return folder / relative
 
 

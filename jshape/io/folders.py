@@ -144,23 +144,17 @@ def left_behind(target: Path) -> list[str]:
             for name in sorted(os.listdir(parent)) if parent.is_dir() else ():
                 match = pattern.fullmatch(name)
                 if match and (parent / name).is_dir() and not _is_held(parent / name):
-                    lines.append(_left(parent / name, f"{target}-{match[1][:4]}"))
+                    lines.append(_ways_out(parent / name, f"{target}-{match[1][:4]}"))
     return lines
 
 
-def _left(found: Path, free: str) -> str:
-    """What is in a folder that was left behind, and how to keep or remove it."""
-    files = [path for path in found.rglob("[!.]*") if path.is_file()]
-    # A frame has its name when it is whole, and camera.json is written before the first.
-    count = sum(path.parent.name == "frames" and path.stem.isdecimal() for path in files)
-    if count and (found / "camera.json").is_file():
-        there = f"a recording of {count} whole frame{'s' * (count > 1)}"
-    else:
-        there = f"{len(files)} file{'s' * (len(files) != 1)} of a result"
+def _ways_out(found: Path, free: str) -> str:
+    """How to keep or remove a folder that was left behind."""
+    count = sum(path.is_file() for path in found.rglob("[!.]*"))
     name = shlex.quote(str(found))
     return (
-        f"left unfinished before: {found}, {there}; to keep it: mv {name} {shlex.quote(free)}; "
-        f"to remove it: rm -r {name}"
+        f"left unfinished before: {found}, {count} whole files; to keep it: mv {name} "
+        f"{shlex.quote(free)}; to remove it: rm -r {name}"
     )
 
 

@@ -79,7 +79,10 @@ def read_table(path: str | os.PathLike, needed: Sequence[str]) -> Table:
             if len(table.rows) == ROW_LIMIT:
                 raise BadDataset(f"{where}: at most {ROW_LIMIT:,} rows are read")
             if len(cells) < len(header) or any(cell.strip() for cell in cells[len(header) :]):
-                raise BadDataset(f"{where}: {_wrong_count(cells, table)}")
+                raise BadDataset(
+                    f"{where}: has {len(cells)} columns; the header has {len(header)}, separated "
+                    f"by {separator!r} (a decimal comma takes ';' or tabs)"
+                )
             table.rows.append(dict(zip(header, cells, strict=False)))
             table.lines.append(lines.line_num)
         return table
@@ -109,14 +112,3 @@ def _separator(text: str, needed: Iterable[str]) -> str:
         return len(names & set(needed))
 
     return max(SEPARATORS, key=found)
-
-
-def _wrong_count(cells: list[str], table: Table) -> str:
-    """What is said of a row with more or fewer cells than the header."""
-    said = f"has {len(cells)} columns; the header has {len(table.header)}"
-    others = [s for s in SEPARATORS if s != table.separator and len(cells) == 1 and s in cells[0]]
-    if others:
-        return f"{said} (separated by {table.separator!r}; this line by {others[0]!r}?)"
-    if table.separator == "," and len(cells) > len(table.header):
-        said += " (decimal commas? write 0.5, or separate columns by ';')"
-    return said

@@ -88,7 +88,7 @@ def test_a_wrong_unit_is_refused_with_the_one_that_fits(folder, tmp_path, capsys
             {"depth_unit": 1e-3},
             ("depth_unit 0.0001 instead of 0.001 would fit it", "; 0.0001 would fit"),
         ),
-        ({}, ("depth_unit is missing: metres per count of 16-bit frames; 0.0001 would fit",)),
+        ({}, ("depth_unit is missing: metres per count of the frames, often",)),
     ):
         text = json.dumps({k: v for k, v in fields.items() if k != "depth_unit"} | unit)
         (folder / "camera.json").write_text(text)
@@ -102,7 +102,6 @@ def test_a_wrong_unit_is_refused_with_the_one_that_fits(folder, tmp_path, capsys
             segment,
         ):
             code, _, err = run(capsys, *words)
-            # A camera.json knows its frames beside it and one folder below.
             assert code == 2 and any(one in err for one in said) and err.count("\n") == 1
     assert not (tmp_path / "rec").exists() and not (tmp_path / "set").exists()
 

@@ -4,6 +4,7 @@ trimesh has no reader of it; those of PyPI bring pydantic and a compiled LZF for
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -66,9 +67,9 @@ def _points(data: bytes) -> np.ndarray:
     if unpacked > UNPACKED_LIMIT:
         raise ValueError(f"unpacks to {unpacked:,} bytes; at most {UNPACKED_LIMIT:,} are read")
     plain = _unpack_lzf(body[8 : 8 + packed], unpacked)
-    # Packed field by field: all of x, then all of y, ...
+    starts: Any = point.fields  # packed field by field: all of x, then all of y, ...
     return np.stack(
-        [np.frombuffer(plain, point[n].base, count, count * point.fields[n][1]) for n in xyz], -1
+        [np.frombuffer(plain, point[n].base, count, count * starts[n][1]) for n in xyz], -1
     )
 
 
@@ -87,7 +88,7 @@ def _header(data: bytes) -> tuple[dict[str, list[str]], int]:
 
 
 def _ascii(text: bytes, point: np.dtype, xyz: list[str], count: int) -> np.ndarray:
-    first = np.cumsum([0, *(point[k].shape[0] for k in range(len(point)))])
+    first = np.cumsum([0, *(point[name].shape[0] for name in point.names or ())])
     lines = [line for line in text.splitlines() if line.strip()][:count]
     rows = np.array([line.split() for line in lines], "S").astype(float)
     if rows.shape != (count, first[-1]):

@@ -69,9 +69,8 @@ def settings_from(options: dict[str, Any]) -> Training:
             good = isinstance(value, kinds) and not isinstance(value, bool)
             if not good or not low <= value <= high:
                 kind = "whole number" if isinstance(low, int) else "number"
-                raise JShapeError(
-                    f"{name} is {quoted(value)}; expected a {kind} from {low} to {high}"
-                )
+                span = f"{low:.10g} to {high:.10g}"
+                raise JShapeError(f"{name} is {quoted(value)}; expected a {kind} from {span}")
             values[name] = type(low)(value)
         else:
             raise UnknownName("option of training", name, [one.name for one in fields(Training)])

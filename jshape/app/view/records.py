@@ -40,8 +40,9 @@ class ActionRecord:
     @property
     def effort_nm(self) -> float | None:
         """The greatest effort of its operations."""
-        efforts = (row.get("effort_nm") for row in self.operations)
-        return max((float(x) for x in efforts if type(x) in (int, float)), default=None)
+        said = (row.get("effort_nm") for row in self.operations)
+        efforts = [float(nm) for nm in said if isinstance(nm, int | float)]
+        return max(efforts, default=None)
 
     @property
     def touched(self) -> bool:

@@ -25,7 +25,8 @@ from benchmarks.report import markdown
 from benchmarks.sim_against_mpm import default_data
 from jshape import metric, sim
 from jshape.camera import D435_BAZAR, Camera
-from jshape.data.looks import Look, camera_over, seen_from
+from jshape.data.fusion import Look, seen_from
+from jshape.data.looks import camera_over
 from jshape.data.simulate import bed_of_depth
 from jshape.data.simulate import look as simulated_look
 from jshape.data.view import image_of_depth, look_of

@@ -95,8 +95,7 @@ def reproject(
         middle = near + part * (far - near)
         return near, far, part, middle, nearest(middle)
 
-    def newton(_, state):
-        t, first, _ = state
+    def newton(t, first):
         (u, v, z), (by_u, by_v, by_z) = jax.jvp(seen_at, (t,), (jnp.ones_like(t),))
         left, top = corner(u, v)
         a, b, c, d = (reading(first + off) for off in (0, 1, width, width + 1))
@@ -124,8 +123,11 @@ def reproject(
     near, far, *_ = lax.fori_loop(jnp.int32(0), halvings, halve, state)
     start = 0.5 * (near + far)
     reach = 0.5 * (far - near) + REACH / source.scale(seen_at(start)[2])[0]
-    state = start, first_of_four(start), jnp.zeros(target.shape, bool)
-    t, _, seen = lax.fori_loop(jnp.int32(0), jnp.int32(STEPS), newton, state)
+    # Whether it is seen is asked at the last step only: it takes as long as the step.
+    state = lax.fori_loop(
+        jnp.int32(1), jnp.int32(STEPS), lambda _, s: newton(*s)[:2], (start, first_of_four(start))
+    )
+    t, _, seen = newton(*state)
     return jnp.where(seen, t, jnp.nan)
 
 

@@ -13,6 +13,7 @@ from jshape import Camera, HeightMap, heightmap, load_bank, metric, options, pla
 from jshape.camera import check_camera
 from jshape.errors import BadCamera, BadImage
 from jshape.height_map import map_of
+from jshape.reproject import reproject
 
 D435 = Camera(424, 240, 216.5, 216.5, 211.5, 119.5, 0.1, 2.0, bits=16)
 """Half of its resolution."""
@@ -112,6 +113,19 @@ def test_a_later_look_has_the_grid_of_the_first(hills):
     assert later.frame == first.frame and later.pitch == pytest.approx(first.pitch)
     np.testing.assert_allclose(later.origin, first.origin, atol=1e-6)
     assert np.nanstd(later.heights) > 0.004
+
+
+def test_a_bed_of_about_the_same_size_compiles_nothing(hills):
+    """Up to the next multiple of 32 nodes, and it is seen the same."""
+    camera, depth, whole = at(30), seen(hills, at(30)), truth_of(hills)
+    part = HeightMap(np.asarray(whole.heights)[:-5, :-20], whole.pitch, whole.origin,
+                     None, whole.frame)  # fmt: skip
+    one, before = heightmap(depth, camera, like=whole), reproject._cache_size()
+    other = heightmap(depth, camera, like=part)
+    assert reproject._cache_size() == before
+    both = one.mask[:-5, :-20] & other.mask
+    gap = (np.asarray(one.heights)[:-5, :-20] - np.asarray(other.heights))[both]
+    assert both.mean() > 0.95 and np.abs(gap).max() < 1e-6
 
 
 # --- Two cameras --------------------------------------------------------------------------------

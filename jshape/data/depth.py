@@ -13,8 +13,8 @@ from jshape.errors import BadCamera, BadImage, one_line, quoted
 
 _HEIGHT_HINT = "; say which camera took it (camera=, --camera-file), and it is seen from above"
 
-MANY = 50_000
-"""Readings that tell a unit as well as all do, in a tenth of the time."""
+MANY = 20_000
+"""Pixels that tell a unit as well as all do, in a tenth of the time."""
 
 
 def to_metres(
@@ -120,12 +120,14 @@ def check_unit(
     Raises:
       BadImage: with the unit that would fit.
     """
-    found = depth[~missing(depth)]
-    some = found[:: 1 + found.size // MANY]
-    median = float(np.median(some)) if found.size else float(camera.z_min)
+    step = max(1, int((depth.size / MANY) ** 0.5))
+    some = depth[::step, ::step]
+    some = some[~missing(some)]
+    median = float(np.median(some)) if some.size else float(camera.z_min)
     low, high = float(camera.z_min), float(camera.z_max)
     hint = _unit_hint(median, low / 1.5, 1.5 * high, depth_unit)
     if hint and not low / 3 <= median <= 3 * high:
+        found = depth[~missing(depth)]
         raise BadImage(
             f"{where}: depths are {found.min():.4g} to {found.max():.4g} m, half of them beyond "
             f"{median:.4g}; the camera sees {low:g} to {high:g} m{hint}"

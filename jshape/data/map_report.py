@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape.camera import matrix
-from jshape.data.looks import Look, noise_of, reprojected
+from jshape.data.fusion import Look, noise_of, reprojected
 from jshape.height_map import HeightMap
 
 

@@ -7,9 +7,10 @@ import numpy as np
 
 from jshape import metric
 from jshape._typing import ArrayLike, Bool, Float, Num
-from jshape.camera import PAPER_BOX, Camera, check_camera, differing, matrix, window_of
+from jshape.camera import PAPER_BOX, Camera, check_camera, differing, window_of
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
-from jshape.data.looks import Look, camera_over, plane_frame, seen_from
+from jshape.data.fusion import Look, seen_from
+from jshape.data.looks import camera_over, plane_frame
 from jshape.data.missing import fill_missing, missing
 from jshape.errors import BadCamera, BadImage, JShapeError, MissingDepth, quoted
 from jshape.height_map import ABOVE, as_frame, looking_down
@@ -89,7 +90,7 @@ class View:
 def look_of(depth: np.ndarray, camera: Camera) -> Look:
     """A frame (H, W) in metres as a look of its camera."""
     seen = np.where(missing(depth), np.nan, depth).astype(np.float32)
-    return Look(seen, camera, matrix(camera.pose))
+    return Look(seen, camera)
 
 
 def in_range(frame: np.ndarray, camera: Camera) -> bool:

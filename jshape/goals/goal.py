@@ -190,9 +190,5 @@ def _root(net: Callable[[float], float], before: float, *, slope: float, enough:
             best, least = amount, abs(now)
         if now == last_net:
             break
-        amount, last, last_net = (
-            amount - now * (amount - last) / (now - last_net),
-            amount,
-            now,
-        )
+        amount, last, last_net = (amount - now * (amount - last) / (now - last_net), amount, now)
     return best

@@ -15,10 +15,7 @@ STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (1, -2), (2, 1), (2, -1))
 
 
 def held(
-    bed: Float[np.ndarray, "Y X"],
-    wanted: Float[np.ndarray, "Y X"],
-    steepest: float,
-    cell: float,
+    bed: Float[np.ndarray, "Y X"], wanted: Float[np.ndarray, "Y X"], steepest: float, cell: float
 ) -> Float[np.ndarray, "Y X"]:
     """The wanted surface as far as it stands: everywhere between the bed and what is wanted.
 

@@ -57,12 +57,7 @@ def found_writer(
 ) -> AbstractContextManager[FoundAdder]:
     """A data set with the column `found` and pictures beside it: see `dataset_writer`."""
     return dataset_writer(
-        folder,
-        camera,
-        depth_unit,
-        overwrite=overwrite,
-        contents=FOUND_CONTENTS,
-        adder=FoundAdder,
+        folder, camera, depth_unit, overwrite=overwrite, contents=FOUND_CONTENTS, adder=FoundAdder
     )
 
 

@@ -20,14 +20,7 @@ import numpy as np
 from jshape.errors import BadBank, BadCamera, BadFile, UnknownName, one_line, quoted
 from jshape.io.arrays import read_arrays
 from jshape.io.cameras import camera_fields, camera_from
-from jshape.io.files import (
-    as_error,
-    check_sums,
-    read_bytes,
-    read_json,
-    write_atomic,
-    write_json,
-)
+from jshape.io.files import as_error, check_sums, read_bytes, read_json, write_atomic, write_json
 from jshape.io.folders import atomic_folder, folder_of
 from jshape.io.kinds import KINDS
 from jshape.io.records import OneLine, Range, check_format, read_record

@@ -23,10 +23,7 @@ def append(path: Path, line: str, at: int) -> int:
     """
     data = line.encode() + b"\n"
     # Without a buffer: one that could not be written is written once more at the end.
-    with (
-        refused(path, "cannot be written"),
-        open(path, "r+b", buffering=0, opener=regular) as file,
-    ):
+    with refused(path, "cannot be written"), open(path, "r+b", buffering=0, opener=regular) as file:
         file.truncate(at)
         file.seek(at)
         try:

@@ -1,7 +1,6 @@
 """What the predictors of each kind of bank are on disk: named arrays in the bank's one NPZ."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -20,9 +19,7 @@ from jshape.models.sequential import Sequential
 Arrays = Mapping[str, np.ndarray]
 LARGEST_GRID = 4096
 """Most nodes of a ground's grid that are read, per side."""
-_MAPS = ("reference", "tool", "give", "rest", "swell", "follow")
-_LATER = ("deep", "stroke")
-"""What banks of f_P that were made for one strength only do not have."""
+_MAPS = ("reference", "tool", "give", "rest", "swell", "follow", "deep")
 WIDEST = 256
 """Largest width of a U-Net that is read: 0.5 billion parameters."""
 
@@ -111,7 +108,7 @@ def _refined(inside: Callable[..., Any]) -> Callable[..., Refined]:
 
 def _pack_imprint(predictor: Any) -> dict[str, np.ndarray]:
     ground = np.array([predictor.grid.depth, predictor.grid.pitch], np.float32)
-    maps = {name: np.asarray(getattr(predictor, name), np.float32) for name in (*_MAPS, *_LATER)}
+    maps = {name: np.asarray(getattr(predictor, name), np.float32) for name in (*_MAPS, "stroke")}
     return {"ground": ground, **maps}
 
 
@@ -123,11 +120,8 @@ def _imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
     if not (depth > 0 and pitch > 0):
         raise BadBank(f"ground is at {depth} m with nodes {pitch} m apart; both must be positive")
     maps = {name: checked(arrays, name, shape) for name in _MAPS}
-    later = {n: checked(arrays, n, () if n == "stroke" else shape) for n in _LATER if n in arrays}
-    maps |= {"deep": jnp.zeros(shape), "stroke": jnp.float32(0)} | later
-    found = Imprint(OrthographicGrid(camera, depth, pitch, shape, roi), **maps)
-    # Without it the tool goes as much deeper as the greatest lowering.
-    return found if "stroke" in later else replace(found, stroke=found.deepest)
+    stroke = checked(arrays, "stroke", ())
+    return Imprint(OrthographicGrid(camera, depth, pitch, shape, roi), **maps, stroke=stroke)
 
 
 _INSTEAD = "instead"

@@ -99,11 +99,7 @@ class Wrong(JShapeError):
 
 
 def read_record(
-    kind: type[_T],
-    content: Any,
-    where: str,
-    *,
-    error: type[JShapeError] = BadFile,
+    kind: type[_T], content: Any, where: str, *, error: type[JShapeError] = BadFile
 ) -> _T:
     """The record that a parsed mapping holds.
 

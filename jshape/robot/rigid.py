@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from jshape._typing import ArrayLike, Float
 from jshape.errors import JShapeError
 
+Pose = Float[np.ndarray, "4 4"]
+"""Of one frame in another, metres."""
 TOLERANCE = 1e-4
 """How far a rotation may be from orthonormal, per number of RᵀR."""
 FARTHEST = 20.0

@@ -9,12 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
-import numpy as np
-
-from jshape._typing import Float
 from jshape.camera import Camera
 from jshape.errors import JShapeError
 from jshape.robot.cameras.base import DepthCamera
+from jshape.robot.rigid import Pose
 from jshape.robot.signals import uninterrupted
 from jshape.sim.material import Material
 
@@ -45,7 +43,7 @@ class Moved(NamedTuple):
     """The effort rose above the threshold, which ended the motion before its end."""
     effort: float
     """The greatest contact effort on the way, Nm: a magnitude, finite, from 0."""
-    pose: Float[np.ndarray, "4 4"]
+    pose: Pose
     """Of the tool, where it ended."""
 
 
@@ -80,12 +78,7 @@ class Arm(Protocol):
         """
         ...
 
-    def check(
-        self,
-        poses: Sequence[Float[np.ndarray, "4 4"]],
-        postures: Sequence[str],
-        tool: Float[np.ndarray, "4 4"],
-    ) -> None:
+    def check(self, poses: Sequence[Pose], postures: Sequence[str], tool: Pose) -> None:
         """Whether the tool can go to these poses one after the other; nothing moves.
 
         Raises:
@@ -94,14 +87,14 @@ class Arm(Protocol):
         """
         ...
 
-    def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
+    def begin(self, doing: Doing, tool: Pose) -> None:
         """Told before each operation.
 
         `tool` is the pose of the tool frame in the hand's flange frame, for the action's posture.
         """
         ...
 
-    def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
+    def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
         """Bring the tool to a pose along a straight line; end early at contact.
 
         Args:
@@ -135,7 +128,7 @@ class Arm(Protocol):
         """The contact effort now: the greatest |joint torque - what gravity needs|, Nm."""
         ...
 
-    def pose(self) -> Float[np.ndarray, "4 4"]:
+    def pose(self) -> Pose:
         """Of the tool now, base frame."""
         ...
 
@@ -160,12 +153,7 @@ class NoHardware:
     def limit(self, *, effort: float, speed: float) -> None:
         """Nothing exceeds it."""
 
-    def check(
-        self,
-        poses: Sequence[Float[np.ndarray, "4 4"]],
-        postures: Sequence[str],
-        tool: Float[np.ndarray, "4 4"],
-    ) -> None:
+    def check(self, poses: Sequence[Pose], postures: Sequence[str], tool: Pose) -> None:
         """It can do all of it."""
 
     def stop(self) -> None:
@@ -193,7 +181,7 @@ class OpenedArm:
     arm: Arm
     depth_camera: DepthCamera | None = None
     """The camera above its own bed, which simulations bring."""
-    base_camera: Float[np.ndarray, "4 4"] | None = None
+    base_camera: Pose | None = None
     """Pose of that camera in the arm's base frame."""
     moves: bool = True
     """False: it only says what it would do, and needs to know of no camera."""

@@ -5,8 +5,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from jshape._typing import Float
 from jshape.robot.arms.base import ArmSettings, Doing, Moved, NoHardware, OpenedArm
+from jshape.robot.rigid import Pose
 
 
 class DryRun(NoHardware):
@@ -21,11 +21,11 @@ class DryRun(NoHardware):
         """`say` is given each line."""
         self._say, self._pose = say, np.eye(4)
 
-    def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
+    def begin(self, doing: Doing, tool: Pose) -> None:
         """Say what comes."""
         self._say(f"{doing.action} x{doing.strength:.2f}: {doing.operation}")
 
-    def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
+    def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
         """Say where it would go."""
         self._pose = np.array(pose)
         x, y, z = pose[:3, 3] * 1000.0
@@ -51,7 +51,7 @@ class DryRun(NoHardware):
         """None."""
         return 0.0
 
-    def pose(self) -> Float[np.ndarray, "4 4"]:
+    def pose(self) -> Pose:
         """Where it would be."""
         return self._pose.copy()
 

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from jshape._typing import Float
 from jshape.errors import JShapeError, one_line, quoted
 from jshape.robot.arms.base import Arm, ArmError, ArmLost, Doing, EffortLimit, Moved
-from jshape.robot.rigid import check_rigid
+from jshape.robot.rigid import Pose, check_rigid
 from jshape.robot.signals import uninterrupted
 from jshape.robot.worker import Call, Worker
 
@@ -126,20 +125,15 @@ class GuardedArm:
         self._fastest = speed
         self._made("limit", 0.0, effort=effort, speed=speed)
 
-    def check(
-        self,
-        poses: Sequence[Float[np.ndarray, "4 4"]],
-        postures: Sequence[str],
-        tool: Float[np.ndarray, "4 4"],
-    ) -> None:
+    def check(self, poses: Sequence[Pose], postures: Sequence[str], tool: Pose) -> None:
         """As the arm's."""
         self._made("check", 0.0, poses, postures, tool)
 
-    def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
+    def begin(self, doing: Doing, tool: Pose) -> None:
         """As the arm's."""
         self._made("begin", 0.0, doing, tool)
 
-    def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
+    def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
         """As the arm's, within `FLOOR` and `SLACK` times the way over the speed."""
         start, target = self._at, pose[:3, 3].copy()
         way = self._homing if start is None else float(np.linalg.norm(target - start))
@@ -160,7 +154,7 @@ class GuardedArm:
         """As the arm's."""
         return self._effort("effort", self._made("effort", 0.0))
 
-    def pose(self) -> Float[np.ndarray, "4 4"]:
+    def pose(self) -> Pose:
         """As the arm's."""
         return self._pose("pose", self._made("pose", 0.0))
 
@@ -254,7 +248,7 @@ class GuardedArm:
             )
         return float(value)
 
-    def _pose(self, what: str, value: Any) -> Float[np.ndarray, "4 4"]:
+    def _pose(self, what: str, value: Any) -> Pose:
         """A pose of the tool, metres; ArmError: it is none."""
         try:
             pose = check_rigid(value, f"{self.name}: {what}: the tool's pose")

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from jshape import sim
-from jshape._typing import Array, Float, Key
+from jshape._typing import Array, Key
 from jshape.camera import D435_BAZAR, Camera
 from jshape.errors import BadPosition, UnknownName
 from jshape.robot.arms.base import (
@@ -29,6 +29,7 @@ from jshape.robot.arms.base import (
 )
 from jshape.robot.cameras.mujoco import MuJoCoCamera
 from jshape.robot.registry import seed_of
+from jshape.robot.rigid import Pose
 from jshape.robot.simulated import bed_of
 from jshape.robot.twin import fingers
 from jshape.robot.twin.model import FLOOR, RIM, Obstacle
@@ -102,12 +103,7 @@ class MuJoCoArm(NoHardware):
         """Stop at this effort; bring the tool home no faster than this."""
         self._hard, self._fastest = effort, speed
 
-    def check(
-        self,
-        poses: Sequence[Float[np.ndarray, "4 4"]],
-        postures: Sequence[str],
-        tool: Float[np.ndarray, "4 4"],
-    ) -> None:
+    def check(self, poses: Sequence[Pose], postures: Sequence[str], tool: Pose) -> None:
         """Inverse kinematics along all of the lines, from where the arm is."""
         for name in postures:
             if name not in fingers.POSTURES:
@@ -117,13 +113,13 @@ class MuJoCoArm(NoHardware):
             joints = self.twin.reach.line(joints, np.asarray(pose, float) @ flange)[1][-1]
 
     @_commanded
-    def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
+    def begin(self, doing: Doing, tool: Pose) -> None:
         """Remember the tool; when the act begins, work out what it will do to the bed."""
         self._finish()
         self._doing, self._tool = doing, np.asarray(tool, float)
 
     @_commanded
-    def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
+    def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
         """Bring the tool there along a straight line, or as far as the effort allows."""
         flange = np.asarray(pose, float) @ np.linalg.inv(self._tool)
         length, joints = self.twin.reach.line(self.twin.target, flange)
@@ -176,7 +172,7 @@ class MuJoCoArm(NoHardware):
         """The contact effort now, Nm."""
         return self.twin.effort()
 
-    def pose(self) -> Float[np.ndarray, "4 4"]:
+    def pose(self) -> Pose:
         """Of the tool now, from the physics."""
         return self.twin.flange() @ self._tool
 
@@ -248,7 +244,7 @@ class Ready(NamedTuple):
 
     arm: MuJoCoArm
     camera: MuJoCoCamera
-    base_camera: Float[np.ndarray, "4 4"]
+    base_camera: Pose
     """Pose of the camera in the arm's base frame."""
 
 

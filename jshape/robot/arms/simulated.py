@@ -3,7 +3,6 @@
 import numpy as np
 
 from jshape import sim
-from jshape._typing import Float
 from jshape.actions import PAPER_Z
 from jshape.robot.arms.base import (
     ArmError,
@@ -16,6 +15,7 @@ from jshape.robot.arms.base import (
 )
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.registry import seed_of
+from jshape.robot.rigid import Pose
 from jshape.robot.simulated import SimulatedWorld, bed_of
 
 TOUCH = 5.0
@@ -54,13 +54,13 @@ class SimulatedArm(NoHardware):
         """Stop at this effort; it has no speed."""
         self._hard = effort
 
-    def begin(self, doing: Doing, tool: Float[np.ndarray, "4 4"]) -> None:
+    def begin(self, doing: Doing, tool: Pose) -> None:
         """Remember what is being done; coming up, the bed changes."""
         if self._doing is not None and self._doing.operation == "act" and doing.operation == "up":
             self._reshape(self._doing)
         self._doing = doing
 
-    def move(self, pose: Float[np.ndarray, "4 4"], *, speed: float, threshold: float) -> Moved:
+    def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
         """Go there, or as far as the effort allows."""
         start, target = self._pose[:3, 3], np.asarray(pose)[:3, 3]
         count = max(int(np.ceil(np.linalg.norm(target - start) / STEP)), 1)
@@ -98,7 +98,7 @@ class SimulatedArm(NoHardware):
         """At the last place."""
         return self._effort
 
-    def pose(self) -> Float[np.ndarray, "4 4"]:
+    def pose(self) -> Pose:
         """Of the tool."""
         return self._pose.copy()
 

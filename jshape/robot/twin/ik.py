@@ -8,6 +8,7 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.robot.arms.base import PoseRefused
+from jshape.robot.rigid import Pose
 from jshape.robot.twin.engine import mink, mujoco
 from jshape.robot.twin.model import FOLDER
 
@@ -42,14 +43,12 @@ class Reach:
         self._rest.set_target(np.asarray(posture, float))
         self._limits = [self._mink.ConfigurationLimit(model, min_distance_from_limits=MARGIN)]
 
-    def pose(self, joints: Float[np.ndarray, "7"]) -> Float[np.ndarray, "4 4"]:
+    def pose(self, joints: Float[np.ndarray, "7"]) -> Pose:
         """Of the flange at these joint angles."""
         self._configuration.update(np.asarray(joints, float))
         return self._configuration.get_transform_frame_to_world("flange", "site").as_matrix()
 
-    def solve(
-        self, pose: Float[np.ndarray, "4 4"], start: Float[np.ndarray, "7"]
-    ) -> Float[np.ndarray, "7"]:
+    def solve(self, pose: Pose, start: Float[np.ndarray, "7"]) -> Float[np.ndarray, "7"]:
         """Joint angles that bring the flange to a pose.
 
         Raises:
@@ -80,7 +79,7 @@ class Reach:
         )
 
     def line(
-        self, start: Float[np.ndarray, "7"], pose: Float[np.ndarray, "4 4"]
+        self, start: Float[np.ndarray, "7"], pose: Pose
     ) -> tuple[float, Float[np.ndarray, "K 7"]]:
         """The straight line from where the flange is at `start` to a pose.
 

@@ -13,6 +13,7 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Float
 from jshape.camera import D435_BAZAR, Camera
+from jshape.robot.rigid import Pose
 from jshape.robot.twin.engine import mujoco
 
 FOLDER = Path(__file__).parent
@@ -43,7 +44,7 @@ class Obstacle:
     """Sides, metres."""
 
 
-def base_camera() -> Float[np.ndarray, "4 4"]:
+def base_camera() -> Pose:
     """Pose of the camera in the base frame at home: 450 mm above 60 mm of material."""
     pose = np.eye(4)
     pose[:3, :3] = np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]])

@@ -6,8 +6,8 @@ import jax
 import numpy as np
 
 from jshape import sim
-from jshape._typing import Float
 from jshape.robot.arms.base import Doing
+from jshape.robot.rigid import Pose
 from jshape.robot.twin.model import FLOOR
 from jshape.robot.twin.world import Twin
 
@@ -26,14 +26,7 @@ class BedPress:
     fast as the hand comes, and what the hand feels is what does not.
     """
 
-    def __init__(
-        self,
-        twin: Twin,
-        doing: Doing,
-        start: Float[np.ndarray, "4 4"],
-        end: Float[np.ndarray, "4 4"],
-        refresh: int,
-    ):
+    def __init__(self, twin: Twin, doing: Doing, start: Pose, end: Pose, refresh: int):
         """A stroke from one pose of the tool to another (base frame), shown every `refresh` steps.
 
         Raises:
@@ -56,7 +49,7 @@ class BedPress:
         self._low = np.asarray(low.height)
         self._sunk, self._shown, self._shut, self._calls = 0.0, 0.0, 0.0, 0
 
-    def down(self, tool: Float[np.ndarray, "4 4"]) -> None:
+    def down(self, tool: Pose) -> None:
         """The tool is here now (base frame)."""
         z = tool[2, 3]
         self._sunk = max(self._sunk, _share(self._from, z, self._to))

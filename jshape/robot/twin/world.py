@@ -8,6 +8,7 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Array, Float, Key
 from jshape.camera import D435_BAZAR, Camera
+from jshape.robot.rigid import Pose
 from jshape.robot.twin import fingers
 from jshape.robot.twin.engine import mujoco
 from jshape.robot.twin.ik import Reach
@@ -112,13 +113,13 @@ class Twin:
         """Angles of the arm now, radians."""
         return self.data.qpos[self._arm].copy()
 
-    def flange(self) -> Float[np.ndarray, "4 4"]:
+    def flange(self) -> Pose:
         """Pose of the flange in the base frame, from the physics."""
         # After a step MuJoCo's poses are those before it.
         self._engine.mj_kinematics(self.model, self.data)
         return _pose(self.data.site("flange"))
 
-    def eye(self) -> Float[np.ndarray, "4 4"]:
+    def eye(self) -> Pose:
         """Pose of the depth camera in the base frame, from the physics."""
         self._engine.mj_kinematics(self.model, self.data)
         return _pose(self.data.body("camera"))

@@ -1,9 +1,11 @@
 """A bed whose heights are known, and what cameras that stand anywhere would see of it."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from jshape import Camera, HeightMap
-from jshape.height_map import as_frame
+from jshape import Camera, HeightMap, sim
+from jshape.height_map import as_frame, looking_down
 from jshape.reproject import reproject
 
 SMALL = Camera(160, 120, 140.0, 140.0, 79.5, 59.5, 0.3, 0.7, bits=16)
@@ -42,3 +44,14 @@ def seen_by(camera: Camera, of: HeightMap | None = None) -> np.ndarray:
     span = np.array([0.15, 1.2], np.float32)
     depth = reproject(whole.depth(above), above, camera, span)
     return np.nan_to_num(np.asarray(depth))
+
+
+STRAIGHT = looking_down(sim.SURFACE)
+"""From a map's frame on the level of the simulated bed to the bed's own, which looks down."""
+
+
+def above_simulated(tilt_deg) -> Camera:
+    """A camera that looks at the middle of the simulated bed, posed in its frame."""
+    wide = replace(SMALL, width=240, height=180, fx=210.0, fy=210.0, u0=119.5, v0=89.5)
+    camera = standing(tilt_deg, 0.5, camera=wide)
+    return replace(camera, pose=as_frame(STRAIGHT @ np.array(camera.pose)))

@@ -18,7 +18,7 @@ from jshape.camera import PAPER_BOX
 from jshape.cli.main import main
 from jshape.cli.mold import MoldOptions, goal_of, keep_on, restored
 from jshape.cli.parser import parse
-from jshape.data.view import image_of_depth
+from jshape.data.view import image_of_depth, view_above
 from jshape.errors import BadCamera, BadFile
 from jshape.height_map import ABOVE
 from jshape.io.cameras import camera_from, write_camera
@@ -27,6 +27,7 @@ from jshape.robot.arms.names import open_arm
 from jshape.robot.robot import Robot
 from jshape.robot.simulated import SimulatedWorld, bed_of
 from tests.conftest import ROOT
+from tests.seen_beds import seen_by, standing
 
 QUICK = ["--bank", "flour-robot", "--frames", "3"]
 TRIED = ["--stride", "24", "--strengths", "1", "--yaws", "1", "--max-steps", "1"]
@@ -186,8 +187,12 @@ def test_an_arm_that_hangs_in_everything_does_not_keep_the_program(goal, tmp_pat
 def blank_robot(eye, bank):
     """A robot without an arm, which nobody asks to look or act."""
     robot = Robot.__new__(Robot)
-    robot.depth_camera, robot.view, robot.camera = eye, None, bank.camera
+    robot.depth_camera, robot.view, robot.camera, robot._eyes = eye, None, bank.camera, [eye]
     return robot
+
+
+def nobody():
+    raise AssertionError("the robot was asked to look")
 
 
 def goal_for(tmp_path, camera, bank, **more):
@@ -203,7 +208,7 @@ def goal_for(tmp_path, camera, bank, **more):
              "depth_range": None, "max_missing": 0.1} | more  # fmt: skip
     options = MoldOptions(out=tmp_path, **given)
     with redirect_stdout(io.StringIO()) as said:
-        found = goal_of(tmp_path / "wanted.png", robot, bank, options)
+        found = goal_of(tmp_path / "wanted.png", robot, bank, options, nobody)
     return now, robot, said.getvalue().splitlines(), *found
 
 
@@ -248,3 +253,48 @@ def test_a_goal_beside_its_own_camera_is_read_with_it(tmp_path, bank):
     write_camera(tmp_path / "camera.json", other, 1e-4)
     with pytest.raises(BadCamera, match=r"wanted.png: of another .*fx 615 \(its: 433\).*a pose"):
         goal_for(tmp_path, PAPER_BOX, bank)
+
+
+@pytest.mark.parametrize("posed", [True, False])
+def test_a_goal_from_above_lies_on_the_plane_of_the_first_look(tmp_path, posed):
+    """As `jshape goal` writes it of a tilted bed, or somebody's map without a pose."""
+    camera = replace(standing(30), pose=None)
+    depth = np.where(seen_by(standing(30)) > 0, seen_by(standing(30)), np.nan)
+    made = view_above(camera, depth)
+    wanted = made.depth(depth, "bed")
+    wanted[40:60, 50:80] += 0.006
+    np.save(tmp_path / "goal.npy", wanted)
+    target = made.target if posed else replace(made.target, pose=None)
+    write_camera(tmp_path / "camera.json", target, 1e-4)
+    eye = SimpleNamespace(camera=camera, depth_unit=1e-4, name="it")
+    given, options = load_bank("pressed-flour-robot"), MoldOptions(out=tmp_path)
+    robot = blank_robot(eye, given)
+    with redirect_stdout(io.StringIO()):
+        goal, bank, known = goal_of(
+            tmp_path / "goal.npy", robot, given, options, lambda: np.nan_to_num(depth)
+        )
+    assert camera_from(known["view"], "it") == robot.view.target == bank.camera
+    np.testing.assert_allclose(robot.view.target.pose, made.target.pose, atol=1e-6)
+    np.testing.assert_array_equal(np.isnan(goal), np.isnan(wanted))
+    again = robot.view.depth(depth, "the look")
+    change = np.asarray(bank.camera.depth(metric.unweigh(np.nan_to_num(goal), bank.camera))) - again
+    assert np.nanmedian(change[42:58, 52:78]) == pytest.approx(0.006, abs=1e-4)
+    assert np.abs(np.nanmedian(change)) < 1e-5
+
+
+def test_cameras_and_their_files_go_in_pairs(goal, tmp_path, capsys):
+    files = [tmp_path / "left.json", tmp_path / "right.json"]
+    for file, tilt in zip(files, (-30, 30), strict=True):
+        write_camera(file, standing(tilt), 1e-4)
+    words = ["mold", str(goal), "--out", str(tmp_path / "run"), "--yes", *QUICK]
+    two = ["--camera", "sim", "--camera", "sim"]
+    assert main([*words, *two, "--camera-file", str(files[0])]) == 2
+    assert "2 cameras and 1 camera files; give one --camera-file for" in capsys.readouterr().err
+    write_camera(files[1], replace(standing(30), pose=None), 1e-4)
+    assert (
+        main([*words, *two, *("--camera-file", str(files[0]), "--camera-file", str(files[1]))]) == 2
+    )
+    said = capsys.readouterr().err
+    assert "simulated camera: has no pose; several cameras need one each, in one frame" in said
+    assert main([*words, "--arm", "mujoco", "--camera-file", str(files[0])]) == 2
+    assert "sees through the camera on its wrist" in capsys.readouterr().err

@@ -6,11 +6,14 @@ import jax
 import numpy as np
 import pytest
 
-from jshape import PAPER_BOX, JShapeError, metric, sim
-from jshape.errors import BadCamera, MissingDepth, UnknownName
+from jshape import PAPER_BOX, JShapeError, load_bank, metric, plan_depth, sim
+from jshape.data.view import image_of_depth
+from jshape.errors import BadCamera, BadImage, MissingDepth, UnknownName
+from jshape.planning.maps import bank_for
 from jshape.robot.loop import Stop, World, mold
 from jshape.robot.simulated import SimulatedWorld
 from tests.conftest import mm, paper
+from tests.seen_beds import bed as bed_map
 
 
 class Obedient:
@@ -151,3 +154,39 @@ def test_the_simulated_hand_goes_deeper_and_turns():
     assert sides[2] == pytest.approx(sides[0][::-1], abs=3)
     with pytest.raises(JShapeError, match="strength is 0"):
         world.act("press", (240, 197), strength=0.0)
+
+
+class Hidden:
+    """A bed from above, a part of which no camera sees."""
+
+    def __init__(self, camera, depth):
+        self.camera, self.depth = camera, depth
+
+    def look(self):
+        return self.depth
+
+    def act(self, action, position, strength=1.0, yaw=0.0):
+        raise AssertionError("nothing was to be done")
+
+
+@pytest.mark.full
+def test_what_is_hidden_in_a_look_or_the_goal_counts_as_in_a_plan():
+    """The same two images have one distance, whoever measures it."""
+    camera, given = bed_map().camera(), load_bank("pressed-flour-robot")
+    now = bed_map().depth(camera)
+    v, u = np.indices(now.shape)
+    goal = now + np.float32(0.015) * (np.hypot(u - 80, v - 60) < 25)
+    now[:40, :50], goal[80:, 100:] = np.nan, np.nan
+    few = paper(positions=[[80, 60]], max_steps=1)
+    made = plan_depth(now, goal, camera=camera, bank=given, **few)
+    assert made.seen.mean() == pytest.approx(1 - (40 * 50 + 41 * 61) / now.size)
+    seen = image_of_depth(goal, camera)
+    wanted = np.where(seen.known, seen.image, np.nan)
+    world, above = Hidden(camera, now), bank_for(given, camera)
+    run = mold(world, wanted, above, confirm=lambda ahead: False, **few)
+    assert run.stop is Stop.DECLINED and run.first_plan.actions == made.actions
+    np.testing.assert_array_equal(run.first_plan.distances, made.distances)
+    assert run.distances_mm[0] == made.distances_mm[0]
+    assert run.distances_mm[0] != metric.to_mm(metric.distance(made.initial, made.goal), camera)
+    with pytest.raises(BadImage, match=r"look and goal: \d+\.\d% of the bed is known in both"):
+        mold(world, np.where(np.isnan(now), wanted, np.nan), above, **few)

@@ -95,8 +95,8 @@ class EditorState(GoalState):
     def look(self, robot: Robot) -> None:
         """Take what a robot's camera sees for the bed; the first look says from where."""
         if robot.view is None:
-            eye = robot.depth_camera.camera
-            view, bank = over_bed(self._loaded, eye, robot.frame(), robot.depth_camera.name)
+            given = self._loaded, robot.depth_camera.camera, robot.frame(), robot.eyes
+            view, bank = over_bed(*given, again=robot.several)
         else:
             view, bank = robot.view, self._loaded
             if view.above:

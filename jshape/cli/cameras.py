@@ -49,10 +49,16 @@ def opened(camera: str | None, options: LooksOnce) -> DepthCamera:
     """The camera that a command is about, started."""
     if camera is None:
         raise JShapeError("which camera? name one, or set camera in jshape.toml")
-    return looking(camera, options, options.depth_unit)
+    return looking(camera, options, options.camera_file, options.depth_unit, options.window)
 
 
-def looking(name: str, options: Looks, depth_unit: float | None = None) -> DepthCamera:
+def looking(
+    name: str,
+    options: Looks,
+    camera_file: Path | None,
+    depth_unit: float | None = None,
+    window: tuple[int, int, int, int] | None = None,
+) -> DepthCamera:
     """A camera by its name, started, and looked through as the options say.
 
     Raises:
@@ -65,10 +71,10 @@ def looking(name: str, options: Looks, depth_unit: float | None = None) -> Depth
         )
     return names.open_camera(
         name,
-        camera=options.camera_file,
+        camera=camera_file,
         topic=options.topic,
         z_range=options.depth_range,
-        window=options.window,
+        window=window,
         temporal=options.temporal,
         holes=options.fill_holes,
         depth_unit=depth_unit,

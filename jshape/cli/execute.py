@@ -4,11 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jshape.camera import differing
 from jshape.cli.names import Bank
 from jshape.cli.options import Share, plan_file
 from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of, tell
-from jshape.data.view import View
+from jshape.data.view import View, above
 from jshape.errors import BadFile
 from jshape.io import banks
 from jshape.planning.maps import bank_for
@@ -41,16 +43,19 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
     bank = banks.load_bank(bank_name)
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
-        if made.view is not None and made.view.above:
+        eye, view = robot.depth_camera.camera, made.view
+        on_map = view is None or view.window is not None
+        if above(made.camera):
             bank = bank_for(bank, made.camera)
             robot.camera = bank.camera
-            if made.view.window is not None:  # made on a map of what this camera saw
-                robot.view = View(robot.depth_camera.camera, bank.camera)
-        if made.view is not None and not differing(made.view.source, robot.depth_camera.camera, ""):
-            robot.view = made.view  # the same looks as those it was made for
+        if above(made.camera) and (on_map or None not in (view.source.pose, eye.pose)):
+            robot.view = View(eye, bank.camera)  # from wherever it stands
+        elif view is not None and not differing(view.source, eye, ""):
+            robot.view = view  # the same looks as those it was made for
         if session is None:
             known = {"what": "execute", "plan": str(plan), "bank": str(bank_name)}
-            session = new_session(options, made.goal, robot, **known)
+            goal = made.goal if made.seen is None else np.where(made.seen, made.goal, np.nan)
+            session = new_session(options, goal, robot, **known)
         stop = StopCriteria(max_steps=max(len(made), 1))
         constraints = Constraints(max_missing=options.max_missing)
         how = {"plan": made, "confirm": confirm, "stop": stop, "constraints": constraints}

@@ -1,7 +1,8 @@
 """`jshape mold DESIRED`: look, plan, act, look again, until the bed is as wanted."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,25 @@ from jshape.cli.commands import build_app, leaf_of
 from jshape.cli.names import Uses
 from jshape.cli.options import Positive
 from jshape.cli.parser import value_of
-from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of, tell
+from jshape.cli.robot import (
+    Runs,
+    asking,
+    first_look,
+    molded,
+    new_session,
+    resumed,
+    robot_of,
+    tell,
+)
 from jshape.cli.search_options import KEPT, Searches, kept_of, reachable, search_of
 from jshape.cli.tables import say
 from jshape.data.intrinsics import within
-from jshape.data.view import View, image_of_depth
+from jshape.data.view import View, image_of_depth, view_like
 from jshape.errors import BadCamera, BadFile, BadSetting, quoted
 from jshape.io import banks, formats, points
 from jshape.io.cameras import camera_fields, camera_from
 from jshape.io.frames import Source, frame_of, goal_source, source_of
+from jshape.io.maps import SUFFIX, read_map
 from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
 from jshape.planning.maps import bank_for, over_bed
@@ -43,7 +54,7 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
     """Mold what the camera sees into what is wanted.
 
     Args:
-      desired: Depth image wanted, or a PLY or PCD.
+      desired: Depth image wanted, a height map (NPZ), or a PLY or PCD.
     """
     over_devices(options.devices)  # before anything starts JAX
     if options.resume == (desired is not None):
@@ -57,7 +68,8 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
     with robot_of(options, options.out, bank) as robot:
         if session is None:
             assert desired is not None
-            goal, bank, known = goal_of(desired, robot, bank, options)
+            look = partial(first_look, robot, options)
+            goal, bank, known = goal_of(desired, robot, bank, options, look)
             meta = {"what": "mold", "bank": str(bank_name), "goal": str(desired)}
             session = new_session(options, goal, robot, **meta, **kept_of(options), **known)
         else:
@@ -71,59 +83,86 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
 
 
 def goal_of(
-    path: Path, robot: Robot, bank: Bank, options: MoldOptions
+    path: Path,
+    robot: Robot,
+    bank: Bank,
+    options: MoldOptions,
+    first_look: Callable[[], np.ndarray],
 ) -> tuple[np.ndarray, Bank, dict[str, Any]]:
     """What is wanted, from a file of any camera that can be known, and how the robot is to look.
 
-    A goal of the robot's own camera is seen as the bed will be: from the same place above it.
+    A goal of the robot's own camera is seen as the bed will be: from the same place above it.  One
+    that was seen from above lies where its pose says; without one, on the plane that the first
+    look shows, its origin where the camera's axis meets it.
+
+    Args:
+      path: of the goal.
+      robot: whose (first) camera is to see the bed.
+      bank: as it is loaded.
+      options: of the command.
+      first_look: what that camera sees (H, W) of the bed, metres.
 
     Returns:
-      The image (H, W); the bank for what the robot then sees; and what a run that is gone on with
-      must know.
+      The image (H, W), NaN where it is not known from above; the bank for what the robot then sees;
+      and what a run that is gone on with must know.
 
     Raises:
       BadFile, BadImage, BadCamera, BadBank: as for `jshape plan`.
     """
-    eye = robot.depth_camera.camera
-    whole: Camera = traits_of(robot.depth_camera).whole or eye
-    own = Source(eye, robot.depth_camera.depth_unit, robot.depth_camera.name, True)
-    if path.suffix.lower() in points.SUFFIXES:
-        source = own
-    else:
-        shape = formats.read_array(path).shape
-        of_eye = [camera for camera in (eye, whole) if camera.shape == shape]
-        beside = goal_source(path, own, None)
-        if beside is not own:
-            source = beside
-        elif options.camera_file is None and of_eye and window_of(bank.camera, of_eye[0]) is None:
-            unit = options.depth_unit or own.depth_unit
-            source = own._replace(camera=of_eye[0], depth_unit=unit)  # no preset of the same size
-        else:
-            named = str(options.camera_file or "") or None
-            source = source_of(path, shape, named, bank, options.depth_unit)
-    depth = frame_of(path, source)
+    eye, name = robot.depth_camera.camera, robot.depth_camera.name
+    depth, source = _wanted(path, robot, bank, options)
     theirs = within(source.camera, (float(eye.z_min), float(eye.z_max)))
     at = window_of(eye, theirs)
     if at is not None:  # the robot's own camera, or a part of its frames
         depth = depth[at[1] : at[1] + eye.height, at[0] : at[0] + eye.width]
         source = source._replace(camera=eye)
     elif source.camera is not eye:
-        say(f"goal: {source.said}, of another camera than {robot.depth_camera.name}")
-    view, seen_by = over_bed(bank, source.camera, depth, str(path))
+        say(f"goal: {source.said}, of another camera than {name}")
+    view, seen_by = over_bed(bank, source.camera, depth, str(path), again=robot.several)
     known: dict[str, Any] = {}
     if view.target != bank.camera:
+        target = view.target
         if at is None and None in (source.camera.pose, eye.pose):
-            raise BadCamera(
-                f"{path}: of another camera than {robot.depth_camera.name} "
-                f"({differing(theirs, eye, 'its')}); nothing says how the two stand; make the goal "
-                "from a frame of that camera, or give both a pose (jshape calibrate)"
-            )
-        known["view"] = camera_fields(view.target)
-        restored(known, robot, bank)
-    image = image_of_depth(
+            if not source.camera.orthographic:
+                raise BadCamera(
+                    f"{path}: of another camera than {name} ({differing(theirs, eye, 'its')}); "
+                    "nothing says how the two stand; make the goal from a frame of that camera, or "
+                    "give both a pose (jshape calibrate)"
+                )
+            target = view_like(view, eye, first_look(), name).target
+        known["view"] = camera_fields(target)
+        seen_by = restored(known, robot, bank)
+    found = image_of_depth(
         depth, view.target, max_missing=options.max_missing, where=str(path), view=view
-    ).image
+    )
+    image = found.image if seen_by is bank else np.where(found.known, found.image, np.nan)
     return image, seen_by, known
+
+
+def _wanted(
+    path: Path, robot: Robot, bank: Bank, options: MoldOptions
+) -> tuple[np.ndarray, Source]:
+    """The frame (H, W) in metres that a file of a goal holds, and of which camera."""
+    if path.suffix.lower() == SUFFIX:
+        found = read_map(path)
+        return found.depth(found.camera()), Source(found.camera(), 1.0, "a height map", True)
+    eye = robot.depth_camera.camera
+    whole: Camera = traits_of(robot.depth_camera).whole or eye
+    own = Source(eye, robot.depth_camera.depth_unit, robot.depth_camera.name, True)
+    if path.suffix.lower() in points.SUFFIXES:
+        return frame_of(path, own), own
+    shape = formats.read_array(path).shape
+    of_eye = [camera for camera in (eye, whole) if camera.shape == shape]
+    source = goal_source(path, own, None)
+    if source is own and options.camera_file is None and of_eye:
+        if window_of(bank.camera, of_eye[0]) is None:  # no preset of the same size
+            unit = options.depth_unit or own.depth_unit
+            source = own._replace(camera=of_eye[0], depth_unit=unit)
+            return frame_of(path, source), source
+    if source is own:
+        named = str(options.camera_file[0]) if options.camera_file else None
+        source = source_of(path, shape, named, bank, options.depth_unit)
+    return frame_of(path, source), source
 
 
 def restored(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:

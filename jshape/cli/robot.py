@@ -14,8 +14,9 @@ from jshape.cli.cameras import CAMERA_HELP, Camera, Looks, looking
 from jshape.cli.names import Simulates
 from jshape.cli.options import File, PositiveCount, Writes
 from jshape.cli.tables import say
-from jshape.errors import JShapeError, one_line
+from jshape.errors import BadCamera, JShapeError, one_line
 from jshape.io import folders, runs
+from jshape.io.cameras import read_camera
 from jshape.io.simulated import material_of
 from jshape.models.bank import Bank
 from jshape.planning.plan import Plan
@@ -39,18 +40,21 @@ else:
     Arm = Annotated[Literal[tuple(ARMS)] | str, Parameter(metavar="ARM", help=described(ARMS))]
 
 
+_CAMERAS = f"{CAMERA_HELP} (default: the arm's own); repeat it for more cameras of one bed"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Robots(Looks, Simulates):
     """Which robot acts, and how it looks."""
 
     arm: Arm | None = "dry"
-    camera: Annotated[Camera | None, Parameter(help=f"{CAMERA_HELP} (default: the arm's own)")] = (
-        None
-    )
-    camera_file: Annotated[Path | None, File] = None
+    camera: Annotated[list[Camera] | None, Parameter(help=_CAMERAS)] = None
+    camera_file: Annotated[list[Path] | None, File] = None
+    """camera.json to use instead of what the camera says of itself; of several cameras one for
+    each, with a pose. Without --camera: of the camera over the bed of --arm sim."""
     temporal: Annotated[bool, Parameter(negative="--no-temporal")] = True
     base: Annotated[Path | None, Parameter(metavar="POSE")] = None
-    """Pose of the camera, from `jshape calibrate`."""
+    """Pose of the (first) camera, from `jshape calibrate`."""
     gripper: Annotated[Path | None, Parameter(metavar="POSE")] = None
     """Pose of the gripper when the camera looks, for a camera in the hand."""
     hand: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
@@ -90,26 +94,25 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
     base_camera = options.base and read_base_camera(options.base, options.gripper)
     with ExitStack() as stack:
         stack.enter_context(interruptible())
-        eye = _eye(options)
-        if eye is not None:
-            eye = GuardedCamera(eye)
-            stack.callback(_let_go, eye)
-        opened = open_arm(options.arm, bank.camera, material=material, say=say)
+        eyes = [_guarded(stack, one) for one in _eyes(options)]
+        files = () if eyes else options.camera_file or ()
+        cameras = [read_camera(one, 1.0)[0] for one in files]
+        opened = open_arm(options.arm, bank.camera, material=material, say=say, cameras=cameras)
         arm = GuardedArm(opened.arm)
         stack.callback(_let_go, arm)
         stack.callback(stop_arm, arm)
-        if eye is None:
+        if not eyes:
             if opened.depth_camera is None:
                 raise JShapeError(f"the arm {options.arm} brings no camera; name one with --camera")
-            eye = GuardedCamera(opened.depth_camera)
-            stack.callback(_let_go, eye)
+            eyes = [_guarded(stack, one) for one in (opened.depth_camera, *opened.others)]
             base_camera = opened.base_camera if base_camera is None else base_camera
         if base_camera is None and opened.moves:
             raise JShapeError(
-                f"nothing says where {eye.name} is in the frame of {opened.arm.name}; --base takes "
-                "what `jshape calibrate` wrote"
+                f"nothing says where {eyes[0].name} is in the frame of {opened.arm.name}; --base "
+                "takes what `jshape calibrate` wrote"
             )
-        robot = Robot(eye, arm, hand, bank.camera, base_camera=base_camera, frames=options.frames)
+        how = {"base_camera": base_camera, "others": eyes[1:], "frames": options.frames}
+        robot = Robot(eyes[0], arm, hand, bank.camera, **how)
         try:
             yield robot
         except BaseException as problem:
@@ -122,17 +125,32 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
             raise
 
 
-def _eye(options: Robots) -> DepthCamera | None:
-    """The camera that was named, started; None: the arm brings its own.
+def _eyes(options: Robots) -> Iterator[DepthCamera]:
+    """The cameras that were named, each started when it is asked for; none: the arm brings its own.
 
     Raises:
-      JShapeError: options that say how to look through the camera, and there is none.
+      JShapeError: options that say how to look through a camera, and there is none; files for
+        some of the cameras only.
     """
-    if options.camera is not None:
-        return looking(options.camera, options)
-    looks = "topic", "window", "depth_range", "fill_holes"
-    options.refuse(looks, ": only with --camera; the arm's own camera takes none")
-    return None
+    names, files = options.camera or [], options.camera_file or []
+    if not names:
+        looks = "topic", "window", "depth_range", "fill_holes"
+        options.refuse(looks, ": only with --camera; the arm's own camera takes none")
+        return
+    if files and len(files) != len(names):
+        raise BadCamera(
+            f"{len(names)} cameras and {len(files)} camera files; give one --camera-file for each "
+            "--camera, in their order"
+        )
+    for k, (name, file) in enumerate(zip(names, files or [None] * len(names), strict=True)):
+        window = None if k else options.window
+        yield looking(name, options, file, window=window)
+
+
+def _guarded(stack: ExitStack, eye: DepthCamera) -> GuardedCamera:
+    guarded = GuardedCamera(eye)
+    stack.callback(_let_go, guarded)
+    return guarded
 
 
 def _let_go(device: GuardedArm | GuardedCamera) -> None:
@@ -175,6 +193,17 @@ def may_move(options: Runs) -> None:
         and _asked("the arm goes home, out of the camera's view. go? [y/N] ") not in YES
     ):
         raise JShapeError("the arm must be out of the camera's view before the first look")
+
+
+def first_look(robot: Robot, options: Runs) -> np.ndarray:
+    """What the (first) camera sees of the bed, metres, once the arm is at home.
+
+    Raises:
+      JShapeError: the arm may not move; as `Robot.home` and `Robot.frame`.
+    """
+    may_move(options)
+    robot.home()
+    return robot.frame()
 
 
 YES, ALL = ("y", "yes"), ("a", "all")
@@ -235,7 +264,7 @@ def resumed(options: Any) -> Session:
 
 def new_session(options: Runs, goal: np.ndarray, robot: Robot, /, **known: Any) -> Session:
     """A new run in `--out`, with what one that goes on must know."""
-    meta = {"arm": options.arm, "camera": robot.depth_camera.name, **known}
+    meta = {"arm": options.arm, "camera": robot.eyes, **known}
     return Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
 
 
@@ -243,7 +272,8 @@ def molded(
     session: Session, robot: Robot, bank: Bank, options: Runs, /, **how: Any
 ) -> dict[str, Any]:
     """Go on with a run to its end."""
-    may_move(options)
+    if not robot.moved:
+        may_move(options)
     say(HEAD)
     draw = molding_pictures(bank.rois)
     return session.mold(robot, bank, blind=options.arm == "dry", draw=draw, **how)

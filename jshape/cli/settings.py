@@ -168,7 +168,7 @@ def tokens_of(argument: Argument, key: str, value: Any, folder: Path, where: str
         return [Token(keyword=f"--{key}", source=where, implicit_value=value)]
     many, rest = argument.token_count()
     if argument.parameter.n_tokens is None and (many != 1 or rest):
-        if key == CAMERA_FILE and isinstance(value, str):  # one for all frames
+        if key in ("camera", CAMERA_FILE) and isinstance(value, str):  # the only one
             value = [value]
         if not isinstance(value, list) or not value:
             raise BadSetting(f"{_text(value)} is not a list [...]")

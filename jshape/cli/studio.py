@@ -46,7 +46,7 @@ def studio(
     from jshape.app.editor_state import EditorState
 
     editor = EditorState(options.bank or DEFAULT_BANK, material=options.material)
-    described = None if options.camera_file is None else str(options.camera_file)
+    described = str(options.camera_file[0]) if options.camera_file else None
     if initial is not None:
         editor.load_bed(initial, described)
     elif options.arm is None and options.dataset is None:

@@ -1,5 +1,6 @@
 """From a raw depth frame of any camera to the weighed image of a bank's camera."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -47,16 +48,23 @@ class View:
         """The transform from the target's frame to the source's, metres."""
         return np.eye(4) if self.window is not None else between(self.source, self.target)
 
-    def depth(self, depth: np.ndarray, where: str) -> Float[np.ndarray, "h w"]:
+    def depth(
+        self, depth: np.ndarray, where: str, others: Sequence[Look] = ()
+    ) -> Float[np.ndarray, "h w"]:
         """A frame (H, W) in metres as the target would see it; NaN where it has no reading.
+
+        Looks of `others`, whose poses are in one frame with the source's, add what they see.
 
         Raises:
           BadImage: another size than the source's, or no reading at all.
+          BadCamera: looks that do not agree, or a target that only cuts a window out of one.
         """
         if depth.shape != self.source.shape:
             raise BadImage(wrong_shape(where, depth.shape, self.source))
         if self.window is None:
-            return seen_from([look_of(depth, self.source)], self.target, where)
+            return seen_from([look_of(depth, self.source), *others], self.target, where)
+        if others:
+            raise BadCamera(f"{where}: several cameras see a bed from above, not as one of them")
         left, top = self.window
         return depth[top : top + self.target.height, left : left + self.target.width]
 
@@ -232,6 +240,23 @@ def image_of_depth(
     clamped = int(outside_range(metres, camera).sum())
     level = camera.luminance(metres, quantize=False)
     return Seen(np.asarray(metric.weigh(level, camera)), filled, clamped, known)
+
+
+def known_in_both(
+    now: Bool[np.ndarray, "H W"], wanted: Bool[np.ndarray, "H W"], *names: str
+) -> Bool[np.ndarray, "H W"]:
+    """What is known of the bed now and of the one wanted: all that a distance counts.
+
+    Raises:
+      BadImage: less than `LEAST_SEEN`; the `names` are of the two.
+    """
+    both = now & wanted
+    if (share := float(both.mean())) < LEAST_SEEN:
+        raise BadImage(
+            f"{' and '.join(names)}: {share:.1%} of the bed is known in both; at least "
+            f"{LEAST_SEEN:.0%} is needed"
+        )
+    return both
 
 
 def above(camera: Camera) -> bool:

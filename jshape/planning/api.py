@@ -13,10 +13,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from jshape._typing import ArrayLike
+from jshape._typing import ArrayLike, Bool
 from jshape.camera import Camera, unmasked
 from jshape.data.depth import check_unit, to_metres
-from jshape.data.view import View, image_of_depth
+from jshape.data.view import View, image_of_depth, known_in_both
 from jshape.errors import BadBank, BadCamera, BadImage, JShapeError, UnknownName, quoted
 from jshape.height_map import HeightMap
 from jshape.models.bank import Bank
@@ -89,13 +89,13 @@ def plan(
     else:
         first = check_image(I0, bank.camera, "I0")
         goal = check_image(Istar, bank.camera, "Istar")
-    return _planned(
+    return plan_images(
         bank, first, goal, seen, planner=planner, space=space, constraints=constraints, stop=stop,
         budget=budget, start=start, execution=execution,
     )  # fmt: skip
 
 
-def _planned(
+def plan_images(
     bank: Bank,
     first: np.ndarray,
     goal: np.ndarray,
@@ -109,7 +109,7 @@ def _planned(
     start: Plan | None = None,
     execution: Execution = ONE_BY_ONE,
 ) -> Plan:
-    """`plan` of images that are checked, of which only pixels that were `seen` count."""
+    """`plan` of images (H, W) that are checked, of which only pixels that were `seen` count."""
     if planner not in tuple(PLANNERS):
         raise UnknownName("planner", planner, PLANNERS)
     if start is not None and not isinstance(start, Plan):
@@ -181,6 +181,7 @@ def rollout(
     strengths: ArrayLike | None = None,
     yaws: ArrayLike | None = None,
     bank: Bank | str | Path | None = None,
+    seen: Bool[np.ndarray, "H W"] | None = None,
 ) -> Plan:
     """What a given sequence of actions brings, as the bank predicts it.  Eq. predStep1 to 3.
 
@@ -193,6 +194,7 @@ def rollout(
       strengths: (K,) how many times as deep as trained; None is 1.
       yaws: (K,) turns of the hand from u towards v, radians; None is 0.
       bank: as for `plan`.
+      seen: (H, W) pixels that distances count; None: all.
 
     Raises:
       BadImage, UnknownName, BadPosition, BadBank, JShapeError: as for `plan`.
@@ -201,7 +203,7 @@ def rollout(
     first = check_image(I0, bank.camera, "I0")
     goal = check_image(Istar, bank.camera, "Istar")
     acts = placed_actions(bank, actions, positions, strengths, yaws)
-    return predict_sequence(bank, first, goal, acts, Status.PLAN_ENDED)
+    return predict_sequence(bank, first, goal, acts, Status.PLAN_ENDED, seen=seen)
 
 
 @hinted
@@ -295,9 +297,9 @@ def plan_views(
     )
     goal, seen, view = wanted.image, None, views[0]
     if view is not None and view.above:
-        seen = now.known & wanted.known
+        seen = known_in_both(now.known, wanted.known, *names)
         goal = np.where(seen, goal, now.image)
-    found = _planned(bank, now.image, goal, seen, constraints=constraints.of_images(), **more)
+    found = plan_images(bank, now.image, goal, seen, constraints=constraints.of_images(), **more)
     filled, clamped = (now.filled, wanted.filled), (now.clamped, wanted.clamped)
     return replace(found, filled=filled, clamped=clamped, view=view)
 

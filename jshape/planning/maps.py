@@ -11,7 +11,7 @@ from jshape import metric
 from jshape._typing import Bool, Float
 from jshape.camera import Camera, matrix
 from jshape.data.missing import fill_missing
-from jshape.data.view import LEAST_SEEN, View, cut_out, view_above, view_like
+from jshape.data.view import View, cut_out, known_in_both, view_above, view_like
 from jshape.errors import BadCamera, BadImage
 from jshape.height_map import ABOVE, HeightMap, check_map
 from jshape.models.bank import Bank
@@ -102,13 +102,7 @@ def on_maps(
     wanted = on_grid_of(now, wanted)
     camera = now.camera(wanted)
     depths = now.depth(camera), wanted.depth(camera)
-    seen = np.isfinite(depths[0]) & np.isfinite(depths[1])
-    share = float(seen.mean())
-    if share < LEAST_SEEN:
-        raise BadImage(
-            f"I0 and Istar: {share:.1%} of the map is known in both; at least {LEAST_SEEN:.0%} is "
-            "needed"
-        )
+    seen = known_in_both(*map(np.isfinite, depths), "I0", "Istar")
     first = image_of(depths[0], camera)
     goal = np.where(seen, image_of(depths[1], camera), first)
     return bank_for(bank, camera), first, goal, seen

@@ -13,10 +13,10 @@ import numpy as np
 
 from jshape import metric
 from jshape.camera import Camera, check_same_camera
-from jshape.data.view import above, image_of_depth
+from jshape.data.view import above, image_of_depth, known_in_both
 from jshape.errors import JShapeError, quoted
 from jshape.models.bank import Bank
-from jshape.planning.api import Plan, check_image, plan, rollout
+from jshape.planning.api import Plan, check_image, plan_images, rollout
 from jshape.planning.evaluate import ONE_BY_ONE, Execution
 from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria, hinted
 from jshape.robot.checks import check_still, touched_by
@@ -91,21 +91,24 @@ class Molding:
     """What the loop did."""
 
     goal: np.ndarray
-    """(H, W) the image wanted."""
+    """(H, W) the image wanted; where that is not known, the bed at the start."""
     first_plan: Plan
     """The whole plan from the first look: what an open loop would have done."""
     images: list[np.ndarray]
     """(H, W) images seen: at the start and after each action."""
     depths: list[np.ndarray]
     """(H, W) raw depths of the same looks, metres."""
+    seen: list[np.ndarray | None]
+    """(H, W) pixels that count in the same looks: known in the look and in the goal; None: all."""
     steps: list[Step] = field(default_factory=list)
     stop: Stop = Stop.MAX_STEPS
 
     @property
     def distances_mm(self) -> np.ndarray:
         """(K+1,) measured distances to the goal."""
-        camera = self.first_plan.camera
-        return np.array([metric.to_mm(metric.distance(i, self.goal), camera) for i in self.images])
+        looks = zip(self.images, self.seen, strict=True)
+        d = np.array([metric.distance(image, self.goal, seen) for image, seen in looks])
+        return np.asarray(metric.to_mm(d, self.first_plan.camera))
 
 
 @hinted
@@ -137,7 +140,8 @@ def mold(
 
     Args:
       world: to look at and act in; its camera is the bank's.
-      goal: (H, W) the weighed image wanted.
+      goal: (H, W) the weighed image wanted; seen from above a bed, NaN where that is not known:
+        what is unknown there or hidden in a look counts nothing.
       bank: predicts the actions.
       planner: which search, as for `jshape.plan`.
       space: what is tried.
@@ -165,34 +169,39 @@ def mold(
       JShapeError: whatever the world raises.
     """
     check_same_camera(bank.camera, world.camera, "the world's")
-    goal = check_image(goal, bank.camera, "goal")
+    wanted = np.isfinite(goal) if above(bank.camera) else None
+    goal = check_image(goal if wanted is None else np.where(wanted, goal, 0), bank.camera, "goal")
     for name, value in (("horizon", horizon), ("patience", patience)):
         if value is None:
             continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
             raise JShapeError(f"{name} is {quoted(value)}; it must be a whole number from 1")
-    search: dict[str, Any] = {"bank": bank, "planner": planner, "space": space}
-    search |= {"budget": budget, "execution": execution}
+    search = {"planner": planner, "space": space, "budget": budget, "execution": execution}
     tolerance = float(stop.tolerance_mm) / float(metric.to_mm(1.0, bank.camera))
 
-    def look() -> tuple[np.ndarray, np.ndarray]:
+    def look() -> _Look:
         depth = world.look()
         seen = image_of_depth(depth, bank.camera, max_missing=constraints.max_missing, where="look")
-        if above(bank.camera):  # what is hidden does not count
-            return depth, np.where(seen.known, seen.image, goal)
-        return depth, seen.image
+        if wanted is None:
+            return _Look(depth, seen.image, goal, None)
+        both = known_in_both(seen.known, wanted, "look", "goal")
+        return _Look(depth, seen.image, np.where(both, goal, seen.image), both)
+
+    def plan(now: _Look, **how: Any) -> Plan:
+        return plan_images(bank, now.image, now.goal, now.seen, **how, **search)
 
     uses = dict(constraints.max_uses or {})  # what is left of each action's
     if patience is None and replan:
         patience = 1
-    depth, image = look()
+    now = look()
     ahead = first
     if ahead is None:
-        ahead = plan(image, goal, constraints=constraints.of_images(), stop=stop, **search)
+        ahead = plan(now, constraints=constraints.of_images(), stop=stop)
     if afresh:
-        ahead = _seen_anew(ahead, image, goal, bank)
-    run = Molding(goal, ahead, [image], [depth])
-    obtained = float(metric.to_mm(metric.distance(image, goal), bank.camera))
+        ahead = _seen_anew(ahead, now, bank)
+    whole = goal if wanted is None else np.where(wanted, goal, now.image)
+    run = Molding(whole, ahead, [now.image], [now.depth], [now.seen])
+    obtained = float(metric.to_mm(now.distance, bank.camera))
     failures = 0
     while True:
         if len(ahead) == 0:
@@ -205,43 +214,62 @@ def mold(
         strength, yaw = float(ahead.strengths[0]), float(ahead.yaws[0])
         more = {} if (strength, yaw) == (1.0, 0.0) else {"strength": strength, "yaw": yaw}
         world.act(action, (u, v), **more)
-        depth, image = look()
-        run.depths.append(depth)
-        run.images.append(image)
-        d = metric.distance(image, goal)
-        before, obtained = obtained, float(metric.to_mm(d, bank.camera))
+        now = look()
+        run.depths.append(now.depth)
+        run.images.append(now.image)
+        run.seen.append(now.seen)
+        before, obtained = obtained, float(metric.to_mm(now.distance, bank.camera))
         predicted = float(ahead.distances_mm[1])
         at = (round(u), round(v))
         step = Step(action, at, before, predicted, obtained, strength, yaw)
         run.steps.append(step)
         if on_step is not None:
-            on_step(step, depth)
+            on_step(step, now.depth)
         if watch:
             touched = touched_by(bank.camera, (u, v), tuple(ahead.rois[0].tolist()))
-            check_still(run.depths[-2], depth, touched)
+            check_still(run.depths[-2], now.depth, touched)
         failures = 0 if obtained < before else failures + 1
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
         ahead = ahead.rest(1)
         if afresh:
-            ahead = _seen_anew(ahead, image, goal, bank)
+            ahead = _seen_anew(ahead, now, bank)
         elif replan:
             left = stop.max_steps - len(run.steps)
             if left == 0:
-                run.stop = Stop.CONVERGED if d <= tolerance else Stop.MAX_STEPS
+                run.stop = Stop.CONVERGED if now.distance <= tolerance else Stop.MAX_STEPS
                 return run
             steps = 1 if planner == "greedy" else min(left, horizon or left)
             if action in uses:
                 uses[action] -= 1
-            now = {
-                "constraints": replace(constraints.of_images(), max_uses=uses),
-                "stop": replace(stop, max_steps=steps),
-            }
-            ahead = plan(image, goal, start=ahead, **now, **search)
+            ahead = plan(
+                now,
+                start=ahead,
+                constraints=replace(constraints.of_images(), max_uses=uses),
+                stop=replace(stop, max_steps=steps),
+            )
 
 
-def _seen_anew(ahead: Plan, image: np.ndarray, goal: np.ndarray, bank: Bank) -> Plan:
-    """The same actions, predicted from another image."""
-    how = {"strengths": ahead.strengths, "yaws": ahead.yaws, "bank": bank}
-    return rollout(image, goal, ahead.actions, ahead.exact_positions, **how)
+class _Look(NamedTuple):
+    """What was seen, and what of it counts."""
+
+    depth: np.ndarray
+    """(H, W) metres."""
+    image: np.ndarray
+    """(H, W) I, gaps filled."""
+    goal: np.ndarray
+    """(H, W) the image wanted; the image itself where it does not count."""
+    seen: np.ndarray | None
+    """(H, W) pixels that count; None: all."""
+
+    @property
+    def distance(self) -> float:
+        """To the goal."""
+        return float(metric.distance(self.image, self.goal, self.seen))
+
+
+def _seen_anew(ahead: Plan, now: _Look, bank: Bank) -> Plan:
+    """The same actions, predicted from another look."""
+    how = {"strengths": ahead.strengths, "yaws": ahead.yaws, "bank": bank, "seen": now.seen}
+    return rollout(now.image, now.goal, ahead.actions, ahead.exact_positions, **how)

@@ -94,6 +94,11 @@ def quaternion_of(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4"]:
     return Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
 
 
+def yaw_of(pose: Float[np.ndarray, "4 4"]) -> float:
+    """Turn of a pose about its frame's z axis, from x towards y, radians."""
+    return float(np.arctan2(pose[1, 0], pose[0, 0]))
+
+
 def angles_deg(
     a: Float[np.ndarray, "N 4 4"], b: Float[np.ndarray, "N 4 4"]
 ) -> Float[np.ndarray, "N"]:

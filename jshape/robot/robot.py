@@ -1,15 +1,15 @@
-"""A depth camera and an arm as one world to act in."""
+"""Depth cameras and an arm as one world to act in."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack
 
 import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
 from jshape.data.missing import fill_missing
-from jshape.data.view import View, cut_of
-from jshape.errors import JShapeError
+from jshape.data.view import View, cut_of, look_of
+from jshape.errors import BadCamera, JShapeError
 from jshape.robot.arms.base import Arm, stop_arm
 from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import FRAMES, DepthCamera, look
@@ -20,7 +20,7 @@ from jshape.robot.surface import surface_point
 
 
 class Robot(AbstractContextManager):
-    """Looks with a camera, acts with an arm; a `World` of the loop."""
+    """Looks with one camera or several, acts with an arm; a `World` of the loop."""
 
     def __init__(
         self,
@@ -30,6 +30,7 @@ class Robot(AbstractContextManager):
         camera: Camera,
         *,
         base_camera: Float[np.ndarray, "4 4"] | None = None,
+        others: Sequence[DepthCamera | GuardedCamera] = (),
         frames: int = FRAMES,
         on_operation: Callable[[OperationResult], None] = lambda done: None,
         on_look: Callable[[np.ndarray], None] = lambda depth: None,
@@ -42,15 +43,28 @@ class Robot(AbstractContextManager):
           hand: the procedures of its actions, and its limits.
           camera: the bank's.
           base_camera: pose of `depth_camera` in the arm's base frame; None: they are the same.
+          others: more cameras, whose looks are fused with its own; each of them all has a pose, in
+            one frame.
           frames: of which a look is the median.
           on_operation: called after each operation of an action.
           on_look: called with each look (H, W), metres.
+
+        Raises:
+          BadCamera: several cameras, of which one has no pose.
         """
         self.camera = camera
-        guarded = isinstance(depth_camera, GuardedCamera)
-        self._guarded = depth_camera if guarded else GuardedCamera(depth_camera)
-        self.depth_camera = self._guarded.inside
-        """The camera, for what it says of itself."""
+        self._eyes = [
+            one if isinstance(one, GuardedCamera) else GuardedCamera(one)
+            for one in (depth_camera, *others)
+        ]
+        self.depth_camera = self._eyes[0].inside
+        """The (first) camera, for what it says of itself."""
+        for eye in self._eyes if others else ():
+            if eye.camera.pose is None:
+                raise BadCamera(
+                    f"{eye.name}: has no pose; several cameras need one each, in one frame, such "
+                    "as the arm's base (pose in camera.json; jshape calibrate finds it)"
+                )
         self.guard = arm if isinstance(arm, GuardedArm) else GuardedArm(arm)
         """The way to the arm: every call goes through it, STOP too."""
         self._hand = hand
@@ -72,24 +86,39 @@ class Robot(AbstractContextManager):
         """The arm itself; commands go through `guard`."""
         return self.guard.arm
 
+    @property
+    def several(self) -> bool:
+        """Whether more than one camera looks: then the bed is always seen from above."""
+        return len(self._eyes) > 1
+
+    @property
+    def eyes(self) -> str:
+        """The names of all cameras."""
+        return " + ".join(eye.name for eye in self._eyes)
+
     def frame(self) -> Float[np.ndarray, "H W"]:
-        """What the camera itself sees, metres; NaN or 0 = no reading.  Raises CameraLost."""
-        return look(self._guarded, self._frames)
+        """What the (first) camera itself sees, metres; NaN or 0 = no reading.
+
+        Raises CameraLost.
+        """
+        return look(self._eyes[0], self._frames)
 
     def look(self) -> Float[np.ndarray, "H W"]:
         """Depth in metres as the bank's camera sees it; NaN or 0 = no reading.
 
         Raises:
-          CameraLost: the camera sends nothing, or always the same.
-          BadCamera: the camera is not the bank's, and no view says how it is seen.
+          CameraLost: a camera sends nothing, or always the same.
+          BadCamera: the camera is not the bank's, and no view says how it is seen; or one of
+            several was moved.
           Occluded: something is in front of the bed.
         """
         depth = self.frame()
         if self.view is None:
             source = self.depth_camera.camera
             self.view = View(source, self.camera, cut_of(source, self.camera))
-        seen = self.view.depth(depth, self.depth_camera.name)
-        check_clear(seen, self.camera, self.depth_camera.name)
+        others = [look_of(look(eye, self._frames), eye.camera) for eye in self._eyes[1:]]
+        seen = self.view.depth(depth, self.eyes, others)
+        check_clear(seen, self.camera, self.eyes)
         self._whole = None
         self._seen = seen
         self.on_look(seen)
@@ -112,7 +141,7 @@ class Robot(AbstractContextManager):
         if self._seen is None or self.view is None:
             raise JShapeError("look before you act")
         if self._whole is None:  # once a look: a plan's actions are all checked on the first
-            self._whole, _ = fill_missing(self._seen, limit=1.0, where=self.depth_camera.name)
+            self._whole, _ = fill_missing(self._seen, limit=1.0, where=self.eyes)
         return surface_point(self._whole, self.camera, position)
 
     @property
@@ -144,7 +173,9 @@ class Robot(AbstractContextManager):
             stop_arm(self.guard)
             self.guard.close()
         finally:
-            self._guarded.close()
+            with ExitStack() as stack:  # all of them, whatever the first ones raise
+                for eye in self._eyes:
+                    stack.callback(eye.close)
 
     def __exit__(self, *problem: object) -> None:
         self.close()

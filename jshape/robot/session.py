@@ -49,7 +49,7 @@ class Session:
         """Use `start` or `resume`."""
         self.run = run
         self.goal = goal
-        """(H, W) the image wanted."""
+        """(H, W) the image wanted, NaN where that is not known: see `loop.mold`."""
         self.seen: Callable[[np.ndarray], Any] = lambda depth: None
         """Called with each look (H, W), metres."""
         self._say = say

@@ -86,7 +86,7 @@ def plan_figure(
     shown = [("now, with the plan", plan.images[0]), ("goal", goal)]
     shown.append((f"predicted: {plan.distances_mm[-1]:.2f} mm", plan.images[-1]))
     if obtained is not None:
-        d_mm = float(metric.to_mm(metric.distance(obtained, goal), camera))
+        d_mm = float(metric.to_mm(metric.distance(obtained, goal, plan.seen), camera))
         shown.append((f"obtained: {d_mm:.2f} mm", obtained))
     heights = [_shown(image, camera, plan.seen) for _, image in shown]
     wanted = heights[1]

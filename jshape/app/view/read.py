@@ -10,12 +10,14 @@ from jshape import metric
 from jshape.app.view.episode import Episode, EpisodeAction, EpisodeStep
 from jshape.app.view.records import ActionRecord, begun, near, same
 from jshape.camera import Camera
-from jshape.data.view import image_of_depth
+from jshape.data.view import above, image_of_depth
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.io import banks, files, formats, images, journal, runs
+from jshape.io.cameras import camera_from
 from jshape.io.records import read_record
 from jshape.models.bank import Bank
 from jshape.planning.api import check_image, rollout
+from jshape.planning.maps import bank_for
 from jshape.planning.plan import Plan
 from jshape.robot.loop import Stop
 from jshape.robot.session import GOAL, PLAN, START, SUMMARY
@@ -142,6 +144,7 @@ class _Reader:
             return None
         image = image_of_depth(before.seen, bank.camera, max_missing=1.0).image
         how = {"strengths": np.array([done.strength]), "yaws": np.array([done.yaw])}
+        goal = np.where(np.isfinite(goal), goal, image)
         ahead = rollout(image, goal, [done.action], np.array([done.position]), bank=bank, **how)
         return _depth(ahead.images[1], bank.camera)
 
@@ -165,21 +168,29 @@ class _Reader:
 
     def _find_camera(self, given: Camera | None) -> Camera:
         found = given if self._bank is None else self._bank.camera
+        above_bed = self._run.meta.get("view")
+        if isinstance(above_bed, dict):
+            found = camera_from(above_bed, f"{self._folder}: the run's view")
         found = found if self._plan is None else self._plan.camera
         if found is None:
             raise BadCamera(
                 f"{self._folder}: nothing says what camera the frames are of: no {PLAN} is in the "
                 "folder, and the run's bank is not here; --camera-file takes a camera.json"
             )
+        if self._bank is not None and isinstance(above_bed, dict):
+            self._bank = bank_for(self._bank, found)
         if self._bank is not None and self._bank.camera.shape != found.shape:
             self._bank = None  # another one under the same name
         return found
 
     def _find_goal(self) -> np.ndarray | None:
-        """(H, W) the weighed image I* that was wanted."""
+        """(H, W) the weighed image I* that was wanted, NaN where that is not known."""
         path = self._folder / GOAL
         if path.is_file():
-            return check_image(formats.read_array(path), self._camera, str(path))
+            goal, camera = formats.read_array(path), self._camera
+            known = np.isfinite(goal) if above(camera) else np.ones(goal.shape, bool)
+            checked = check_image(np.where(known, goal, 0), camera, str(path))
+            return np.where(known, checked, np.float32(np.nan))
         if self._plan is not None and self._plan.goal is not None:
             return self._plan.goal
         self._notes.append("the run holds no goal")
@@ -206,8 +217,10 @@ class _Reader:
         """Distance of the first look to the goal: as the run noted it, if that is of this look."""
         if depth is None or self._goal is None:
             return noted_mm
-        image = image_of_depth(depth, self._camera, max_missing=1.0).image
-        measured = float(metric.to_mm(metric.distance(image, self._goal), self._camera))
+        look = image_of_depth(depth, self._camera, max_missing=1.0)
+        seen = look.known & np.isfinite(self._goal) if above(self._camera) else None
+        goal = np.nan_to_num(self._goal)
+        measured = float(metric.to_mm(metric.distance(look.image, goal, seen), self._camera))
         count_mm = 1000.0 * self._run.depth_unit  # the look was kept in whole counts
         noted = noted_mm is not None and abs(noted_mm - measured) < count_mm
         return noted_mm if noted else measured

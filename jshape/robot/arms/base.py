@@ -172,6 +172,9 @@ class ArmSettings(NamedTuple):
     """Of a simulated bed."""
     say: Callable[[str], object] = print
     """Told what a dry run would do."""
+    cameras: Sequence[Camera] = ()
+    """That look at a simulated bed, each from its pose in the bed's frame; none: one like
+    `camera`."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +186,8 @@ class OpenedArm:
     """The camera above its own bed, which simulations bring."""
     base_camera: Pose | None = None
     """Pose of that camera in the arm's base frame."""
+    others: Sequence[DepthCamera] = ()
+    """More cameras above that bed."""
     moves: bool = True
     """False: it only says what it would do, and needs to know of no camera."""
 

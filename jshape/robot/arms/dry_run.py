@@ -6,7 +6,7 @@ from contextlib import suppress
 import numpy as np
 
 from jshape.robot.arms.base import ArmSettings, Doing, Moved, NoHardware, OpenedArm
-from jshape.robot.rigid import Pose
+from jshape.robot.rigid import Pose, yaw_of
 
 
 class DryRun(NoHardware):
@@ -29,7 +29,7 @@ class DryRun(NoHardware):
         """Say where it would go."""
         self._pose = np.array(pose)
         x, y, z = pose[:3, 3] * 1000.0
-        turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
+        turn = np.degrees(yaw_of(pose))
         self._say(
             f"  tool to ({x:.1f}, {y:.1f}, {z:.1f}) mm, {turn:.0f}°, {speed * 1000:.0f} mm/s, "
             f"until {threshold:g} Nm"

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from jshape import sim
 from jshape._typing import Array, Key
 from jshape.camera import D435_BAZAR, Camera
-from jshape.errors import BadPosition, UnknownName
+from jshape.errors import BadCamera, BadPosition, UnknownName
 from jshape.robot.arms.base import (
     ArmError,
     ArmSettings,
@@ -283,6 +283,14 @@ def make_twin(
 
 
 def open_twin(address: str, settings: ArmSettings) -> OpenedArm:
-    """The twin over the uneven bed of a seed in the paper's box, and the camera on its wrist."""
+    """The twin over the uneven bed of a seed in the paper's box, and the camera on its wrist.
+
+    Raises:
+      BadCamera: cameras that stand elsewhere.
+    """
+    if settings.cameras:
+        raise BadCamera(
+            "the arm mujoco sees through the camera on its wrist, which --camera-file does not move"
+        )
     bed, key, _ = bed_of(seed_of(address, "mujoco"), size=BOX)
     return OpenedArm(*make_twin(key, bed, settings.material))

@@ -1,6 +1,6 @@
 """Arms by what people write on the command line: `NAME` or `NAME:ADDRESS`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from jshape.camera import Camera
 from jshape.robot.arms.base import ArmSettings, OpenedArm
@@ -24,10 +24,11 @@ def open_arm(
     *,
     material: str | Material = "flour",
     say: Callable[[str], object] = print,
+    cameras: Sequence[Camera] = (),
 ) -> OpenedArm:
     """The arm that `NAME` or `NAME:ADDRESS` of `ARMS` names; the rest is for `ArmSettings`.
 
     Raises:
       JShapeError: no such arm, or an address that it does not take.
     """
-    return open_device(text, ARMS, ArmSettings(camera, material, say), "an arm")
+    return open_device(text, ARMS, ArmSettings(camera, material, say, cameras), "an arm")

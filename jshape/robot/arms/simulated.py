@@ -1,9 +1,11 @@
 """An arm over the height-field bed: it moves at once, feels the material, and the bed gives way."""
 
+import jax
 import numpy as np
 
 from jshape import sim
 from jshape.actions import PAPER_Z
+from jshape.camera import matrix
 from jshape.robot.arms.base import (
     ArmError,
     ArmSettings,
@@ -15,7 +17,7 @@ from jshape.robot.arms.base import (
 )
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.registry import seed_of
-from jshape.robot.rigid import Pose
+from jshape.robot.rigid import Pose, yaw_of
 from jshape.robot.simulated import SimulatedWorld, bed_of
 
 TOUCH = 5.0
@@ -129,11 +131,17 @@ class SimulatedArm(NoHardware):
             raise ArmError(f"the simulated hand cannot {doing.action}; it can: {', '.join(known)}")
         # Places are pixels of points at the paper's depth, wherever the surface is.
         u, v = (float(x) for x in camera.pixel(point[0], point[1], PAPER_Z))
-        self.world.act(doing.action, (u, v), doing.strength * min(share, 1.0), doing.yaw)
+        strength, yaw = doing.strength * min(share, 1.0), yaw_of(self._pose)
+        self.world.act(doing.action, (u, v), strength, yaw)
 
 
 def open_simulated(address: str, settings: ArmSettings) -> OpenedArm:
-    """An arm over the uneven bed of a seed, and the camera above it."""
+    """An arm over the uneven bed of a seed, and the camera above it, or cameras from anywhere."""
     bed, for_world, for_eye = bed_of(seed_of(address))
     world = SimulatedWorld(for_world, bed, material=settings.material, camera=settings.camera)
-    return OpenedArm(SimulatedArm(world), simulated_camera(world, for_eye), np.eye(4))
+    cameras = settings.cameras or (settings.camera,)
+    eyes = [
+        simulated_camera(world, jax.random.fold_in(for_eye, k) if k else for_eye, camera)
+        for k, camera in enumerate(cameras)
+    ]
+    return OpenedArm(SimulatedArm(world), eyes[0], matrix(cameras[0].pose), eyes[1:])

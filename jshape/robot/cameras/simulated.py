@@ -7,6 +7,7 @@ import numpy as np
 
 from jshape import sim
 from jshape._typing import Array, Key
+from jshape.camera import Camera
 from jshape.data.recording import LEVELLED_STD
 from jshape.data.simulate import DEPTH_UNIT
 from jshape.robot.cameras.base import CameraSettings
@@ -21,28 +22,37 @@ HOLES = 0.002
 
 
 def simulated_camera(
-    world: SimulatedWorld, key: Key[Array, ""], *, noise: float = NOISE, holes: float = HOLES
+    world: SimulatedWorld,
+    key: Key[Array, ""],
+    camera: Camera | None = None,
+    *,
+    noise: float = NOISE,
+    holes: float = HOLES,
 ) -> Played:
     """A camera that sees the bed of a world as it is at each frame.
 
     Args:
-      world: whose bed and camera; both may change it while the camera runs.
+      world: whose bed; it may change while the camera runs.
       key: consumed; of the noise.
+      camera: its pose is in the bed's frame; several may look at one bed.  None: the world's.
       noise: standard deviation of one frame at 0.45 m, metres; 0 sends still frames.
       holes: share of pixels without a reading.
     """
     still = noise == 0 and holes == 0
-    name = "simulated camera"
-    frames = _frames(world, key, noise, holes)
-    return Played(name, world.camera, DEPTH_UNIT, frames, live=True, still=still)
+    camera, name = camera or world.camera, "simulated camera"
+    if camera.pose is not None:
+        x, y, _ = (1e3 * row[3] for row in camera.pose[:3])
+        name += f" at ({x:.0f}, {y:.0f}) mm"
+    frames = _frames(world, camera, key, noise, holes)
+    return Played(name, camera, DEPTH_UNIT, frames, live=True, still=still)
 
 
 def open_simulated(address: str, settings: CameraSettings) -> Played:
-    """A camera above a levelled bed of the seed that the address is."""
-    settings.check_own("sim")
+    """A camera above a levelled bed of the seed that the address is, or as the settings have it."""
+    settings.check_own("sim", unit_only=True)
     seed = seed_of(address)
     key = jax.random.fold_in(jax.random.key(seed), 1)
-    return simulated_camera(levelled_world(seed), key)
+    return simulated_camera(levelled_world(seed), key, settings.camera and settings.camera[0])
 
 
 def levelled_world(seed: int = 0) -> SimulatedWorld:
@@ -52,11 +62,11 @@ def levelled_world(seed: int = 0) -> SimulatedWorld:
 
 
 def _frames(
-    world: SimulatedWorld, key: Key[Array, ""], noise: float, holes: float
+    world: SimulatedWorld, camera: Camera, key: Key[Array, ""], noise: float, holes: float
 ) -> Iterator[np.ndarray]:
     bed = depth = None
     while True:
         if world.bed is not bed:  # looking along every ray takes longer than noise does
-            bed, depth = world.bed, sim.render(world.bed, world.camera)
+            bed, depth = world.bed, sim.render(world.bed, camera)
         key, now = jax.random.split(key)
         yield np.array(sim.to_uint16(sim.sensor(now, depth, noise, holes), DEPTH_UNIT))

@@ -7,7 +7,7 @@ import numpy as np
 
 from jshape import sim
 from jshape.robot.arms.base import Doing
-from jshape.robot.rigid import Pose
+from jshape.robot.rigid import Pose, yaw_of
 from jshape.robot.twin.model import FLOOR
 from jshape.robot.twin.world import Twin
 
@@ -34,9 +34,11 @@ class BedPress:
           BadPosition: the tool is not over the bed.
         """
         self._twin, self._doing, self._refresh = twin, doing, refresh
-        x, y, _ = (np.linalg.inv(twin.base_camera) @ start)[:3, 3].tolist()
+        to_bed = np.linalg.inv(twin.base_camera)
+        x, y, _ = (to_bed @ start)[:3, 3].tolist()
         self.xy = x, y
         """Where the tool touched, in the bed's frame, metres."""
+        self._yaw = yaw_of(to_bed @ end)  # as it was commanded: the physics errs by a little
         self._stroke = sim.stroke(doing.action)
         self._key = twin.next_key()
         self._before = twin.bed
@@ -84,7 +86,7 @@ class BedPress:
             stroke = replace(stroke, path=path)
         # The key is used again: it is the same repetition, cut off or less deep.
         key = jax.random.wrap_key_data(jax.random.key_data(self._key))
-        how = {"strength": strength, "yaw": self._doing.yaw, "spread": twin.spread}
+        how = {"strength": strength, "yaw": self._yaw, "spread": twin.spread}
         return sim.apply_action(key, self._before, twin.material, stroke, self.xy, **how)
 
     def _surface(self) -> float:

@@ -21,6 +21,7 @@ from jshape.robot.cameras.names import names, open_camera
 from jshape.robot.cameras.played import Played, windowed
 from jshape.robot.cameras.realsense import realsense_camera
 from jshape.robot.cameras.simulated import levelled_world, simulated_camera
+from tests.seen_beds import above_simulated
 
 SMALL = Camera(64, 48, 60.0, 61.0, 31.0, 24.0, 0.42, 0.47)
 COUNT = 6
@@ -271,6 +272,18 @@ def test_sim_by_name():
         open_camera("sim:x")
 
 
+def test_a_simulated_camera_stands_where_its_file_says(tmp_path):
+    write_camera(tmp_path / "left.json", above_simulated(30), 1e-4)
+    with open_camera("sim:3", camera=tmp_path / "left.json") as camera:
+        assert (
+            camera.camera == above_simulated(30)
+            and camera.name == "simulated camera at (0, -250) mm"
+        )
+        depth = look(camera, 1)
+    assert depth[90, 120] == pytest.approx(0.5, abs=0.01)  # it is aimed at the middle of the bed
+    assert np.median(depth[0]) > 0.56 > 0.46 > np.median(depth[-1])
+
+
 def test_neither_sdk_nor_rosbags_is_needed_by_the_others(tmp_path, rng, monkeypatch):
     for name in ("pyrealsense2", "rosbags"):
         monkeypatch.setitem(sys.modules, name, None)
@@ -309,7 +322,7 @@ def test_what_is_no_camera_is_said(tmp_path):
     write_camera(tmp_path / "camera.json", SMALL, 0.001)
     refused("holds no frames", str(tmp_path), BadDataset)
     refused("x.json: no such file", "sim", BadCamera, camera="x.json")
-    refused("has a camera of its own", "sim", BadCamera, camera=tmp_path / "camera.json")
+    refused("has a camera of its own", str(tmp_path), BadCamera, camera=tmp_path / "camera.json")
     refused("crop window", "sim", BadCamera, window=(400, 0, 100, 100))
     refused("z_min", "sim", BadCamera, z_range=(0.5, 0.4))
     (tmp_path / "a.png").write_bytes(b"")

@@ -1,5 +1,6 @@
 """The physics twin: its numbers, its eyes, its reach, and what it does to the bed."""
 
+import itertools
 import subprocess
 import sys
 import threading
@@ -11,12 +12,17 @@ import pytest
 
 from jshape import sim
 from jshape.camera import D435_BAZAR, PAPER_BOX
+from jshape.data.view import View
 from jshape.errors import JShapeError
+from jshape.height_map import camera_above, looking_down, places_on
 from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, PoseRefused
 from jshape.robot.cameras.base import CameraLost, DepthCamera, look
+from jshape.robot.cameras.played import Played
 from jshape.robot.procedure import Hand, perform, turned
 from jshape.robot.procedure_file import load_hand
+from jshape.robot.robot import Robot
 from tests.conftest import ROOT
+from tests.seen_beds import above_simulated
 
 IDLE = Doing("poke", "above", 1.0, 0.0)
 
@@ -407,3 +413,28 @@ def test_another_thread_stops_a_motion_from_its_first_moment(fresh):
     arm.twin.reach.line = line
     moved = arm.move(pose, speed=0.1, threshold=1e9)  # and it obeys again
     assert abs(moved.pose[2, 3] - pose[2, 3]) < 0.002
+
+
+@pytest.mark.full
+def test_a_place_seen_from_the_side_is_where_the_twin_presses(fresh, hand):
+    """The same place of the map from above, at 30 degrees, and at 30 degrees from another side."""
+    twin, size = fresh.arm.twin, (161, 121)
+    frame, level = looking_down(sim.SURFACE), np.asarray(twin.bed.height).max()
+    target = camera_above(frame, size, 0.002, (-0.16, -0.12))
+    place = (110.0, 40.0)
+    x, y = places_on(target, place)[0]
+    for tilt in (0, 30, -30):
+        twin.put(sim.flat_bed(size=(0.5, 0.4)))
+        camera = above_simulated(tilt)
+        depth = np.array(sim.to_uint16(sim.render(twin.bed, camera)))
+        eye = Played(f"at {tilt}", camera, 1e-4, itertools.repeat(depth), still=True)
+        base = twin.base_camera @ np.array(camera.pose)
+        with Robot(eye, fresh.arm, hand, target, base_camera=base, frames=1) as robot:
+            robot.view = View(camera, target)
+            robot.look()
+            robot.act("poke", place, yaw=0.3)
+        dug = level - np.asarray(twin.bed.height)
+        rows, columns = np.nonzero(dug > dug.max() / 2)
+        across, down = (np.asarray(axis) for axis in twin.bed.axes())
+        at = across[columns].mean(), down[rows].mean()
+        np.testing.assert_allclose(at, (x, -y), atol=2e-3)

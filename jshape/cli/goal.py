@@ -16,6 +16,7 @@ from jshape.cli.search_options import read_mask
 from jshape.data.missing import missing
 from jshape.data.missing import said as said_of
 from jshape.data.simulate import DEPTH_UNIT
+from jshape.data.view import above
 from jshape.errors import JShapeError
 from jshape.goals import Goal, Limits, bed_map, make_goal, report
 from jshape.height_map import ABOVE
@@ -36,7 +37,7 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
     """Make a goal, print and write.
 
     Args:
-      bed: Depth image now, or `flat`: a simulated level bed.
+      bed: Depth image now, a height map (NPZ), or `flat`: a simulated level bed.
     """
     if not set(NAMES) & set(options.given):
         raise JShapeError(f"what is the goal made from? give one of {spelled(*NAMES)}")
@@ -130,7 +131,8 @@ def _write(
     added = {"out": str(out), "next": f"jshape plan {names} --out my-plan"}
     with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
         # From above, what nobody saw is not made up: it does not count.
-        goal = made.depth if now.view is None else np.where(missing(now.depth), np.nan, made.depth)
+        unseen = missing(now.depth) & above(now.camera)
+        goal = np.where(unseen, np.nan, made.depth)
         for name, depth in (("now", now.depth), ("goal", goal)):
             if counts:
                 images.write_depth_png(folder / f"{name}.png", depth, unit)

@@ -15,10 +15,11 @@ from jshape.data.intrinsics import within
 from jshape.data.looks import plane_frame
 from jshape.data.missing import fill_missing
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.data.view import LEAST_SEEN, View, look_of
+from jshape.data.view import LEAST_SEEN, View, above, look_of
 from jshape.errors import BadCamera, BadImage
 from jshape.io import formats, images
 from jshape.io.frames import Source, frame_of, source_of
+from jshape.io.maps import SUFFIX, read_map
 from jshape.models.bank import Bank
 from jshape.planning.maps import over_bed
 
@@ -47,7 +48,7 @@ class GoalFrame:
 
     def most_missing(self, allowed: float) -> float:
         """Largest share of pixels without a reading: from above, hidden ones are none of them."""
-        return allowed if self.view is None else 1.0 - LEAST_SEEN
+        return 1.0 - LEAST_SEEN if above(self.camera) else allowed
 
     def places(self, pixels: np.ndarray) -> np.ndarray:
         """Where pixels (N, 2) of (u, v) that the camera took are in `depth`, not rounded."""
@@ -75,7 +76,7 @@ class GoalFrame:
 
 
 def frame_to_change(bed: str, options: GoalOptions, bank: Bank) -> GoalFrame:
-    """The frame of the bed: a file's, or a simulated level one.
+    """The frame of the bed: a file's, a height map, or a simulated level one.
 
     Raises:
       BadFile, BadImage, BadCamera: as for `jshape plan`.
@@ -89,11 +90,16 @@ def frame_to_change(bed: str, options: GoalOptions, bank: Bank) -> GoalFrame:
         said = "the bundled bank's, above a simulated level bed"
         source = Source(bank.camera, DEPTH_UNIT, said, True)
         return GoalFrame(raw, raw * np.float32(DEPTH_UNIT), bank.camera, source)
-    raw = formats.read_array(path)
-    source = source_of(path, raw.shape, options.camera_file, bank, options.depth_unit)
     left_out: Counter[str] = Counter()
-    # A goal may lie at any height.
-    depth = frame_of(path, source._replace(stated=False), raw=raw, left_out=left_out)
+    if path.suffix.lower() == SUFFIX:
+        seen = read_map(path)
+        source = Source(seen.camera(), 1.0, "a height map", True)
+        raw = depth = seen.depth(source.camera)
+    else:
+        raw = formats.read_array(path)
+        source = source_of(path, raw.shape, options.camera_file, bank, options.depth_unit)
+        # A goal may lie at any height.
+        depth = frame_of(path, source._replace(stated=False), raw=raw, left_out=left_out)
     camera = within(source.camera, options.depth_range)
     if options.window:
         left, top, width, height = options.window

@@ -73,7 +73,7 @@ class CameraSettings(NamedTuple):
         """BadCamera if intrinsics or a unit were given for a camera that says its own."""
         if self.camera is not None and not unit_only:
             raise BadCamera(
-                f"{name}: has a camera of its own; --camera is for devices, bags, pictures"
+                f"{name}: has a camera of its own; --camera-file is for devices, bags, pictures"
             )
         if self.depth_unit is not None:
             raise BadCamera(f"{name}: says its unit itself; --depth-unit is for bags and pictures")

@@ -117,7 +117,8 @@ def goal_of(
         depth = depth[at[1] : at[1] + eye.height, at[0] : at[0] + eye.width]
         source = source._replace(camera=eye)
     elif source.camera is not eye:
-        say(f"goal: {source.said}, of another camera than {name}")
+        whose = "seen from above" if theirs.orthographic else f"of another camera than {name}"
+        say(f"goal: {source.said}, {whose}")
     view, seen_by = over_bed(bank, source.camera, depth, str(path), again=robot.several)
     known: dict[str, Any] = {}
     if view.target != bank.camera:

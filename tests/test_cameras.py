@@ -275,10 +275,8 @@ def test_sim_by_name():
 def test_a_simulated_camera_stands_where_its_file_says(tmp_path):
     write_camera(tmp_path / "left.json", above_simulated(30), 1e-4)
     with open_camera("sim:3", camera=tmp_path / "left.json") as camera:
-        assert (
-            camera.camera == above_simulated(30)
-            and camera.name == "simulated camera at (0, -250) mm"
-        )
+        assert camera.camera == above_simulated(30)
+        assert camera.name == "simulated camera at (0, 250) mm"
         depth = look(camera, 1)
     assert depth[90, 120] == pytest.approx(0.5, abs=0.01)  # it is aimed at the middle of the bed
     assert np.median(depth[0]) > 0.56 > 0.46 > np.median(depth[-1])

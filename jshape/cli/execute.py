@@ -44,11 +44,12 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
         eye, view = robot.depth_camera.camera, made.view
-        on_map = view is None or view.window is not None
+        placed = view is None or view.window is not None  # on a map, or by both poses
+        placed = placed or None not in (eye.pose, view.source.pose)
         if above(made.camera):
             bank = bank_for(bank, made.camera)
             robot.camera = bank.camera
-        if above(made.camera) and (on_map or None not in (view.source.pose, eye.pose)):
+        if above(made.camera) and placed:
             robot.view = View(eye, bank.camera)  # from wherever it stands
         elif view is not None and not differing(view.source, eye, ""):
             robot.view = view  # the same looks as those it was made for

@@ -44,8 +44,8 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
         eye, view = robot.depth_camera.camera, made.view
-        placed = view is None or view.window is not None  # on a map, or by both poses
-        placed = placed or None not in (eye.pose, view.source.pose)
+        posed = view is not None and None not in (eye.pose, view.source.pose)
+        placed = posed or view is None or view.window is not None  # by both poses, or on a map
         if above(made.camera):
             bank = bank_for(bank, made.camera)
             robot.camera = bank.camera

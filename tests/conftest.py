@@ -1,6 +1,7 @@
 """Shared fixtures.  Every annotated shape in jshape is checked while the tests run."""
 
 import os
+import tempfile
 from pathlib import Path
 
 import jax
@@ -11,8 +12,10 @@ from jaxtyping import install_import_hook
 
 _hook = install_import_hook("jshape", "beartype.beartype")
 
-# Tests compile what they test, and leave the user's folders alone.
-os.environ.setdefault("JSHAPE_CACHE", "off")
+# Commands compile once what many of them run, and leave the user's folders alone.  A folder for each
+# worker: JAX does not write a file of its cache at once, so that two processes could read a half.
+_compiled = tempfile.TemporaryDirectory(prefix="jshape-tests-", ignore_cleanup_errors=True)
+os.environ["JSHAPE_CACHE"] = _compiled.name
 os.environ.setdefault("JSHAPE_CONFIG", "off")
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -37,7 +37,7 @@ test: $(READY)
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 -m 'not full and not slow'
 
 test-all: test
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal -m full
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal -m 'full and not slow'
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow

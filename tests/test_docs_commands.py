@@ -38,6 +38,7 @@ NEEDS = {
     "session.mcap": "rosbags",
     "mujoco:3": "mujoco",
     "ray": "ray",
+    "--save": "rerun",
     "view": "nicegui",
     "studio": "nicegui",
 }

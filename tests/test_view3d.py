@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import signal
 import socket
 import subprocess
@@ -14,6 +15,7 @@ from jshape import PAPER_BOX, metric, plan
 from jshape.app import pictures
 from jshape.app.view.episode import Episode, EpisodeAction, EpisodeStep
 from jshape.app.view.read import read_episode
+from jshape.app.view.recording import DEPTH_UNIT, write_recording
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
 from jshape.io import runs
 from jshape.io.banks import save_bank
@@ -21,10 +23,13 @@ from jshape.io.images import write_depth_png
 from jshape.robot.session import Session
 from tests.browser import environment
 from tests.conftest import ROOT, mm, paper
-from tests.stage import PLACES, mold, robot_of
+from tests.stage import PLACES, UNIT, mold, robot_of
 
 MM = 0.16
 """Half a count (0.1 mm) of the look before, half of that after, and a count (0.05) of the stage."""
+
+RERUN = (sys.executable, "-m", "rerun_cli")
+"""Rerun's program by the Python that has it: nobody's PATH need lead there."""
 
 
 def depth_of(image):
@@ -224,6 +229,76 @@ def test_colours_say_which_is_higher():
     assert unknown.tolist() == list(pictures.NOTHING)
 
 
+@pytest.fixture
+def rerun_home(tmp_path, monkeypatch):
+    """Rerun's programs with their telemetry off."""
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home/.config"))
+    (tmp_path / "home").mkdir()
+    subprocess.run([*RERUN, "analytics", "disable"], check=True, capture_output=True)
+    return tmp_path
+
+
+@pytest.mark.full
+def test_a_recording_holds_it_all_on_one_timeline(session, bank, molded, rerun_home):
+    with robot_of(bank, molded[0]) as robot:
+        mold(session, robot, bank)
+    episode = read_episode(session.run.folder)
+    path = write_recording(rerun_home / "run.rrd", episode)
+    checked = subprocess.run([*RERUN, "rrd", "verify", str(path)], capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stderr
+    rows, depths, timelines = {}, [], set()
+    for chunk in _chunks(path):
+        batch = chunk.to_record_batch()
+        rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
+        names = set(batch.schema.names)
+        timelines |= {
+            f.name for f in batch.schema if b"index" in (f.metadata or {}).get(b"rerun:kind", b"")
+        }
+        if chunk.entity_path == "/world/seen/depth":
+            column = next(n for n in names if n.endswith("buffer"))
+            depths += [np.array(one[0]) for one in batch.column(column).to_pylist()]
+    beds = {f"/world/{bed}/depth" for bed in ("seen", "predicted", "goal")}
+    pictures = {f"/difference/{name}" for name in ("seen", "predicted", "error")}
+    curves = {"/distance/obtained", "/distance/predicted", "/effort/effort"}
+    boxes = {"/world/actions", "/world/seen/actions", "/world/predicted/actions"}
+    assert beds | pictures | curves | boxes | {"/log", "/world/seen", "/words"} <= set(rows)
+    assert timelines == {"step"}
+    assert len(depths) == 4 and rows["/world/predicted/depth"] == 3 and rows["/log"] == 4
+    for k, raw in enumerate(depths[1:]):
+        counts = raw.astype(np.uint8).view(np.uint16).reshape(PAPER_BOX.shape)
+        np.testing.assert_allclose(counts * DEPTH_UNIT, session.run.depth(k), atol=1e-7)
+    assert UNIT != DEPTH_UNIT and session.run.depth_unit == DEPTH_UNIT
+
+
+def _chunks(path):
+    from rerun.chunk import RrdReader
+
+    return list(RrdReader(path).stream())
+
+
+def test_a_recording_replaces_nothing_unasked(planned, rerun_home):
+    planned.to_json(rerun_home / "plan.json")
+    episode, path = read_episode(rerun_home / "plan.json"), rerun_home / "kept.rrd"
+    path.write_text("mine")
+    with pytest.raises(BadFile, match="--overwrite"):
+        write_recording(path, episode)
+    assert path.read_text() == "mine"
+    write_recording(path, episode, overwrite=True)
+    assert path.read_bytes()[:3] == b"RRF"
+    with pytest.raises(BadFile, match="ends in .rrd"):
+        write_recording(rerun_home / "plan.json", episode, overwrite=True)
+
+
+def test_rerun_that_is_missing_is_one_line(planned, tmp_path, monkeypatch):
+    planned.to_json(tmp_path / "plan.json")
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(JShapeError, match=r"pip install 'jshape\[rerun\]'") as said:
+        write_recording(tmp_path / "plan.rrd", read_episode(tmp_path))
+    assert "\n" not in str(said.value) and not (tmp_path / "plan.rrd").exists()
+
+
 def _view(planned, folder, capsys, *words):
     """What `jshape view` says on stderr when it ends with code 2."""
     from jshape.cli.main import main
@@ -275,3 +350,19 @@ def test_ctrl_c_ends_the_command_cleanly(planned, tmp_path, request):
             process.kill()  # leaving the block waits for its end
     assert process.returncode == 0 and "Traceback" not in complained
     assert told.startswith("plan, 3 actions")
+
+
+@pytest.mark.full
+def test_the_command_writes_a_recording(planned, rerun_home, capsys):
+    from jshape.cli.main import main
+
+    planned.to_json(rerun_home / "plan.json")
+    out = rerun_home / "plan.rrd"
+    words = ["view", str(rerun_home / "plan.json"), "--save", str(out), "--json"]
+    assert main(words) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["recording"] == str(out) and len(told["steps"]) == 4 and out.is_file()
+    assert main(words) == 2 and "--overwrite" in capsys.readouterr().err
+    shutil.rmtree(rerun_home / "home")
+    assert main(["view", str(rerun_home), "--save", str(out), "--overwrite"]) == 0
+    assert not (rerun_home / "home").exists()  # writing one leaves no telemetry behind

@@ -19,7 +19,7 @@ COMMANDS = {
     "camera": "check a depth camera's set-up; list cameras",
     "calibrate": "where the camera is, from pairs of poses of the gripper and a target (hand-eye)",
     "waypoints": "a plan as poses of the tool, for a controller of your own (ROS, RKCL)",
-    "view": "show a plan or a run in 3-D, in the browser",
+    "view": "show a plan or a run in 3-D, in the browser or as a Rerun recording",
     "studio": "a local web page: draw the goal, plan, edit the plan, act, annotate boxes",
     "doctor": "what is installed and works: versions, devices, extras, banks, a short self-test",
     "config": "the settings of jshape.toml, and which commands they reach",

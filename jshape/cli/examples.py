@@ -33,7 +33,7 @@ jshape mold --resume --arm sim:3 --out runs/first  # go on with a run
 jshape execute my-plan/plan.json --arm sim:3 --out runs/plan  # asks before each action
 jshape execute my-plan --arm dry --camera realsense --out runs/dry  # only says it
 jshape view runs/demo  # in the browser, on this computer only
-jshape view my-plan  # what a plan predicts
+jshape view my-plan --save my-plan.rrd  # for the Rerun viewer
 jshape dataset simulate pairs  # 25 pairs of each action
 jshape dataset simulate few --pairs 2 --actions knock poke --frames 2  # a quick look
 jshape dataset info pairs  # actions, agents, ROIs, missing depth

@@ -46,6 +46,7 @@ EXTRAS = (
           "import pyrealsense2; pyrealsense2.context()"),
     Extra("ros", "ROS bags, MCAP", ("rosbags",)),
     Extra("studio", "the studio and the viewer in a browser", ("nicegui",)),
+    Extra("rerun", "runs in the Rerun viewer", ("rerun",)),
     Extra("grid", "`python -m benchmarks.grid` on several machines", ("ray",)),
     Extra("notebooks", "the lessons", ("ipykernel", "nbclient", "nbformat", "PIL")),
 )  # fmt: skip

@@ -1,6 +1,9 @@
 """Checkpoints: there and back to the bit, and nothing damaged is gone on from."""
 
+import hashlib
+import json
 import os
+import shutil
 
 import numpy as np
 import pytest
@@ -23,45 +26,38 @@ def keep(tmp_path):
     return Checkpoints(tmp_path / "bank.training", "poke/ é")
 
 
-def assert_same(found, arrays):
-    assert set(found) == set(arrays)
+def test_round_trip(keep, arrays, monkeypatch):
+    assert keep.load() is None and not keep.folder.exists()
+    keep.save(arrays, {"fingerprint": "x"})
+    found, facts = keep.load()
+    assert facts == {"fingerprint": "x"} and set(found) == set(arrays)
     for name, array in arrays.items():
         assert found[name].dtype == array.dtype
         np.testing.assert_array_equal(found[name], array)
-
-
-def test_round_trip(keep, arrays, monkeypatch):
-    folder = keep.path.parent
-    assert keep.load() is None and not folder.exists()
-    keep.save(arrays, {"fingerprint": "x"})
-    found, facts = keep.load()
-    assert facts == {"fingerprint": "x"}
-    assert_same(found, arrays)
     keep.save({**arrays, "curve": np.zeros((2, 4))}, {"fingerprint": "y"})
     found, facts = keep.load()
     assert found["curve"].shape == (2, 4) and facts["fingerprint"] == "y"
-    assert len(os.listdir(folder)) == 1  # the older one is gone
-    monkeypatch.chdir(folder.parent)
-    Checkpoints("bank.training", "poke/ é").save(arrays, {})
+    assert len(os.listdir(keep.folder)) == 1  # the older one is gone
+    monkeypatch.chdir(keep.folder.parents[1])  # Orbax itself fails on relative paths
+    relative = Checkpoints("bank.training", "poke/ é")
+    relative.save(arrays, {})
     assert keep.load()[1] == {}
 
 
 def test_one_whole_checkpoint_is_there_whenever_the_process_dies(keep, arrays, monkeypatch):
     keep.save(arrays, {"number": 1})
+    monkeypatch.setattr("jshape.io.checkpoints.shutil.rmtree", lambda *a, **k: None)
+    keep.save(arrays, {"number": 2})  # killed before the older one was removed
+    assert len(os.listdir(keep.folder)) == 2 and keep.load()[1] == {"number": 2}
+    monkeypatch.undo()
 
-    def killed(*_):
-        raise KeyboardInterrupt
+    def fail(*_):
+        raise BadFile("no space")
 
-    with monkeypatch.context() as patch:
-        patch.setattr("jshape.io.files.os.replace", killed)
-        patch.setattr("jshape.io.files.remove_file", lambda path: None)
-        with pytest.raises(KeyboardInterrupt):
-            keep.save(arrays, {"number": 2})
-    folder = keep.path.parent
-    assert len(os.listdir(folder)) == 2 and keep.load()[1] == {"number": 1}
-    assert check_folder(folder)  # what is left of the write is the training's, too
-    discard(folder)
-    assert not folder.exists()
+    monkeypatch.setattr("jshape.io.checkpoints.write_json", fail)
+    with pytest.raises(BadFile, match="no space"):
+        keep.save(arrays, {"number": 3})
+    assert keep.load()[1] == {"number": 2}
 
 
 def test_a_file_that_cannot_be_made_is_one_line(tmp_path, arrays):
@@ -71,36 +67,87 @@ def test_a_file_that_cannot_be_made_is_one_line(tmp_path, arrays):
     assert "\n" not in str(info.value)
 
 
-def test_damage_anywhere_is_one_line_or_harmless(keep, arrays, capfd):
+@pytest.mark.parametrize("how", ["flip", "cut", "gone", "empty"])
+def test_damage_anywhere_is_one_line(keep, arrays, how, capfd):
     keep.save(arrays, {"fingerprint": "x"})
-    content, refused = keep.path.read_bytes(), 0
-    damaged = [content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]
-               for at in range(0, len(content), 3)]  # fmt: skip
-    for data in (*damaged, b"", b"x", content[: len(content) // 2], content[:-1]):
-        keep.path.write_bytes(data)
-        try:
-            found, facts = keep.load()
-        except BadFile as problem:
-            refused += 1
-            assert str(problem).endswith("; remove it to start this action again")
-            assert str(problem).startswith(keep.where) and "\n" not in str(problem)
-        else:  # times and the like, which the archive keeps beside the arrays
-            assert_same(found, arrays)
-            assert facts == {"fingerprint": "x"}
-    assert refused > 0.7 * len(damaged)
+    place = next(keep.folder.iterdir())
+    files = [path for path in place.rglob("*") if path.is_file()]
+    assert len(files) > 5
+    for path in files:
+        content = path.read_bytes()
+        middle = len(content) // 2
+        if how == "gone":
+            path.unlink()
+        elif how == "cut":
+            path.write_bytes(content[:middle])
+        elif how == "flip":
+            flipped = bytes([content[middle] ^ 1]) if content else b"x"
+            path.write_bytes(content[:middle] + flipped + content[middle + 1 :])
+        else:
+            path.write_bytes(b"" if content else b"x")
+        if path.read_bytes() != content if path.exists() else True:
+            with pytest.raises(BadFile, match="remove .*action-poke.* to start") as info:
+                keep.load()
+            assert "\n" not in str(info.value)
+        path.write_bytes(content)
+    assert keep.load()[1] == {"fingerprint": "x"}
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("more", [{}, {"facts": np.frombuffer(b"[1]", np.uint8)}])
-def test_an_archive_of_somebody_else_is_no_checkpoint(keep, arrays, more):
-    keep.path.parent.mkdir()
-    np.savez(keep.path, **arrays, **more)
-    with pytest.raises(BadFile, match="remove it to start this action again"):
+def test_what_orbax_cannot_read_is_one_line(keep, arrays):
+    keep.save(arrays, {})
+    place = next(keep.folder.iterdir())
+    for path in (place / "arrays").rglob("*"):
+        if path.is_file():
+            path.unlink()
+    (place / "arrays" / "notes").write_text("x")
+    sums = {"arrays/notes": hashlib.sha256(b"x").hexdigest()}
+    (place / "checkpoint.json").write_text(
+        json.dumps({"format": "jshape-checkpoint", "facts": {}, "checksums": sums})
+    )
+    with pytest.raises(BadFile, match="not a readable checkpoint") as info:
         keep.load()
+    assert "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize("how", ["facts", "list", "no sums", "one sum less", "a file more"])
+def test_what_no_checksum_covers_is_damage(keep, arrays, how):
+    keep.save(arrays, {})
+    path = next(keep.folder.iterdir()) / "checkpoint.json"
+    content = json.loads(path.read_text())
+    if how == "facts":
+        content["facts"] = [1]
+    elif how == "list":
+        content = [content]
+    elif how == "no sums":
+        content["checksums"] = {}
+    elif how == "one sum less":
+        content["checksums"].popitem()
+    else:
+        (path.parent / "arrays" / "more").write_text("x")
+    path.write_text(json.dumps(content))
+    with pytest.raises(BadFile, match="remove .*action-poke.* to start") as info:
+        keep.load()
+    assert "\n" not in str(info.value)
+
+
+def test_a_damaged_checkpoint_beside_an_older_whole_one(keep, arrays, monkeypatch):
+    keep.save(arrays, {"number": 1})
+    with monkeypatch.context() as patch:
+        patch.setattr("jshape.io.checkpoints.shutil.rmtree", lambda *a, **k: None)
+        keep.save(arrays, {"number": 2})
+    first, second = sorted(keep.folder.iterdir())
+    (second / "checkpoint.json").write_text("{")
+    with pytest.raises(BadFile) as info:
+        keep.load()
+    assert str(info.value).endswith(f"; remove {second} to go on from the one before")
+    shutil.rmtree(second)
+    assert keep.load()[1] == {"number": 1}
+    assert first.is_dir()
 
 
 def test_only_a_training_is_discarded(tmp_path, keep, arrays):
-    folder = keep.path.parent
+    folder = keep.folder.parent
     discard(folder)
     assert check_folder(folder) is False
     keep.save(arrays, {})

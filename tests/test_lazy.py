@@ -26,7 +26,7 @@ goal[8:16, 8:16] -= 0.2
 plan = jshape.plan(now, goal, bank=bank)
 assert plan.distances[-1] < plan.distances[0]
 assert jshape.fit and jshape.load_bank and jshape.load_pairs
-print(*{"matplotlib", "cv2", "cyclopts", "rich", "PIL", "trimesh"} & set(sys.modules))
+print(*{"matplotlib", "cv2", "orbax", "cyclopts", "rich", "PIL", "trimesh"} & set(sys.modules))
 """
 BLOCKED = """
 import sys
@@ -52,7 +52,7 @@ for draw in (plan.show, lambda: relief_of_text("J", 0.01)):
 
 
 @pytest.mark.full
-def test_a_plan_loads_no_pictures_and_no_opencv():
+def test_a_plan_loads_no_pictures_no_opencv_and_no_orbax():
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, timeout=300
     )

@@ -1,4 +1,9 @@
-"""What the predictors of each kind of bank are on disk: named arrays in the bank's one NPZ."""
+"""What the predictors of each kind of bank are on disk: named arrays.
+
+Parameters of networks are in the bank's one NPZ, with ΔI and B, not in Orbax's format: an Orbax
+folder is a dozen files with names of its own, and hands a flipped bit on without noticing.  One
+file with one checksum is checked before a byte of it is read.
+"""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple

@@ -64,7 +64,7 @@ class Progress(NamedTuple):
 
 @runtime_checkable
 class Keep(Protocol):
-    """Where the state of one training outlives the process (see io/checkpoints.py)."""
+    """Where the state of one training outlives the process (see store/checkpoints.py)."""
 
     @property
     def where(self) -> str:

@@ -91,7 +91,7 @@ def test_stop_is_told_at_once_whatever_other_pages_ask(served):
         built.append(time.monotonic())
 
     asking = [threading.Thread(target=image, args=(k,)) for k in range(60)]
-    own = [threading.Thread(target=page_of_its_own) for _ in range(6)]  # keep the server itself busy
+    own = [threading.Thread(target=page_of_its_own) for _ in range(6)]  # keep the server busy
     held = []
     try:
         for at in (served.port, int(port)):

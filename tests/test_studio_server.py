@@ -18,6 +18,7 @@ from tests.conftest import ROOT
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed (extra studio)")
 
+
 class Served:
     """A running studio whose arm is in a motion that ends when it is stopped."""
 

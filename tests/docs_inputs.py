@@ -14,7 +14,6 @@ from jshape import (
     D435_BAZAR,
     PAPER_BOX,
     Camera,
-    HeightMap,
     Pairs,
     heightmap,
     metric,
@@ -83,23 +82,25 @@ def tilted(folder: Path) -> None:
 
 
 def looks(folder: Path) -> None:
-    """A bed and a wanted one from a tripod at 30 degrees; and the bed from two sides."""
+    """A level bed, one now and a wanted one from a tripod at 30 degrees; two from two sides."""
     rng, middle = np.random.default_rng(3), Camera(424, 240, 215.0, 215.0, 211.5, 119.5, 0.3, 0.9)
     now, wanted = (heightmap(depth, PAPER_BOX) for depth in bed_and_goal())
-
-    def written(name: str, described: str, bed: HeightMap, turn: float, posed: bool) -> None:
-        stand = standing(30, 0.6, turn, middle)
-        camera = replace(stand, pose=as_frame(np.array(bed.frame) @ np.array(stand.pose)))
-        depth = seen_by(camera, bed)
+    base = np.diag([1.0, -1.0, -1.0, 1.0])  # of an arm, at the paper's camera but upright
+    write_camera(folder / "intrinsics.json", middle, DEPTH_UNIT)
+    for name, bed, turn in (
+        ("level", now, 0), ("look", now, 0), ("look-wanted", wanted, 0), ("left", now, 0),
+        ("right", now, 180), ("level-left", now, 0), ("level-right", now, 180),
+    ):  # fmt: skip
+        pose = np.array(bed.frame) @ np.array(standing(30, 0.6, turn, middle).pose)
+        depth = seen_by(replace(middle, pose=as_frame(pose)), bed)
         depth += 2.2e-3 * depth**2 * rng.standard_normal(depth.shape)
         write_depth_png(folder / f"{name}.png", depth, DEPTH_UNIT)
-        told = camera if posed else replace(camera, pose=None)
-        write_camera(folder / f"{described}.json", told, DEPTH_UNIT)
-
-    written("look", "tripod", now, 0, False)
-    written("look-wanted", "tripod", wanted, 0, False)
-    written("left", "left", now, 0, True)
-    written("right", "right", now, 180, True)
+        if name in ("left", "right"):
+            pose = base @ pose
+            fields = {"format": "jshape-pose", "version": 1, "T_base_camera": pose.tolist()}
+            (folder / f"{name}-base.json").write_text(json.dumps(fields))
+            write_camera(folder / f"{name}.json", replace(middle, pose=as_frame(pose)), DEPTH_UNIT)
+    write_camera(folder / "tripod.json", middle, DEPTH_UNIT)
 
 
 def pokes(count: int, seed: int, material: str = "flour") -> Pairs:
@@ -225,6 +226,12 @@ INPUTS = {
     "far.json": far,
     "now.npz": maps,
     "wanted.npz": maps,
+    "level.png": looks,
+    "level-left.png": looks,
+    "level-right.png": looks,
+    "left-base.json": looks,
+    "right-base.json": looks,
+    "intrinsics.json": looks,
     "look.png": looks,
     "look-wanted.png": looks,
     "left.png": looks,

@@ -671,7 +671,7 @@ WITHOUT_DATA = [
     "jshape config",
     "jshape config plan",
     "jshape camera list",
-    "jshape camera check sim:7 --frames 5",
+    "jshape setup sim:7 --frames 5",
     "jshape record sim --frames 3 --out simulated",
     "jshape dataset simulate few --pairs 2 --actions knock poke --frames 2",
     "jshape dataset simulate-recording recording --actions poke --count 2",

@@ -1,4 +1,4 @@
-"""`jshape record` and `jshape camera`, as people use them; and from a recording to a bank."""
+"""`jshape record`, `setup` and `camera`, as people use them; and from a recording to a bank."""
 
 import csv
 import json
@@ -39,7 +39,7 @@ def folder(tmp_path, rng):
 
 @pytest.fixture
 def watched(monkeypatch):
-    """Puts frames of the test's own before `jshape record` and `jshape camera check`."""
+    """Puts frames of the test's own before `jshape record` and `jshape setup`."""
 
     def put(frames, **options):
         camera = Played("watched", SMALL, 1e-4, frames, **options)
@@ -69,8 +69,8 @@ def test_the_largest_count_is_no_reading(tmp_path, watched, rng, capsys):
     frames = noisy(rng, 12)
     frames[:, :12, :] = 65535
     watched(iter(frames))
-    code, out, _ = run(capsys, "camera", "check", "watched", "--frames", 6)
-    assert code == 0 and "BAD 75.0% of the pixels have a reading" in out
+    code, out, _ = run(capsys, "setup", "watched", "--frames", 6)
+    assert code == 0 and "BAD 75.0% of the bed's pixels have a reading" in out
     assert "pixels without depth in all frames: 4608 (of them 4,608 at 65535 (the largest" in out
     watched(iter(frames))
     code, out, _ = run(capsys, "record", "watched", "--out", tmp_path / "rec")
@@ -97,8 +97,8 @@ def test_a_wrong_unit_is_refused_with_the_one_that_fits(folder, tmp_path, capsys
         picture = folder / "frames" / "000000.png"
         for words in (
             ["record", folder, "--out", tmp_path / "rec"],
-            ["camera", "check", folder],
-            ["camera", "check", picture, "--camera-file", folder / "camera.json"],
+            ["setup", folder],
+            ["setup", picture, "--camera-file", folder / "camera.json"],
             segment,
         ):
             code, _, err = run(capsys, *words)
@@ -246,11 +246,11 @@ def test_a_bag_in_millimetres_needs_its_unit_said(tmp_path, capsys, rng):
 
     frames = (noisy(rng, 3) / 10).astype(np.float32)
     path = depth_bag(tmp_path / "bag", "ros2", SMALL, frames)
-    for words in (["record", path, "--out", tmp_path / "rec"], ["camera", "check", path]):
+    for words in (["record", path, "--out", tmp_path / "rec"], ["setup", path]):
         code, _, err = run(capsys, *words)
         assert code == 2 and "values around 450 are not metres" in err
         assert "0.001 would fit: --depth-unit 0.001" in err
-        assert words[0] == "camera" or not (tmp_path / "rec").exists()
+        assert words[0] == "setup" or not (tmp_path / "rec").exists()
         code, out, _ = run(capsys, *words, "--depth-unit", "0.001")
         assert code == 0 and "pixels have a reading" in out
     recording = open_recording(tmp_path / "rec")
@@ -262,50 +262,18 @@ def test_too_many_missing_readings_are_said(watched, tmp_path, capsys, rng):
     frames[:, :, :38] = 0
     watched(iter(frames))
     code, out, _ = run(capsys, "record", "it", "--out", tmp_path / "rec")
-    assert code == 0 and "40.6% of the pixels have a reading; too few: see jshape camera" in out
+    assert code == 0 and "40.6% of the pixels have a reading; too few: see jshape setup" in out
     watched(iter(frames))
-    code, out, _ = run(capsys, "camera", "check", "it")
-    assert code == 0 and "BAD 40.6% of the pixels have a reading" in out
+    code, out, _ = run(capsys, "setup", "it")
+    assert code == 0 and "BAD 40.6% of the bed's pixels have a reading" in out
 
 
-# camera check, camera list.
-
-
-@pytest.mark.full
-def test_check_says_good_and_draws(tmp_path, capsys):
-    picture = tmp_path / "check.png"
-    words = ("camera", "check", "sim", "--frames", 12, "--out", picture)
-    code, out, err = run(capsys, *words)
-    assert code == 0 and not err
-    assert "480x395 pixels, fx 433, fy 433" in out and "good enough to record" in out
-    assert out.count("  ok  ") == 6 and "BAD" not in out
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert run(capsys, *words)[0] == 2
-    assert run(capsys, *words, "--overwrite")[0] == 0
-
-
-def test_check_says_what_is_wrong_and_prints_json(folder, tmp_path, capsys, watched, rng):
-    code, out, _ = run(capsys, "camera", "check", folder, "--json", "--depth-range", "0.3,0.4")
-    found = json.loads(out)
-    assert code == 0 and found["frames"] == 6 and found["good"] is False
-    assert found["intrinsics"]["fx"] == 60.0 and found["intrinsics"]["depth_unit"] == 1e-4
-    assert [line["good"] for line in found["verdict"]] == [True] * 5 + [False]
-    same = noisy(rng, 1)[0]
-    watched(iter([same] * 60), live=True)
-    code, out, _ = run(capsys, "camera", "check", "it")
-    assert "BAD all frames are the same to the bit; the stream is frozen" in out
-    assert "not good enough: 1 of 6 to mend" in out
-    watched(iter([same]))
-    code, out, _ = run(capsys, "camera", "check", "it", "--json")
-    assert json.loads(out)["noise_mm"] is None
-
-
-def test_check_of_what_is_not_there(capsys, tmp_path):
+def test_setup_of_what_is_not_there(capsys):
     for words, match in (
-        (("camera", "check", "nowhere"), "nowhere: is not a camera"),
-        (("camera", "check", "sim", "--window", "1,2,3"), "is not LEFT,TOP,WIDTHxHEIGHT"),
-        (("camera", "check", "sim", "--depth-range", "1"), "is not two depths in metres"),
-        (("camera", "check", "sim", "--window", "0,0,999x9"), "leaves the 480x395 image"),
+        (("setup", "nowhere"), "nowhere: is not a camera"),
+        (("setup",), "which camera? name one"),
+        (("setup", "sim", "--window", "1,2,3"), "is not LEFT,TOP,WIDTHxHEIGHT"),
+        (("setup", "sim", "--depth-range", "1"), "is not two depths in metres"),
     ):
         try:
             code = main(list(words))

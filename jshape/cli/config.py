@@ -34,7 +34,7 @@ EXAMPLE = """\
 #base = "base.json"
 #material = "flour"
 
-# A table is for one command: [plan], [mold], [camera-check], [dataset-simulate] ...
+# A table is for one command: [plan], [mold], [setup], [dataset-simulate] ...
 #[plan]
 #positions = "41x31"
 #strengths = [0.25, 0.5, 1, 1.6]

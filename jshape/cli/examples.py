@@ -58,8 +58,9 @@ jshape record realsense --out recording  # until Ctrl-C
 jshape record sim --frames 3 --out simulated  # without a camera
 jshape record field.bag --topic /camera/depth --window 181,46,480x395 \
 --out recording  # a part of a ROS bag
-jshape camera check realsense --out check.png  # noise, holes, tilt, distance
-jshape camera check sim:7 --frames 5  # without a camera
+jshape setup realsense --out camera.json  # tilt, distance, noise, holes; its file
+jshape setup sim:7 --frames 5  # without a camera
+jshape setup frame.png --camera-file mine.json --out camera.json  # one depth picture
 jshape camera list  # RealSense cameras, and what else opens
 jshape calibrate poses.json --out base.json  # a fixed camera, target in the gripper
 jshape calibrate poses.json --eye-in-hand --out hand.json  # a camera in the gripper

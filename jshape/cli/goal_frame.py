@@ -10,10 +10,10 @@ import numpy as np
 from jshape import sim
 from jshape.camera import Camera, matrix
 from jshape.cli.goal_options import GoalOptions
-from jshape.data.camera_check import TILT_MOST_DEG
 from jshape.data.intrinsics import within
 from jshape.data.looks import plane_frame
 from jshape.data.missing import fill_missing
+from jshape.data.set_up import TILT_MOST_DEG
 from jshape.data.simulate import DEPTH_UNIT
 from jshape.data.view import LEAST_SEEN, View, above, look_of
 from jshape.errors import BadCamera, BadImage

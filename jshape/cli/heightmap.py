@@ -1,6 +1,6 @@
 """`jshape heightmap FRAME [FRAME ...] --out MAP.npz`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,11 +11,12 @@ from cyclopts import Parameter
 from jshape.cli.names import Preset
 from jshape.cli.options import File, Positive, Window, Writes
 from jshape.cli.tables import print_table
-from jshape.data.looks import taken, together
+from jshape.data.looks import check_still, taken, together
 from jshape.data.map_report import MapReport, map_report
 from jshape.errors import BadFile
 from jshape.height_map import HeightMap
 from jshape.io import files
+from jshape.io.cameras import read_bed
 from jshape.io.looks import CameraFrames, read_looks
 from jshape.io.maps import SUFFIX, read_map, write_map
 from jshape.viz.style import drawn
@@ -51,14 +52,7 @@ def heightmap(frame: Path, /, *frames: Path, options: HeightmapOptions) -> dict[
     """
     if options.out.suffix.lower() != SUFFIX:
         raise BadFile(f"{options.out}: a height map's file ends in {SUFFIX}")
-    picture = options.out.with_suffix(".png")
-    named = [path for path in (frame, *frames) if path.exists() and picture.exists()]
-    if any(path.samefile(picture) for path in named):
-        raise BadFile(
-            f"{options.out}: its picture would replace {picture}, a frame; choose another name"
-        )
-    for path in (options.out, picture):
-        options.check_new(path)
+    picture = options.picture_beside(options.out, (frame, *frames))
     if options.like is not None:
         options.refuse(("pitch_mm",), ": the map of --like has its own")
     like = None if options.like is None else read_map(options.like)
@@ -67,7 +61,10 @@ def heightmap(frame: Path, /, *frames: Path, options: HeightmapOptions) -> dict[
     pitch = None if options.pitch_mm is None else options.pitch_mm / 1e3
     of = [one.camera for one in cameras]
     looks = taken(depths, of, window=options.window, where=where)
-    found = together(looks, like=like, pitch=pitch, where=where)
+    bed = read_bed(cameras[0].said) if like is None else None
+    found = together(looks, like=like, frame=bed, pitch=pitch, where=where)
+    if bed is not None:
+        check_still(found, replace(found, heights=np.zeros_like(found.heights)), where)
     report = map_report(looks, [len(one.depths) for one in cameras], found)
     write_map(options.out, found)
     result = _fields(found, report, cameras) | {"out": str(options.out)}

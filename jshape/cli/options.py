@@ -170,6 +170,21 @@ class Writes(Common):
         if path.exists() and not self.overwrite:
             raise BadFile(f"{path}: exists; choose another name, or --overwrite")
 
+    def picture_beside(self, out: Path, read: Iterable[Path]) -> Path:
+        """The picture of the name of a file that is to be written.
+
+        Raises:
+          BadFile: one of the two exists, or the picture is among the files that are read.
+        """
+        picture = out.with_suffix(".png")
+        if any(path.exists() and picture.exists() and path.samefile(picture) for path in read):
+            raise BadFile(
+                f"{out}: its picture would replace {picture}, a frame; choose another name"
+            )
+        self.check_new(out)
+        self.check_new(picture)
+        return picture
+
 
 @dataclass(frozen=True, kw_only=True)
 class Serves(Common):

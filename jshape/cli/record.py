@@ -15,10 +15,10 @@ from jshape.cli import cameras
 from jshape.cli.cameras import CAMERA_HELP, Camera, LooksOnce
 from jshape.cli.options import Duration, PositiveCount, Writes
 from jshape.cli.tables import progress
-from jshape.data.camera_check import VALID_LEAST
 from jshape.data.depth import check_unit
 from jshape.data.missing import only_readings
 from jshape.data.missing import said as said_of
+from jshape.data.set_up import VALID_LEAST
 from jshape.errors import JShapeError
 from jshape.io import folders, recordings
 from jshape.robot.cameras.base import FRAMES, CameraLost, DepthCamera, EndOfFrames, traits_of
@@ -83,7 +83,7 @@ def record(
     if not valid:
         raise JShapeError(
             f"{device.name}: no pixel has a reading in {count} frame{'s' * (count > 1)}, kept in "
-            f"{options.out} all the same; jshape camera check says more"
+            f"{options.out} all the same; jshape setup says more"
         )
     result = {
         "out": str(options.out), "camera": device.name, "frames": count, "valid_share": share,
@@ -100,7 +100,7 @@ def _print(result: dict[str, Any], camera: DepthCamera) -> None:
     print(f"{camera.name}: {frames} in {took}: {result['out']}")
     share = result["valid_share"]
     print(f"{share:.1%} of the pixels have a reading{said_of(result['left_out'])}", end="")
-    print("" if share >= VALID_LEAST else "; too few: see jshape camera check")
+    print("" if share >= VALID_LEAST else "; too few: see jshape setup")
 
 
 def _frames(camera: DepthCamera, options: RecordOptions) -> tuple[int | None, Iterator[np.ndarray]]:

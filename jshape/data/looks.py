@@ -72,7 +72,7 @@ def together(
     check_map(like, "like")
     target = like.camera()
     found = map_of(seen_from(looks, target, where), target, like.frame)
-    _check_still(found, like, where)
+    check_still(found, like, where)
     return found
 
 
@@ -222,7 +222,7 @@ def camera_over(
     return camera_above(to_common, *grid), as_frame(to_common)
 
 
-def _check_still(found: HeightMap, like: HeightMap, where: str) -> None:
+def check_still(found: HeightMap, like: HeightMap, where: str) -> None:
     """Refuse a look from which the bed lies elsewhere, as a whole, than in the one before.
 
     Molding lowers some of the bed and raises some: what it changes is no plane, what a camera does

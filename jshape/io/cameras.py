@@ -7,9 +7,10 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from jshape.camera import PRESETS, Camera, check_camera
+from jshape.camera import PRESETS, Camera, check_camera, check_pose
 from jshape.data.depth import check_depth_unit
 from jshape.errors import BadCamera, did_you_mean
+from jshape.height_map import Frame, as_frame
 from jshape.io.files import read_json, write_json
 from jshape.io.records import Numbers, Range, read_record
 
@@ -43,6 +44,7 @@ class CameraFile:
     lens: Annotated[np.ndarray, Numbers((8,))] | None = None
     pose: Annotated[np.ndarray, Numbers((4, 4))] | None = None
     depth_unit: Annotated[float, Range(0, above=True)] | None = None
+    bed: Annotated[np.ndarray, Numbers((4, 4))] | None = None
 
 
 class Source(NamedTuple):
@@ -77,15 +79,32 @@ def read_camera(path: str | os.PathLike, depth_unit: float | None = None) -> tup
     return camera, check_depth_unit(own if depth_unit is None else depth_unit, str(path))
 
 
-def write_camera(path: str | os.PathLike, camera: Camera, depth_unit: float) -> None:
+def write_camera(
+    path: str | os.PathLike, camera: Camera, depth_unit: float, bed: Frame | None = None
+) -> None:
     """Write camera.json, atomically; `depth_unit` is metres per count of the frames beside it.
+
+    `bed` is where `jshape setup` found it: (4, 4) from its frame to the one of the camera's pose.
 
     Raises:
       BadCamera: the camera or the unit makes no sense.
       BadFile: the file cannot be written.
     """
     unit = check_depth_unit(depth_unit, str(path))
-    write_json(path, camera_fields(camera) | {"depth_unit": unit})
+    place = {} if bed is None else {"bed": bed}
+    write_json(path, camera_fields(camera) | {"depth_unit": unit} | place)
+
+
+def read_bed(path: str | os.PathLike) -> Frame | None:
+    """The bed's frame of a camera.json; None: it has none, or the path is a preset's name.
+
+    Raises:
+      BadFile, BadCamera: as `read_camera`; a frame that is none.
+    """
+    found = read_json(path).get("bed") if Path(path).is_file() else None
+    if found is not None:
+        check_pose(found, str(path), "bed")
+    return None if found is None else as_frame(found)
 
 
 def camera_fields(camera: Camera) -> dict[str, Any]:
@@ -123,7 +142,7 @@ def camera_from(content: dict[str, Any], where: str) -> Camera:
         if not lacking and {"cx", "cy"} & set(content):
             means = ["; did you mean u0, v0?"]
         raise BadCamera(f"{problem}{''.join(means)}") from None
-    del found["depth_unit"]
+    del found["depth_unit"], found["bed"]
     lens, pose = found["lens"], found["pose"]
     found["lens"] = None if lens is None else tuple(lens.tolist())
     found["pose"] = None if pose is None else tuple(map(tuple, pose.tolist()))

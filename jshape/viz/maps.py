@@ -1,6 +1,7 @@
 """The picture of a height map: heights on the plane, and what was not seen."""
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -21,15 +22,23 @@ def map_figure(found: HeightMap, title: str = "") -> Figure:
       found: the map.
       title: above all.
     """
-    x, y = 1e3 * found.x, 1e3 * found.y
-    half = 5e2 * float(found.pitch)
-    heights = 1e3 * np.where(found.mask, np.asarray(found.heights), np.nan)
-    wide, tall = float(np.ptp(x)) + 2 * half, float(np.ptp(y)) + 2 * half
-    size = _LONG * wide / max(wide, tall), _LONG * tall / max(wide, tall)
+    rows, columns = np.shape(found.heights)
+    size = _LONG * columns / max(rows, columns), _LONG * rows / max(rows, columns)
     figure = Figure(
         figsize=(max(size[0], 2.5) + 2.2, max(size[1], 2.0) + 1.2), layout="constrained"
     )
     ax = figure.subplots()
+    draw_map(figure, ax, found)
+    if title:
+        ax.set_title(title, fontsize=10)
+    return figure
+
+
+def draw_map(figure: Figure, ax: Axes, found: HeightMap) -> None:
+    """Draw a map on axes of a figure."""
+    x, y = 1e3 * found.x, 1e3 * found.y
+    half = 5e2 * float(found.pitch)
+    heights = 1e3 * np.where(found.mask, np.asarray(found.heights), np.nan)
     low, high = np.nanpercentile(heights, (1, 99))
     low, high = span([np.array([low, high])])
     extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
@@ -45,6 +54,3 @@ def map_figure(found: HeightMap, title: str = "") -> Figure:
     if handles:
         ax.legend(handles=handles, fontsize=8, loc="upper right")
     ax.set(xlabel="x (mm)", ylabel="y (mm)")
-    if title:
-        ax.set_title(title, fontsize=10)
-    return figure

@@ -278,4 +278,4 @@ def test_real_frames(file, camera, unit, tilt, size, share, shared_data):
     assert [np.ptp(a) for a in (setup.map.x, setup.map.y)] == pytest.approx(size, abs=0.03)
     assert setup.bed.mean() == pytest.approx(share, abs=0.03) and setup.valid > 0.95
     assert len(bad(setup)) == 1  # the SR300's waves; the sand is not level
-    assert png(setup_figure(setup, "real")).startswith(b"\x89PNG")
+    assert png(setup_figure(setup.look.depth, setup.bed, setup.map, "real")).startswith(b"\x89PNG")

@@ -92,7 +92,9 @@ def setup(
     result["out"] = str(options.out)
     from jshape.viz.setup import setup_figure
 
-    made = drawn({str(picture): partial(setup_figure, found, device.name)})
+    made = drawn(
+        {str(picture): partial(setup_figure, found.look.depth, found.bed, found.map, device.name)}
+    )
     for content in made.values():
         files.write_atomic(picture, content)
         result["picture"] = str(picture)

@@ -117,7 +117,7 @@ def measure(
         bed = bed & (at >= nodes[0]) & (at <= nodes[-1])
     there = np.isfinite(look.depth)
     # A bed that nothing surrounds and that reaches the frame's edge may fill it, unseen.
-    rows, columns = (n // 50 for n in bed.shape)
+    rows, columns = (1 + n // 50 for n in bed.shape)
     edges = bed[rows], bed[-1 - rows], bed[:, columns], bed[:, -1 - columns]
     alone = window is None and (there & ~bed).sum() < ALONE * there.sum()
     alone = alone and max(float(edge.mean()) for edge in edges) > 0.5

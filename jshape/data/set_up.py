@@ -37,7 +37,7 @@ FILLS, NEAREST = 0.7, 0.3
 nothing nearer than 0.28."""
 HEAP, PIT = 0.1, 0.06
 """Metres that a depth range leaves above and below the level bed."""
-ALONE = 0.05
+ALONE = 0.1
 """Share of the readings beside the bed up to which nothing surrounds it."""
 MOVED_MM = 1.0
 """Most by which the bed may lie elsewhere in the last third of the frames than in the first."""

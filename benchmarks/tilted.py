@@ -129,17 +129,26 @@ def rows_of(kind: str, problems: list[Problem], views: Sequence[str], out: Path)
 
 
 def table(rows: list[dict]) -> str:
-    """Rows as Markdown, the means of each kind and view at the end."""
-    lines = [
-        (row["problem"], row["view"], f"{row['left']:.1f}", row["actions"], f"{row['seen']:.1f}")
-        for row in rows
-    ]
-    for kind, view in dict.fromkeys((row["kind"], row["view"]) for row in rows):
-        those = [row for row in rows if (row["kind"], row["view"]) == (kind, view)]
-        left, seen = (f"{np.mean([row[name] for row in those]):.1f}" for name in ("left", "seen"))
-        lines.append((f"mean of {len(those)} ({kind})", view, left, "", seen))
-    head = ("problem", "view", "left (%)", "actions", "seen (%)")
-    return markdown(head, [tuple(map(str, line)) for line in lines])
+    """What was left (%), by how many actions and how much of the bed was seen, as Markdown.
+
+    A line for each problem and a column for each view, the means of each kind below.
+    """
+    views = list(dict.fromkeys(row["view"] for row in rows))
+    lines = []
+    for kind in dict.fromkeys(row["kind"] for row in rows):
+        those = [row for row in rows if row["kind"] == kind]
+        for problem in dict.fromkeys(row["problem"] for row in those):
+            at = {row["view"]: row for row in those if row["problem"] == problem}
+            cells = [_cell(**at[view]) if view in at else "" for view in views]
+            lines.append((problem, *cells))
+        left = {v: [row["left"] for row in those if row["view"] == v] for v in views}
+        means = [f"{np.mean(left[v]):.1f} (of {len(left[v])})" if left[v] else "" for v in views]
+        lines.append((f"mean ({kind})", *means))
+    return markdown(("left, %", *views), lines)
+
+
+def _cell(left: float, actions: int, seen: float, **_: str) -> str:
+    return f"{left:.1f} ({actions} actions, {seen:.1f}% seen)"
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -29,12 +29,17 @@ def seconds(call: Callable[[], Any], *, least: float = 0.5, repeats: int = 7) ->
 
 
 def in_turns(
-    calls: dict[str, Callable[[], Any]], *, least: float = 0.5, rounds: int = 5
+    calls: dict[str, Callable[[], Any]],
+    *,
+    least: float = 0.5,
+    rounds: int = 5,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, float]:
     """Median seconds of each call, measured in rounds that take turns.
 
     What is divided by each other must be measured beside each other: other work on the machine
-    then slows all of them.  `least` is seconds for each call over all rounds.
+    then slows all of them.  `least` is seconds for each call over all rounds, on the wall; `clock`
+    may be `time.process_time`: of all cores, and other work then counts only by what it evicts.
     """
     counts = {}
     for name, call in calls.items():
@@ -46,8 +51,8 @@ def in_turns(
     times: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(rounds):
         for name, call in calls.items():
-            start = time.perf_counter()
+            start = clock()
             for _ in range(counts[name]):
                 jax.block_until_ready(call())
-            times[name].append((time.perf_counter() - start) / counts[name])
+            times[name].append((clock() - start) / counts[name])
     return {name: float(np.median(taken)) for name, taken in times.items()}

@@ -28,7 +28,7 @@ def read_drawing(path: str | os.PathLike) -> np.ndarray:
     path = Path(path)
     data = read_bytes(path, limit=FILE_LIMIT)
     if not data.startswith(_PAINTED):
-        return read_array(path, turned=True)
+        return read_array(path)
     with needs("cli", "reading a painting"):
         from PIL import Image, ImageOps
 

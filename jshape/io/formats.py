@@ -44,24 +44,19 @@ _OTHERS = {
 _COLOURS = {2: "colour (RGB)", 3: "colour (palette)", 4: "grey with alpha", 6: "colour (RGBA)"}
 
 
-def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
+def read_array(path: str | os.PathLike) -> np.ndarray:
     """The array of an image file as it is stored, whatever its type: (H, W), one channel.
 
     A masked array where the file says which value is no data (GDAL's NODATA in a TIFF, the
-    transparent grey of a PNG).  A TIFF of several pages gives its first.
+    transparent grey of a PNG).  A TIFF of several pages gives its first; one that says that it lies
+    turned is made upright.
 
     Raises:
       BadFile: the file is missing, a folder, empty, too large or unreadable.
-      BadImage: it is not a whole PNG, TIFF or NPY, has more than one channel, or says that it
-        lies turned (unless `turned`: then a TIFF is made upright).
+      BadImage: it is not a whole PNG, TIFF or NPY, or has more than one channel.
     """
     path = Path(path)
     data = read_bytes(path, limit=FILE_LIMIT)
-    if not turned and (how := orientation(data)) != 1:
-        raise BadImage(
-            f"{path}: says that it lies turned (EXIF orientation {how}); a depth image lies as its "
-            "camera saw it: save it without the orientation"
-        )
     reader = next((r for magic, r in _READERS.items() if data.startswith(magic)), None)
     if reader is None:
         what = next((w for magic, w in _OTHERS.items() if data.startswith(magic)), "not an image")
@@ -77,22 +72,6 @@ def read_array(path: str | os.PathLike, *, turned: bool = False) -> np.ndarray:
         raise BadImage(f"{path}: has shape {image.shape}; a depth image is (rows, columns)")
     _check_size(str(path), image.shape[1], image.shape[0])
     return image
-
-
-def orientation(data: bytes) -> int:
-    """How a PNG or TIFF says that it lies: 1 is upright, up to 8 as EXIF counts."""
-    if not (data.startswith(_TIFF) or data.startswith(_PNG) and b"eXIf" in data):
-        return 1
-    with needs("cli", "reading how an image lies"):
-        from PIL import ExifTags, Image
-
-    try:
-        with warnings.catch_warnings(action="ignore"):
-            with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
-                found = image.getexif().get(ExifTags.Base.Orientation, 1)
-    except Exception:  # Pillow promises no type; what is damaged fails where it is decoded
-        return 1
-    return found if found in range(1, 9) else 1
 
 
 def encode_png(counts: np.ndarray) -> bytes:
@@ -127,7 +106,7 @@ def read_png(data: bytes, where: str) -> np.ndarray:
     broken = BadImage(f"{where}: the PNG is cut off or damaged")
     if len(data) < 33 or data[12:16] != b"IHDR":
         raise broken
-    width, height, depth, colour, interlaced = struct.unpack_from(">IIBB2xB", data, 16)
+    width, height, depth, colour = struct.unpack_from(">IIBB", data, 16)
     if colour in _COLOURS:
         raise BadImage(f"{where}: is {_COLOURS[colour]}; a depth image has one grey channel")
     if colour != 0 or depth not in (8, 16):
@@ -135,7 +114,7 @@ def read_png(data: bytes, where: str) -> np.ndarray:
             f"{where}: is a {depth}-bit PNG; a depth image has 16 bits (or 8, luminance)"
         )
     _check_size(where, width, height)
-    kept, packed, clear, at, name = [_PNG], bytearray(), b"", len(_PNG), b""
+    kept, clear, at, name = [_PNG], b"", len(_PNG), b""
     while name != b"IEND":
         size, name = int.from_bytes(data[at : at + 4]), data[at + 4 : at + 8]
         end = at + 12 + size
@@ -143,16 +122,8 @@ def read_png(data: bytes, where: str) -> np.ndarray:
             raise broken
         if name in (b"IHDR", b"IDAT", b"IEND"):
             kept.append(data[at:end])
-        packed += data[at + 8 : end - 4] if name == b"IDAT" else b""
         clear = data[at + 8 : at + 10] if name == b"tRNS" else clear
         at = end
-    row = width * depth // 8 + (not interlaced)
-    try:
-        rows = np.frombuffer(zlib.decompressobj().decompress(packed, 2 * height * row), np.uint8)
-    except zlib.error:
-        raise broken from None
-    if len(rows) < height * row or not interlaced and rows[::row].max() > 4:  # no such filter
-        raise broken
     pixels = _decode(b"".join(kept), where, "PNG")
     return np.ma.masked_equal(pixels, int.from_bytes(clear)) if clear else pixels
 

@@ -18,7 +18,7 @@ from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadDataset
 from jshape.learn import fit as fitting
 from jshape.learn.imprint import mean_imprint
-from jshape.learn.scores import errors_of
+from jshape.learn.scores import Trial, errors_of
 from jshape.learn.settings import settings_from
 from jshape.learn.study import Candidate, Study
 from jshape.learn.training import split
@@ -184,22 +184,20 @@ def validate(
         one_agent, size = np.full(len(mine), "all"), np.full_like(mine.size, bank.roi(name))
         mine = replace(mine, agent=one_agent, size=size)
         study = Study(mine, candidates, many, TEST_SHARE, options=options)
-        errors: dict[str, list[np.ndarray]] = {}
+        tested: dict[str, list[Trial]] = {}
         try:
             for trials in study:
                 for trial in trials:
-                    errors.setdefault(trial.predictor, []).append(trial.error_mm)
-                    errors.setdefault(f"nothing beside {trial.predictor}", []).append(
-                        trial.change_mm
-                    )
+                    tested.setdefault(trial.predictor, []).append(trial)
                 made += 1
                 if report is not None:
                     report(name, made, total)
         except BadDataset:  # pixels that only the pairs left out have seen
             continue
-        whole = {who: np.concatenate(parts) for who, parts in errors.items()}
-        own = whole["mine"]
-        found.append(_row(name, own, whole.get("D", own), whole["nothing beside mine"]))
+        own = np.concatenate([trial.error_mm for trial in tested["mine"]])
+        nothing = np.concatenate([trial.change_mm for trial in tested["mine"]])
+        plain = np.concatenate([trial.error_mm for trial in tested.get("D", tested["mine"])])
+        found.append(_row(name, own, plain, nothing))
     return found
 
 

@@ -27,8 +27,8 @@ jshape goal now.png --mesh star.stl --size-mm 120 --depth-mm 10 --out my-goal  #
 jshape goal now.png --actions 'knock 240,197; press 91,92x1.5' --out my-goal  # actions
 jshape mold wanted.png --arm sim:3 --yes --out runs/first  # everything simulated
 jshape mold wanted.png --arm dry --camera realsense --out runs/dry  # your camera
-jshape mold wanted.npz --arm dry --camera realsense:1 --camera-file left.json --camera realsense:2 \
---camera-file right.json --out runs/two  # two cameras, each with a pose
+jshape mold wanted.npz --arm sim:3 --camera-file left.json --camera-file right.json \
+--out runs/two  # two cameras, each with a pose
 jshape mold --resume --arm sim:3 --out runs/first  # go on with a run
 jshape execute my-plan/plan.json --arm sim:3 --out runs/plan  # asks before each action
 jshape execute my-plan --arm dry --camera realsense --out runs/dry  # only says it

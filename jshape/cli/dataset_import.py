@@ -1,10 +1,13 @@
 """`jshape dataset import` and `jshape dataset merge`."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+from cyclopts import Parameter
+
+from jshape.camera import Camera
 from jshape.cli.names import Action
 from jshape.cli.options import CameraFile, File, Writes
 from jshape.cli.tables import progress
@@ -28,6 +31,8 @@ class Labelled(Writes):
     labels: Annotated[Path | None, File] = None
     """CSV with a column action instead of --action (and agent and material, if need be): for an
     import also a column name; for a recording one row per action, in order.  '-' leaves one out."""
+    like: Annotated[Path | None, Parameter(metavar="DATASET")] = None
+    """Data set that the new one is to be merged with: frames are seen as by its camera."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,14 +54,16 @@ def import_dataset(
     """
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     found = imports.before_after_files(source)
-    camera, unit = imports.before_after_camera(source, options.camera_file)
+    seen = imports.before_after_view(source, found, options.camera_file, like_of(options))
     labels = _by_name(options, source, list(found))
     kept = {name: paths for name, paths in found.items() if labels[name].action != LEAVE_OUT}
     still, left_out = [], Counter()
-    with annotations.found_writer(out, camera, unit, overwrite=options.overwrite) as add:
-        pairs = imports.before_after_pairs(kept, camera, unit, left_out)
+    with annotations.found_writer(
+        out, seen.camera, seen.depth_unit, overwrite=options.overwrite
+    ) as add:
+        pairs = imports.before_after_pairs(kept, seen, left_out)
         for pair in progress(pairs, len(kept), "importing"):
-            if pair.box[2:] == (camera.width, camera.height):
+            if pair.box[2:] == (seen.camera.width, seen.camera.height):
                 still.append(pair.name)
             label, place = labels[pair.name], placed(pair.box)
             add(
@@ -69,7 +76,18 @@ def import_dataset(
         said.append(f"no single place that changed in {one_line(', '.join(still), 80)}")
     said.append("next: jshape dataset annotate")
     print("; ".join(said) + f": {out}")
-    return {"out": str(out), "pairs": len(kept), "without_effect": still, "left_out": left_out}
+    return {
+        "out": str(out), "pairs": len(kept), "without_effect": still, "left_out": left_out,
+        "view": seen.said,
+    }  # fmt: skip
+
+
+def like_of(options: Labelled) -> tuple[Camera, float] | None:
+    """Camera and depth unit of the data set that `--like` names."""
+    if options.like is None:
+        return None
+    folder = folders.folder_of(options.like, "a data set", cameras.CAMERA, datasets.TABLE)
+    return cameras.read_camera(folder / cameras.CAMERA)
 
 
 def labels_of(options: Labelled, file: str, *, named: bool = False) -> dict[str, Label] | Label:
@@ -122,7 +140,11 @@ def merge(out: Path, dataset: Path, /, *more: Path, options: Writes = Writes()) 
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
     parts = [datasets.load_pairs(folder) for folder in whole]
     first = parts[0]
-    fields = [cameras.camera_fields(p.camera) | {"depth_unit": p.depth_unit} for p in parts]
+    fields = [
+        # Where it stood says nothing of pairs.
+        cameras.camera_fields(replace(p.camera, pose=None)) | {"depth_unit": p.depth_unit}
+        for p in parts
+    ]
     for folder, theirs in zip(whole, fields, strict=True):
         for name, ours in fields[0].items():
             if theirs[name] != ours:

@@ -1,17 +1,29 @@
 """`jshape dataset simulate-recording` and `jshape dataset segment`."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
-from jshape.cli.dataset_import import Labelled, labels_of, placed
+from jshape.cli.dataset_import import Labelled, labels_of, like_of, placed
 from jshape.cli.names import Action, Agent, Simulates
-from jshape.cli.options import Count, Positive, PositiveCount, Seed, Several, Share, Writes
-from jshape.cli.tables import print_table, progress
+from jshape.cli.options import (
+    CameraFile,
+    Count,
+    Positive,
+    PositiveCount,
+    Seed,
+    Several,
+    Share,
+    Writes,
+)
+from jshape.cli.tables import print_table, progress, warn
 from jshape.data import segment as cutting
+from jshape.data.annotate import provisional_box
+from jshape.data.looks import coarse
+from jshape.data.pair_view import TURNED_DEG, Moved, PairView, moved, pair_view
 from jshape.errors import BadDataset
 from jshape.io import annotations, folders, recordings
 from jshape.io.recordings import LABELS, LEAVE_OUT, Label, Recording
@@ -42,6 +54,9 @@ class Simulated(Simulates, Writes):
     """Number of actions after which the bed is levelled; 0: never."""
     seed: Seed = 0
     """Random seed."""
+    camera_file: Annotated[Path | None, CameraFile] = None
+    """camera.json; its pose is in the bed's frame: x along u, y along v, z down, the bed at 0.45 m
+    (default: the paper's camera, straight above)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +84,11 @@ def simulate_recording(out: Path, /, options: Simulated = Simulated()) -> dict[s
     from jshape.camera import PAPER_BOX
     from jshape.data import recording
     from jshape.data.simulate import DEPTH_UNIT
+    from jshape.io.cameras import read_camera
 
     folders.check_target(out, options.overwrite, contents=recordings.CONTENTS)
+    file = options.camera_file
+    camera = PAPER_BOX if file is None else read_camera(file, DEPTH_UNIT)[0]
     actions = [options.actions[k % len(options.actions)] for k in range(options.count)]
     truth, frames = recording.simulate_recording(
         jax.random.key(options.seed),
@@ -81,10 +99,9 @@ def simulate_recording(out: Path, /, options: Simulated = Simulated()) -> dict[s
         still=options.still_frames,
         idle=options.idle,
         level_every=options.level_every,
+        camera=camera,
     )
-    with recordings.recording_writer(
-        out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite
-    ) as add:
+    with recordings.recording_writer(out, camera, DEPTH_UNIT, overwrite=options.overwrite) as add:
         for counts in progress(frames, truth.frames, "recording"):
             add(counts)
         add.labels = actions
@@ -111,12 +128,23 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     cut = cutting.cut(
         thumbs, recording.depth_unit, near_mm=options.near_mm, min_frames=options.min_frames
     )
+    elsewhere = _moved(recording, cut, thumbs)
     _check(recording, cut, options.min_frames)
     averages = _averages(recording, cut)
+    first = f"{folder}: frames {cut.open[0]}"
+    seen = pair_view(
+        recording.camera, recording.depth_unit, averages[0].counts, first, like_of(options)
+    )
+    if elsewhere:
+        _tell(recording, seen, *elsewhere)
+    averages = [
+        replace(one, counts=seen.counts(one.counts, f"{folder}: frames {one.segment}"))
+        for one in averages
+    ]
     noise = float(np.median([a.noise_mm for a in averages]))
     pairs = list(zip(averages, averages[1:], strict=False))
     changes = [
-        cutting.compare(a, b, recording.depth_unit, noise, reset_share=options.reset_share)
+        cutting.compare(a, b, seen.depth_unit, noise, reset_share=options.reset_share)
         for a, b in pairs
     ]
     actions = [change for change in changes if change.kind == "action"]
@@ -128,7 +156,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     texts = iter([label.action if label else "left out" for label in named])
     told = [(c, next(texts) if c.kind == "action" else c.kind) for c in changes]
     with annotations.found_writer(
-        out, recording.camera, recording.depth_unit, overwrite=options.overwrite
+        out, seen.camera, seen.depth_unit, overwrite=options.overwrite
     ) as add:
         for number, (change, label) in enumerate(kept):
             add(
@@ -136,7 +164,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
                 prior=change.before.counts,
                 posterior=change.after.counts,
                 **label._asdict(),
-                **placed(cutting.provisional_box(change.effect, recording.camera.shape)),
+                **placed(provisional_box(change.effect, seen.camera.shape)),
             )
         title = f"{name}: {len(cut.open)} open segments, {len(kept)} pairs"
         marks = [(sum(c.between) / 2, text, _COLOURS[c.kind]) for c, text in told]
@@ -151,6 +179,8 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
         f"{len(recording)} frames: {len(cut.open)} segments with the open bed at rest, "
         f"{hidden} at rest but hidden; noise {noise:.2f} mm after averaging"
     )
+    if seen.said:
+        print(seen.said)
     print_table(("frames before / after", "what", "why no pair"), rows)
     print(f"{len(kept)} pairs, and {annotations.TIMELINE} to check: {out}")
     return {
@@ -163,6 +193,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
         ],
         "pairs": len(kept),
         "noise_mm": noise,
+        "view": seen.said,
     }
 
 
@@ -172,6 +203,34 @@ def _averages(recording: Recording, cut: cutting.Cut) -> list[cutting.Averaged]:
         stack = np.stack(list(recording.frames(cutting.averaged_frames(part))))
         found.append(cutting.average_segment(part, stack, recording.depth_unit))
     return found
+
+
+def _moved(
+    recording: Recording, cut: cutting.Cut, thumbs: np.ndarray
+) -> tuple[cutting.Segment, cutting.Segment, Moved] | None:
+    """A still segment, the first later one from which the bed lies elsewhere, and how."""
+    still = [s for s in cut.segments if s.state != "short"]
+    camera = coarse(recording.camera, cutting.BLOCK)
+    camera = replace(camera, width=thumbs.shape[2], height=thumbs.shape[1])
+    means = [cutting.mean_of(thumbs[s.start : s.stop], recording.depth_unit) for s in still]
+    for part, mean in zip(still[1:], means[1:], strict=True):
+        if found := moved(means[0], mean, camera):
+            return still[0], part, found
+    return None
+
+
+def _tell(
+    recording: Recording,
+    seen: PairView,
+    first: cutting.Segment,
+    later: cutting.Segment,
+    how: Moved,
+) -> None:
+    """Warn of a camera that moved; refuse what it then sees aslant, if it is seen from above."""
+    said = f"{recording.folder}: frames {later}: the bed {how} in frames {first}: "
+    if seen.view is not None and how.turned_deg > TURNED_DEG:
+        raise BadDataset(f"{said}the camera moved; what comes from there on is another recording")
+    warn(f"{said}did the camera move, or was material added?")
 
 
 def _check(recording: Recording, cut: cutting.Cut, least: int) -> None:

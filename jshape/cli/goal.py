@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import window_of
-from jshape.cli.goal_frame import GoalFrame, frame_to_change, tilt_deg
+from jshape.cli.goal_frame import GoalFrame, frame_to_change
 from jshape.cli.goal_options import GoalOptions
 from jshape.cli.goal_sources import NAMES, wanted_of
 from jshape.cli.options import spelled
@@ -16,7 +16,7 @@ from jshape.cli.search_options import read_mask
 from jshape.data.missing import missing
 from jshape.data.missing import said as said_of
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.data.view import above
+from jshape.data.view import above, tilt_deg
 from jshape.errors import JShapeError
 from jshape.goals import Goal, Limits, bed_map, make_goal, report
 from jshape.height_map import ABOVE

@@ -1,6 +1,5 @@
 """The frame that `jshape goal` makes a goal for: as a camera saw it, or from straight above."""
 
-import math
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,15 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from jshape import sim
-from jshape.camera import Camera, matrix
+from jshape.camera import Camera
 from jshape.cli.goal_options import GoalOptions
 from jshape.data.intrinsics import within
-from jshape.data.looks import plane_frame
 from jshape.data.missing import fill_missing
 from jshape.data.set_up import TILT_MOST_DEG
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.data.view import LEAST_SEEN, View, above, look_of
-from jshape.errors import BadCamera, BadImage
+from jshape.data.view import LEAST_SEEN, View, above, tilt_deg
+from jshape.errors import BadCamera
 from jshape.io import formats, images
 from jshape.io.frames import Source, frame_of, source_of
 from jshape.io.maps import SUFFIX, read_map
@@ -112,13 +110,3 @@ def frame_to_change(bed: str, options: GoalOptions, bank: Bank) -> GoalFrame:
         return GoalFrame(raw, depth, camera, source, left_out)
     seen = view.depth(depth, bed).astype(np.float32)
     return GoalFrame(seen, seen, view.target, source, left_out, depth, view)
-
-
-def tilt_deg(depth: np.ndarray, camera: Camera) -> float:
-    """Angle of the bed's plane against the image, degrees; 0 where none is found."""
-    try:
-        frame = plane_frame(look_of(depth, camera))
-    except BadImage:
-        return 0.0
-    axis = matrix(camera.pose)
-    return math.degrees(math.acos(min(1.0, abs(float(axis[:3, 2] @ frame[:3, 2])))))

@@ -157,6 +157,17 @@ def place_boxes(
     return replace(pairs, centre=centre, size=size), there
 
 
+def provisional_box(effect: Effect, shape: tuple[int, int]) -> Box:
+    """A box around all that changed, with a twentieth of its size to spare on each side."""
+    boxes = np.array([box for box in (effect.box, *effect.others) if box is not None])
+    first, last = boxes[:, :2].min(0), (boxes[:, :2] + boxes[:, 2:]).max(0)
+    spare = (last - first) // 20 + 2
+    first = np.maximum(first - spare, 0)
+    last = np.minimum(last + spare, shape[::-1])
+    left, top, w, h = *first.tolist(), *(last - first).tolist()
+    return left, top, w, h
+
+
 def _centre_of_change(effect: Effect) -> np.ndarray:
     """The mean place (u, v) of an effect, weighted by the size of the change."""
     rows, columns = np.nonzero(effect.mask)

@@ -159,7 +159,7 @@ def _plane(look: Look, where: str) -> np.ndarray:
     Raises:
       BadImage: there is none.
     """
-    depth, camera = _bed(look)
+    depth, camera = bed_of(look)
     there = np.isfinite(depth)
     if not there.any():
         raise BadImage(f"{where}: no pixel has a reading")
@@ -186,7 +186,7 @@ def _plane(look: Look, where: str) -> np.ndarray:
     )
 
 
-def _bed(look: Look) -> tuple[np.ndarray, Camera]:
+def bed_of(look: Look) -> tuple[np.ndarray, Camera]:
     """Some pixels of what a look shows, NaN where they are not the bed's, and their camera."""
     depth, camera = some_of(look)
     return np.where(bed_in(depth, camera), depth, np.float32(np.nan)), camera
@@ -210,7 +210,7 @@ def camera_over(
     away = float((np.linalg.inv(first.to_common) @ to_common)[2, 3])
     pitch = 1.0 / float(first.camera.scale(max(away, 0.05))[0]) if pitch is None else pitch
     to_map = np.linalg.inv(to_common)
-    shown = np.concatenate([points_of(look, *_bed(look), to_map) for look in looks])
+    shown = np.concatenate([points_of(look, *bed_of(look), to_map) for look in looks])
     shown = shown[np.abs(shown[:, 2]) < RELIEF]
     if len(shown) < 100:
         raise BadImage(f"{where}: no reading lies within {RELIEF:g} m of the bed's plane")

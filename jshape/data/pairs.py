@@ -9,7 +9,7 @@ import numpy as np
 from jshape import actions, metric
 from jshape.camera import Camera
 from jshape.data.depth import outside_range
-from jshape.data.missing import only_readings
+from jshape.data.missing import LIMIT, fill_nan, only_readings
 from jshape.errors import BadDataset, UnknownName
 
 
@@ -39,6 +39,22 @@ class Examples(NamedTuple):
     def seen(self) -> np.ndarray:
         """(n, h, w) bool: pixels with a reading before and after."""
         return np.isfinite(self.prior) & np.isfinite(self.posterior)
+
+    def without_blind(self) -> "Examples":
+        """The same, with pixels that no pair has seen filled where they are at most `LIMIT` of all.
+
+        A camera at an angle never sees the wall of a hole that faces away from it.
+        """
+        blind = ~self.seen.any(0)
+        if (
+            not 0 < blind.mean() <= LIMIT
+            or np.isnan([self.prior, self.posterior]).all((2, 3)).any()
+        ):
+            return self
+        prior, posterior = (
+            np.where(blind, [fill_nan(roi) for roi in rois], rois) for rois in self[:2]
+        )
+        return self._replace(prior=prior, posterior=posterior)
 
     def select(self, keep: np.ndarray) -> "Examples":
         """The examples where `keep` (a mask or indices) says so."""

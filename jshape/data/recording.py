@@ -1,4 +1,4 @@
-"""Simulated recordings: a camera above a bed while a hand comes in, acts, and goes out again.
+"""Simulated recordings: a camera looks at a bed while a hand comes in, acts, and goes out again.
 
 What a person who records pairs has on disk: frames at a steady rate, most of them with an arm in
 them.  Frames are `[v, u]`, uint16 counts of `DEPTH_UNIT` metres, 0 = no reading; boxes are
@@ -27,6 +27,8 @@ LEVELLED_STD = 0.0015
 
 _HOVER = 0.06
 """Height of the fingertips above the bed while the hand comes and rests, metres."""
+_NEAREST = 0.05
+"""Depth up to which a forearm is drawn, metres."""
 _BASELINE = 0.05
 """Distance of the D435's two infrared cameras, metres: the hand hides a strip from one of them."""
 
@@ -68,7 +70,8 @@ def simulate_recording(
       agent: whose hand.
       material: a simulated material, or its name.
       bed: kind of bed at the start.
-      camera: looks straight down.
+      camera: looks straight down, or from its `pose` in the frame of `sim.render`; one with a
+        pose sees what happens at the places that `PAPER_BOX` would see.
       still: frames of the open bed between two visits of the hand.
       move: frames in which the hand comes in, and again in which it leaves.
       rest: frames in which it rests motionless above the bed, before and after it acts.
@@ -90,6 +93,7 @@ def simulate_recording(
         if name not in allowed:
             raise UnknownName(what, name, allowed)
     material = sim.read_material(material)
+    straight = camera if camera.pose is None else PAPER_BOX
     for_bed, key = jax.random.split(key)
     start = random_bed(for_bed, bed)
     visits = ["idle"] * bool(idle)
@@ -123,12 +127,16 @@ def simulate_recording(
             key, for_place, for_arm, for_act = jax.random.split(key, 4)
             kind, _, index = visit.partition(" ")
             action = actions[int(index)] if index else ""
-            place = random_place(for_place, ROIS[action or "grasp"], camera)
-            xy = np.asarray(sim.position_to_xy(camera, place))
+            place = random_place(for_place, ROIS[action or "grasp"], straight)
+            xy = np.asarray(sim.position_to_xy(straight, place))
             angle = np.pi / 2 + float(jax.random.uniform(for_arm, (), jnp.float32, -0.9, 0.9))
             path = _path(move, rest, touches=kind != "idle")
             contact = next((k for k, p in enumerate(path) if p == (0.0, 0.0)), -1)
             changed_at = count + contact
+            if camera.pose is not None:
+                back = np.linalg.inv(np.array(camera.pose))
+                at = camera.pixel(*(back @ [*xy, sim.SURFACE, 1.0])[:3])
+                place = int(np.rint(at[0])), int(np.rint(at[1]))
             pose, before = None, depth
             for step, (away, lift) in enumerate(path):
                 if step == contact:
@@ -196,6 +204,12 @@ def _hand(camera: Camera, xy, angle: float, away: float, lift: float) -> np.ndar
         parts.append((point(0.02, side, 0.055), point(-0.03, 1.2 * side, 0.010), 0.010))
     parts.append((point(0.03, 0.035, 0.05), point(-0.01, 0.06, 0.012), 0.011))  # thumb
     start, stop, radius = (np.array(x, np.float32) for x in zip(*parts, strict=True))
+    if camera.pose is not None:
+        pose = np.array(camera.pose, np.float32)
+        start, stop = ((at - pose[:3, 3]) @ pose[:3, :3] for at in (start, stop))
+        # Up to the image plane: a forearm may reach past the camera.
+        inside = (start[:, 2] - _NEAREST) / np.maximum(start[:, 2] - stop[:, 2], 1e-6)
+        stop = np.where(stop[:, 2:] < _NEAREST, start + inside[:, None] * (stop - start), stop)
     return np.asarray(_capsules(camera, start, stop, radius))
 
 

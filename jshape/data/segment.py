@@ -11,7 +11,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from jshape.data.annotate import Box, Effect, difference_mm, find_effect
+from jshape.data.annotate import Effect, difference_mm, find_effect
 from jshape.data.missing import middle_reading, spread
 
 BLOCK = 8
@@ -212,17 +212,6 @@ def compare(
     return Change(kind, before, after, effect, why)
 
 
-def provisional_box(effect: Effect, shape: tuple[int, int]) -> Box:
-    """A box around all that changed, with a twentieth of its size to spare on each side."""
-    boxes = np.array([box for box in (effect.box, *effect.others) if box is not None])
-    first, last = boxes[:, :2].min(0), (boxes[:, :2] + boxes[:, 2:]).max(0)
-    spare = (last - first) // 20 + 2
-    first = np.maximum(first - spare, 0)
-    last = np.minimum(last + spare, shape[::-1])
-    left, top, w, h = *first.tolist(), *(last - first).tolist()
-    return left, top, w, h
-
-
 def _step(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """|difference| of two thumbnails in counts, 0 where either has no reading."""
     both = (before > 0) & (after > 0)
@@ -290,8 +279,10 @@ def _without_visitors(found: Cut, thumbs: np.ndarray, depth_unit: float, least: 
     go: what is 8 mm nearer than both before and after, where those two agree, is no material.
     """
     still = [k for k, s in enumerate(found.segments) if s.state == "open"]
-    segments, unit_mm = list(found.segments), 1e3 * depth_unit
-    mean = {k: unit_mm * _mean(thumbs[segments[k].start : segments[k].stop]) for k in still}
+    segments = list(found.segments)
+    mean = {
+        k: 1e3 * mean_of(thumbs[segments[k].start : segments[k].stop], depth_unit) for k in still
+    }
     for a, b, c in zip(still, still[1:], still[2:], strict=False):
         first, here, last = mean[a], mean[b], mean[c]
         same = (first > 0) & (here > 0) & (last > 0) & (np.abs(first - last) < 3.0)
@@ -301,5 +292,8 @@ def _without_visitors(found: Cut, thumbs: np.ndarray, depth_unit: float, least: 
     return replace(found, segments=tuple(segments))
 
 
-def _mean(thumbs: np.ndarray) -> np.ndarray:
-    return thumbs.sum(0, dtype=np.float64) / np.maximum((thumbs > 0).sum(0), 1)
+def mean_of(thumbs: np.ndarray, depth_unit: float) -> np.ndarray:
+    """The mean (h, w) of thumbnails (T, h, w) over their readings, metres; NaN where none is."""
+    count = (thumbs > 0).sum(0)
+    mean = thumbs.sum(0, dtype=np.float64) / np.maximum(count, 1)
+    return np.where(count > 0, depth_unit * mean, np.nan)

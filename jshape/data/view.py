@@ -1,5 +1,6 @@
 """From a raw depth frame of any camera to the weighed image of a bank's camera."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -99,6 +100,16 @@ def look_of(depth: np.ndarray, camera: Camera) -> Look:
     """A frame (H, W) in metres as a look of its camera."""
     seen = np.where(missing(depth), np.nan, depth).astype(np.float32)
     return Look(seen, camera)
+
+
+def tilt_deg(depth: np.ndarray, camera: Camera) -> float:
+    """Angle of the bed's plane against the image, degrees; 0 where none is found."""
+    try:
+        frame = plane_frame(look_of(depth, camera))
+    except BadImage:
+        return 0.0
+    axis = matrix(camera.pose)
+    return math.degrees(math.acos(min(1.0, abs(float(axis[:3, 2] @ frame[:3, 2])))))
 
 
 def in_range(frame: np.ndarray, camera: Camera) -> bool:

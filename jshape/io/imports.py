@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape.camera import Camera
-from jshape.data.annotate import Box, find_effect
+from jshape.data.annotate import Box, find_effect, provisional_box
+from jshape.data.depth import to_metres
+from jshape.data.looks import coarse
 from jshape.data.missing import only_readings
-from jshape.data.segment import provisional_box
+from jshape.data.pair_view import TURNED_DEG, PairView, moved, pair_view
 from jshape.errors import BadDataset
 from jshape.io.cameras import read_camera
 from jshape.io.files import as_error
@@ -25,6 +27,8 @@ from jshape.io.images import depth_of_array, to_counts
 from jshape.io.recordings import by_number
 
 STATES = ("before", "after")
+_STEP = 8
+"""Every so manieth pixel says whether the camera moved."""
 
 
 class BeforeAfter(NamedTuple):
@@ -88,20 +92,55 @@ def before_after_camera(
         return read_camera(path)
 
 
+def before_after_view(
+    source: str | os.PathLike,
+    files: dict[str, tuple[Path, Path]],
+    camera: str | os.PathLike | None = None,
+    like: tuple[Camera, float] | None = None,
+) -> PairView:
+    """How the frames of such a folder are seen: the bed is found in the first one.
+
+    Args:
+      source: the folder.
+      files: of `before_after_files`.
+      camera: the camera.json, if it is not the folder's own.
+      like: camera and depth unit of a data set, see `pair_view`.
+
+    Raises:
+      BadDataset: no camera.json, or as `before_after_pairs` of the first frame.
+      BadCamera: it makes no sense.
+      BadImage: no bed is found.
+    """
+    found, unit = before_after_camera(source, camera)
+    first = next(iter(files.values()))[0]
+    return pair_view(found, unit, _counts(first, found, unit, None), str(first), like)
+
+
 def before_after_pairs(
     files: dict[str, tuple[Path, Path]],
-    camera: Camera,
-    depth_unit: float,
+    seen: PairView,
     left_out: Counter[str] | None = None,
 ) -> Iterator[BeforeAfter]:
     """The frames of every name, one pair at a time; why pixels are no readings adds to `left_out`.
 
     Raises:
-      BadDataset: a frame that cannot be read, has another size than the camera, or no reading.
+      BadDataset: a frame that cannot be read, has another size than the camera, or no reading; of
+        a camera that moved, unless it looks straight down.
     """
-    for name, (before, after) in files.items():
-        prior, posterior = (_counts(path, camera, depth_unit, left_out) for path in (before, after))
-        effect = find_effect(prior, posterior, depth_unit)
+    camera, first = seen.camera, None
+    for name, paths in files.items():
+        own = [_counts(path, seen.source, seen.unit, left_out) for path in paths]
+        if seen.view is not None:
+            for path, counts in zip(paths, own, strict=True):
+                depth = to_metres(counts, seen.unit, str(path))[::_STEP, ::_STEP]
+                first = depth if first is None else first
+                how = moved(first, depth, coarse(seen.source, _STEP))
+                if how and how.turned_deg > TURNED_DEG:
+                    raise BadDataset(f"{path}: the bed {how} in the first frame: the camera moved")
+        prior, posterior = (
+            seen.counts(counts, str(path)) for counts, path in zip(own, paths, strict=True)
+        )
+        effect = find_effect(prior, posterior, seen.depth_unit)
         box = provisional_box(effect, camera.shape) if effect.box else None
         yield BeforeAfter(name, prior, posterior, box or (0, 0, camera.width, camera.height))
 

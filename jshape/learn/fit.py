@@ -113,7 +113,7 @@ def fit(
         hooks = Hooks(name, report, keep(name) if keep is not None else None, mesh)
         try:
             size = first.roi if first is not None else None
-            examples = pairs.rois(name, size, padded=first is not None)
+            examples = pairs.rois(name, size, padded=first is not None).without_blind()
             predictors.append(FITTERS[kind](examples, pairs.camera, settings, first, hooks))
         except BadDataset as error:
             raise BadDataset(f"{name}: {error}") from None

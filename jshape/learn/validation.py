@@ -14,7 +14,7 @@ import numpy as np
 from jax.sharding import Mesh
 
 from jshape import metric
-from jshape.data.pairs import Examples, Pairs
+from jshape.data.pairs import Pairs
 from jshape.errors import BadDataset
 from jshape.learn import fit as fitting
 from jshape.learn.imprint import mean_imprint
@@ -211,7 +211,7 @@ def _on_validation(bank: Bank, pairs: Pairs, options: Mapping[str, Any]) -> list
         if len(kept_out.prior) == 0:
             continue
         try:
-            plain = fit_difference(training.prior, training.posterior)
+            plain = fit_difference(*training.without_blind()[:2])
         except BadDataset:  # pixels that only the pairs kept out have seen
             continue
         own, nothing = errors_of(bank.predictor(name), kept_out, to_mm)
@@ -246,7 +246,7 @@ def without_worse(bank: Bank, pairs: Pairs, rows: list[Validation]) -> Bank:
     def kept(name: str, predictor: Predictor) -> Predictor:
         if name not in worse:
             return predictor
-        examples: Examples = pairs.rois(name, bank.roi(name), padded=True)
+        examples = pairs.rois(name, bank.roi(name), padded=True).without_blind()
         if bank.kind == "P":
             return mean_imprint(examples, bank.camera)
         return fit_difference(examples.prior, examples.posterior, examples.strengths)

@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 
 from jshape import metric
 from jshape._typing import Bool, Float
-from jshape.camera import Camera, matrix
+from jshape.camera import Camera, matrix, window_of
 from jshape.data.missing import fill_missing
 from jshape.data.view import View, cut_out, known_in_both, view_above, view_like
 from jshape.errors import BadCamera, BadImage
@@ -55,8 +55,8 @@ def bank_for(bank: Bank, target: Camera) -> Bank:
     Raises:
       BadCamera: a bed that is smaller than an action.
     """
-    if not target.orthographic:
-        return replace(bank, camera=target)
+    if not target.orthographic or window_of(bank.camera, target) == (0, 0):
+        return replace(bank, camera=target)  # its own, wherever it stands
     bank = bank.seen_by(target, ABOVE)
     pixel = 1e3 / float(target.scale(ABOVE)[0])
     for name, (w, h) in bank.rois.items():

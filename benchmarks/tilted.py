@@ -50,12 +50,12 @@ AWAY = 0.5
 KINDS = ("shape", "sequence", "relief")
 
 
-def posed(tilt: float) -> Camera:
+def posed(tilt: float, away: float = AWAY) -> Camera:
     """A D435 that looks at the middle of the bed from an angle, in the simulated bed's frame."""
     a = np.radians(tilt)
     pose = np.eye(4)
     pose[1:3, 1:3] = [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]
-    pose[:3, 3] = np.array([0, 0, sim.SURFACE]) - AWAY * pose[:3, 2]
+    pose[:3, 3] = np.array([0, 0, sim.SURFACE]) - away * pose[:3, 2]
     wide = replace(D435_BAZAR, u0=423.5, v0=239.5, z_min=0.2, z_max=1.5)
     return replace(wide, pose=as_frame(pose))
 

@@ -41,7 +41,8 @@ class Annotation:
         """What changed between the two frames of pair k."""
         if k not in self._effects:
             pairs = self.pairs
-            self._effects[k] = find_effect(pairs.prior[k], pairs.posterior[k], pairs.depth_unit)
+            frames, hidden = (pairs.prior[k], pairs.posterior[k]), pairs.camera.orthographic
+            self._effects[k] = find_effect(*frames, pairs.depth_unit, hidden=hidden)
         return self._effects[k]
 
     def correct(self, k: int, corner: tuple[float, float], other: tuple[float, float]) -> Box:

@@ -52,7 +52,7 @@ def annotate(
             f"the column {annotations.FOUND!r} that is still its own); --all finds them anew"
         )
     effects = [
-        finding.find_effect(prior, posterior, pairs.depth_unit)
+        finding.find_effect(prior, posterior, pairs.depth_unit, hidden=pairs.camera.orthographic)
         for prior, posterior in progress(
             zip(pairs.prior, pairs.posterior, strict=True), len(pairs), "finding"
         )

@@ -143,10 +143,8 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     ]
     noise = float(np.median([a.noise_mm for a in averages]))
     pairs = list(zip(averages, averages[1:], strict=False))
-    changes = [
-        cutting.compare(a, b, seen.depth_unit, noise, reset_share=options.reset_share)
-        for a, b in pairs
-    ]
+    how = {"reset_share": options.reset_share, "hidden": seen.camera.orthographic}
+    changes = [cutting.compare(a, b, seen.depth_unit, noise, **how) for a, b in pairs]
     actions = [change for change in changes if change.kind == "action"]
     named = _match(options, recording, labels, changes)
     kept = [(c, label) for c, label in zip(actions, named, strict=True) if label is not None]
@@ -210,8 +208,9 @@ def _moved(
 ) -> tuple[cutting.Segment, cutting.Segment, Moved] | None:
     """A still segment, the first later one from which the bed lies elsewhere, and how."""
     still = [s for s in cut.segments if s.state != "short"]
-    camera = coarse(recording.camera, cutting.BLOCK)
-    camera = replace(camera, width=thumbs.shape[2], height=thumbs.shape[1])
+    middle, whole = (cutting.BLOCK - 1) / 2, recording.camera  # of a block
+    camera = replace(whole, u0=whole.u0 - middle, v0=whole.v0 - middle)
+    camera = replace(coarse(camera, cutting.BLOCK), width=thumbs.shape[2], height=thumbs.shape[1])
     means = [cutting.mean_of(thumbs[s.start : s.stop], recording.depth_unit) for s in still]
     for part, mean in zip(still[1:], means[1:], strict=True):
         if found := moved(means[0], mean, camera):
@@ -227,7 +226,7 @@ def _tell(
     how: Moved,
 ) -> None:
     """Warn of a camera that moved; refuse what it then sees aslant, if it is seen from above."""
-    said = f"{recording.folder}: frames {later}: the bed {how} in frames {first}: "
+    said = f"{recording.folder}: frames {later}: {how.said(f'frames {first}')}: "
     if seen.view is not None and how.turned_deg > TURNED_DEG:
         raise BadDataset(f"{said}the camera moved; what comes from there on is another recording")
     warn(f"{said}did the camera move, or was material added?")

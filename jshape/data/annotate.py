@@ -62,9 +62,13 @@ class Effect:
     """Largest change of the next largest changed place."""
     share: float
     """Changed share of the pixels that both frames have."""
+    unseen_mm: float = 0.0
+    """What the change counts where the mask holds what is not known."""
 
 
-def find_effect(prior: np.ndarray, posterior: np.ndarray, depth_unit: float) -> Effect:
+def find_effect(
+    prior: np.ndarray, posterior: np.ndarray, depth_unit: float, *, hidden: bool = False
+) -> Effect:
     """The place that differs between two frames.
 
     Otsu's threshold on the size of the difference, raised above the noise, marks what has surely
@@ -72,6 +76,9 @@ def find_effect(prior: np.ndarray, posterior: np.ndarray, depth_unit: float) -> 
     shallower than that beside it (rims) is blurred once more, the deep part left out, and judged
     by its own, smaller noise.  Opening drops specks, closing joins parts that are near, and the
     connected component that holds the most sure change stays.
+
+    `hidden`: the frames are of a camera at an angle, looked at from above (`data.pair_view`).  What
+    lost its reading then has changed too: the wall of a hole hides its floor.
     """
     change, known = difference_mm(prior, posterior, depth_unit)
     drift = _most_frequent(change[known]) if known.any() else 0.0
@@ -82,6 +89,10 @@ def find_effect(prior: np.ndarray, posterior: np.ndarray, depth_unit: float) -> 
     changed = _open(_sides(prior, posterior, depth_unit, drift, CUT_OFF * limit) > limit, SPECK_PX)
     if EDGE * noise > LEAST_MM:
         changed |= _with_rim(change, known, changed)
+    if hidden:
+        gone = _open((prior > 0) & (posterior == 0), SPECK_PX)
+        changed |= gone
+        size = np.where(gone, np.maximum(size, 2 * max(SIGNAL * noise, LEAST_MM)), size)
     share = float(changed.sum() / max(known.sum(), 1))
     joined = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, _disk(NEAR_PX / 2))
     count, labels = cv2.connectedComponents(joined, connectivity=8)
@@ -101,7 +112,8 @@ def find_effect(prior: np.ndarray, posterior: np.ndarray, depth_unit: float) -> 
     mask = (labels == order[0]) & changed
     peaks = [float(np.percentile(size[(labels == k) & changed], 99)) for k in order[:2]]
     second = peaks[1] if len(peaks) > 1 else 0.0
-    return Effect(shown, mask, boxes[0], tuple(boxes[1:]), noise, peaks[0], second, share)
+    unseen = peaks[0] if hidden else 0.0
+    return Effect(shown, mask, boxes[0], tuple(boxes[1:]), noise, peaks[0], second, share, unseen)
 
 
 def difference_mm(
@@ -171,7 +183,7 @@ def provisional_box(effect: Effect, shape: tuple[int, int]) -> Box:
 def _centre_of_change(effect: Effect) -> np.ndarray:
     """The mean place (u, v) of an effect, weighted by the size of the change."""
     rows, columns = np.nonzero(effect.mask)
-    weight = np.abs(np.nan_to_num(effect.change_mm[rows, columns]))
+    weight = np.abs(np.nan_to_num(effect.change_mm[rows, columns], nan=effect.unseen_mm))
     return np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum() + 0.5
 
 

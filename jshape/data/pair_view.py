@@ -12,9 +12,15 @@ from jshape.camera import Camera
 from jshape.data.depth import outside_range, to_metres
 from jshape.data.intrinsics import counts_of
 from jshape.data.looks import APART, bed_of
-from jshape.data.planes import fit_plane
-from jshape.data.view import MAX_CLAMPED, View, look_of, middle_of, tilt_deg, view_above, view_like
-from jshape.errors import JShapeError
+from jshape.data.view import (
+    MAX_CLAMPED,
+    View,
+    look_of,
+    middle_of,
+    tilt_deg,
+    view_above,
+    view_like,
+)
 
 LEVEL_DEG = 5.0
 """Tilt from which a bed is looked at from above.  Hills of 8 mm alone tilt the plane that is found
@@ -24,6 +30,9 @@ FINEST = 1e-4
 and so is what lies between pixels."""
 TURNED_DEG = 1.0
 """A camera that turned by more sees the bed aslant from there on: 7 mm across 400 mm."""
+
+LEAST = 50
+"""Readings of both frames that tell whether a camera moved."""
 
 
 @dataclass(frozen=True)
@@ -125,36 +134,45 @@ class Moved(NamedTuple):
     """In the median, along the camera's axis."""
     turned_deg: float
 
-    def __str__(self) -> str:
-        return f"lies {self.off_mm:.1f} mm from where it was, turned by {self.turned_deg:.1f}°"
+    def said(self, before: str) -> str:
+        """In words, for people."""
+        return (
+            f"the bed lies {self.off_mm:.1f} mm from where it lay in {before}, turned by "
+            f"{self.turned_deg:.1f} degrees"
+        )
 
 
 def moved(first: np.ndarray, later: np.ndarray, camera: Camera) -> Moved | None:
     """Whether all of a bed lies elsewhere in a later frame (h, w; metres, NaN: none) than before.
 
     Molding lowers some of it and raises some, a hand hides some; a camera that moves changes 1/z
-    by a linear function of the ray.  None: no more than `APART`, or otherwise.
+    by a linear function of the ray.  None: by neither `APART` nor `TURNED_DEG`, or otherwise.
     """
     both = np.isfinite(first) & np.isfinite(later)
-    if both.sum() < 100:
-        return None
-    one, other = first[both].astype(float), later[both].astype(float)
-    off = float(np.median(np.abs(other - one)))
-    if off <= APART:
+    if both.sum() < LEAST:
         return None
     x, y = (np.broadcast_to(ray, first.shape)[both] for ray in camera.rays())
-    terms, gap = np.stack([x, y, np.ones_like(x)], 1).astype(float), 1.0 / other - 1.0 / one
-    fits = np.ones(gap.shape, bool)
-    for _ in range(4):  # the hand does not pull
-        change = np.linalg.lstsq(terms[fits], gap[fits], rcond=None)[0]
-        left = np.abs(gap - terms @ change)
-        fits = left <= 3 * np.median(left)
-    try:
-        plane = fit_plane(first, camera)
-    except JShapeError:
+    terms = np.stack([x, y, np.ones_like(x)], 1).astype(float)
+    one, other = 1.0 / first[both].astype(float), 1.0 / later[both].astype(float)
+    change, left = _linear(terms, other - one)
+    off = float(np.median(np.abs(1.0 / other - 1.0 / one)))
+    if np.median(left / one**2) > off / 3:
         return None
-    if np.median(left * one**2) >= off / 2:
-        return None
-    normals = [p / np.linalg.norm(p) for p in (plane, plane + change)]
-    turned = np.degrees(np.arccos(np.clip(normals[0] @ normals[1], -1.0, 1.0)))
-    return Moved(1e3 * off, float(turned))
+    before, _ = _linear(terms, one)
+    normals = [plane / np.linalg.norm(plane) for plane in (before, before + change)]
+    turned = float(np.degrees(np.arccos(np.clip(normals[0] @ normals[1], -1.0, 1.0))))
+    return Moved(1e3 * off, turned) if off > APART or turned > TURNED_DEG else None
+
+
+def _linear(terms: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Factors (3,) of terms (n, 3) from which values (n,) are least off, summed; and by how much.
+
+    Not in the sum of squares: a hand does not pull.
+    """
+    weight = np.ones(len(values))
+    for _ in range(20):
+        weighed = weight[:, None] * terms
+        found = np.linalg.solve(weighed.T @ terms, weighed.T @ values)
+        off = np.abs(values - terms @ found)
+        weight = 1.0 / np.maximum(off, 0.1 * np.median(off) + 1e-12)
+    return found, off

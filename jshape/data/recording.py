@@ -41,6 +41,8 @@ class Truth:
     """How many frames there will be."""
     still: list[tuple[int, int]] = field(default_factory=list)
     """Frame ranges in which the bed lies open and still."""
+    beds: list[sim.Bed] = field(default_factory=list)
+    """The bed in each of them."""
     changes: list[dict[str, Any]] = field(default_factory=list)
     """What the hand did between two of them: kind ("action", "idle", "level"), action, position,
     box, and the frame at which the bed changed."""
@@ -119,6 +121,7 @@ def simulate_recording(
 
         def open_bed() -> Iterator[np.ndarray]:
             truth.still.append((count, count + still))
+            truth.beds.append(now)
             for _ in range(still):
                 yield shot(None)
 

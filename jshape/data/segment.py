@@ -189,6 +189,7 @@ def compare(
     noise_mm: float,
     *,
     reset_share: float = RESET_SHARE,
+    hidden: bool = False,
 ) -> Change:
     """What happened between two open segments.
 
@@ -196,8 +197,9 @@ def compare(
     all over the bed (more than `reset_share` of it), or in two places far apart of which one is at
     least half as deep as the other.  `noise_mm` is the standard deviation of an averaged frame; it
     is not taken from the difference: all over a levelled bed, the change would look like noise.
+    `hidden`: as `find_effect`.
     """
-    effect = find_effect(before.counts, after.counts, depth_unit)
+    effect = find_effect(before.counts, after.counts, depth_unit, hidden=hidden)
     known = np.isfinite(effect.change_mm)
     limit = max(5 * 2**0.5 * noise_mm, LEVELLED_MM)
     share = float((np.abs(effect.change_mm[known]) > limit).mean()) if known.any() else 0.0

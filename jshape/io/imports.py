@@ -136,11 +136,11 @@ def before_after_pairs(
                 first = depth if first is None else first
                 how = moved(first, depth, coarse(seen.source, _STEP))
                 if how and how.turned_deg > TURNED_DEG:
-                    raise BadDataset(f"{path}: the bed {how} in the first frame: the camera moved")
+                    raise BadDataset(f"{path}: {how.said('the first frame')}: the camera moved")
         prior, posterior = (
             seen.counts(counts, str(path)) for counts, path in zip(own, paths, strict=True)
         )
-        effect = find_effect(prior, posterior, seen.depth_unit)
+        effect = find_effect(prior, posterior, seen.depth_unit, hidden=seen.camera.orthographic)
         box = provisional_box(effect, camera.shape) if effect.box else None
         yield BeforeAfter(name, prior, posterior, box or (0, 0, camera.width, camera.height))
 

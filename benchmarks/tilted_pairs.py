@@ -1,0 +1,108 @@
+"""Pairs cut from recordings of a tilted camera, against the same actions from straight above.
+
+    python -m benchmarks.tilted_pairs --count 6
+
+Each row is one recording (simulated, with noise) as `jshape dataset segment` and `annotate` make
+pairs of it: the overlap of found boxes with what changed by 0.5 mm without noise, and how far a
+bank of kind P that is fitted to them is off on other pairs, seen from straight above.
+"""
+
+import argparse
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import jax
+import numpy as np
+
+from benchmarks.annotation import iou
+from benchmarks.tilted import posed
+from jshape import sim
+from jshape.camera import PAPER_BOX, Camera
+from jshape.cli.main import main as jshape
+from jshape.data.pairs import Pairs
+from jshape.data.recording import changed_box, simulate_recording
+from jshape.data.simulate import DEPTH_UNIT, simulate_pairs, together
+from jshape.io.datasets import load_pairs
+from jshape.io.recordings import recording_writer
+from jshape.learn.fit import fit
+from jshape.learn.scores import roi_errors_mm
+
+
+def recorded(
+    folder: Path, camera: Camera, actions: Sequence[str], seed: int, **settings: Any
+) -> tuple[Pairs, list[tuple[int, int, int, int]]]:
+    """The pairs that the commands make of a recording, and the true boxes in their frames."""
+    truth, frames = simulate_recording(jax.random.key(seed), actions, camera=camera, **settings)
+    with recording_writer(folder / "recording", camera, DEPTH_UNIT) as add:
+        for counts in frames:
+            add(counts)
+        add.labels = actions
+    cut, found = folder / "cut", folder / "pairs"
+    said = ("--labels", folder / "recording/labels.csv", "--agent", "robot", "--material", "flour")
+    with redirect_stdout(StringIO()):
+        for command in (("segment", folder / "recording", cut, *said), ("annotate", cut, found)):
+            if jshape(["dataset", *map(str, command)]):
+                raise SystemExit(f"{folder}: jshape dataset {command[0]} failed")
+    pairs = load_pairs(found)
+    depths = [np.asarray(sim.render(bed, pairs.camera)) for bed in truth.beds]
+    true = [changed_box(a, b) for a, b in zip(depths, depths[1:], strict=False)]
+    return pairs, [box or (0, 0, 0, 0) for box in true]
+
+
+def overlaps(pairs: Pairs, boxes: Sequence[tuple[int, int, int, int]]) -> np.ndarray:
+    """(N,) intersection over union of the pairs' ROIs with boxes (left, top, width, height)."""
+    first = pairs.centre - pairs.size // 2
+    own = np.concatenate([first, pairs.size], 1)
+    return np.array([iou(tuple(a), b) for a, b in zip(own.tolist(), boxes, strict=True)])
+
+
+def errors_mm(pairs: Pairs, others: Pairs) -> dict[str, tuple[float, float]]:
+    """By action: how far the bank of pairs is off on others from straight above, and the change.
+
+    Means over the others' ROIs, mm.
+    """
+    bank = fit(pairs, "P")
+    if bank.camera.orthographic:
+        bank = bank.seen_by(others.camera, sim.SURFACE)
+    sizes = {name: others.roi_size(name) for name in others.actions}
+    both = {name: roi_errors_mm(bank, others, name, size=size) for name, size in sizes.items()}
+    return {name: (float(off.mean()), float(all_.mean())) for name, (off, all_) in both.items()}
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """The table of all views."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=6, help="of each action")
+    parser.add_argument("--actions", nargs="+", default=["knock", "poke"])
+    parser.add_argument("--bed", default="irregular")
+    parser.add_argument("--tilts", type=float, nargs="+", default=[30.0])
+    parser.add_argument("--away", type=float, default=0.6, help="metres")
+    asked = parser.parse_args(words)
+    views = {"from above, 0.45 m": PAPER_BOX}
+    views |= {f"{t:g} degrees, {asked.away:g} m": posed(t, asked.away) for t in asked.tilts}
+    other = simulate_pairs(
+        jax.random.key(99), 6, actions=asked.actions, beds=(asked.bed,), frames=10
+    )
+    others = together(other)
+    for name, camera in views.items():
+        with TemporaryDirectory() as folder:
+            pairs, true = recorded(
+                Path(folder), camera, asked.actions * asked.count, 1, bed=asked.bed, agent="robot"
+            )
+        overlap, off = overlaps(pairs, true), errors_mm(pairs, others)
+        for action in asked.actions:
+            mine = overlap[pairs.action == action]
+            print(
+                f"{name:20} {action:6} {len(mine)} pairs: IoU {mine.mean():.2f} (least "
+                f"{mine.min():.2f}); f_P off by {off[action][0]:.2f} of {off[action][1]:.2f} mm",
+                flush=True,
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,215 @@
+"""Frames of a camera that stands anywhere as pairs, seen from above; straight ones untouched."""
+
+import json
+import re
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from jshape import PAPER_BOX, load_pairs, sim
+from jshape.cli.main import main
+from jshape.data.intrinsics import counts_of
+from jshape.data.pair_view import moved, not_from_above, pair_view
+from jshape.data.simulate import BEDS, random_bed
+from jshape.io.cameras import write_camera
+from jshape.io.recordings import recording_writer
+from tests.seen_beds import SMALL, bed, heights, seen_by, standing
+
+UNIT = 1e-4
+SAID = ("--action", "poke", "--agent", "human", "--material", "sand")
+
+
+def counts(depth, unit=UNIT):
+    return counts_of(np.asarray(depth), unit)
+
+
+def hollow(depth, u=0.0, v=0.0):
+    """Heights of a bed with a round hollow of some depth at (u, v), metres."""
+    return lambda x, y: (
+        heights(x, y) - depth * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2 * 0.012**2))
+    )
+
+
+@pytest.mark.parametrize("kind", BEDS)
+def test_what_a_straight_camera_sees_stays_as_it_is(kind):
+    frame = counts(sim.render(random_bed(jax.random.key(3), kind), PAPER_BOX))
+    seen = pair_view(PAPER_BOX, UNIT, frame, "frame")
+    assert seen.view is None and seen.camera is PAPER_BOX and seen.depth_unit == UNIT
+    assert seen.counts(frame, "frame") is frame and not seen.said
+
+
+@pytest.mark.parametrize("unit", [1e-4, 1e-3])
+def test_a_tilted_camera_sees_the_bed_from_above(unit):
+    camera = standing(30, 0.6)
+    seen = pair_view(camera, unit, counts(seen_by(camera), unit), "frame")
+    assert "(the bed is seen at 30 degrees)" in seen.said and seen.camera.orthographic
+    assert seen.depth_unit == 1e-4
+    shown = seen.counts(counts(seen_by(camera), unit), "frame") * seen.depth_unit
+    known = shown > 0
+    assert known.mean() > 0.95
+    # The pose is in the bed's frame: so are the places of the pixels.
+    v, u = np.nonzero(known)
+    at = np.stack([*seen.camera.at(u, v, shown[known]), shown[known], np.ones(u.shape)])
+    x, y, z, _ = np.array(seen.camera.pose) @ at
+    inside = (np.abs(x) < 0.15) & (np.abs(y) < 0.11)
+    off = np.abs(z - heights(x, y))[inside]
+    assert np.median(off) < (2e-4 if unit == 1e-4 else 5e-4) and np.percentile(off, 99) < 2e-3
+
+
+def test_a_lens_and_a_relief_beyond_the_range_are_reasons_too():
+    straight = standing(0, camera=replace(SMALL, z_min=0.42, z_max=0.47))
+    bent = replace(straight, lens=(0.1, -0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert not_from_above(straight, seen_by(straight)) == ""
+    assert not_from_above(bent, seen_by(bent)) == "the lens distorts"
+    heap = bed(of=lambda x, y: 0.09 * np.exp(-(x**2 + y**2) / (2 * 0.045**2)))
+    said = not_from_above(straight, seen_by(straight, heap))
+    assert said.endswith("% of the bed lie beyond 0.42 to 0.47 m")
+    frame = counts(seen_by(straight, heap))
+    seen = pair_view(straight, UNIT, frame, "frame")
+    top = 0.45 - UNIT * seen.counts(frame, "frame").astype(float)
+    assert abs(top[top < 0.2].max() - 0.09) < 2e-3
+    # A frame of which none is in the range is of the floor around: as it was.
+    far = replace(straight, z_min=0.8, z_max=0.9)
+    assert not_from_above(far, seen_by(straight)) == ""
+
+
+def test_a_camera_that_moves_is_told_from_a_bed_that_changes():
+    camera = standing(30, 0.6)
+    first = seen_by(camera)
+
+    def how(later):
+        return moved(*(np.where(z > 0, z, np.nan) for z in (first, later)), camera)
+
+    molded = seen_by(camera, bed(of=hollow(0.02)))
+    assert how(molded) is None and how(first + 0.004) is None
+    turned = seen_by(standing(33, 0.6))
+    assert how(turned).turned_deg == pytest.approx(3.0, abs=0.3)
+    hand = turned.copy()
+    hand[:60, 40:80] -= 0.1
+    assert how(hand).turned_deg == pytest.approx(3.0, abs=0.3)
+    nearer = how(seen_by(standing(30, 0.58)))
+    assert nearer.turned_deg < 0.5 and 15 < nearer.off_mm < 25
+    assert how(np.where(np.arange(160) < 150, np.nan, first)) is None  # too little in common
+    level = bed(of=lambda x, y: 0.03 * np.sin(40 * x) * np.cos(40 * y))
+    assert how(seen_by(camera, level)) is None
+
+
+def frames_of(camera, depths, rng, still=8, hand=5):
+    """A recording: the bed at rest in each of its states, and a hand before it in between."""
+    for k, depth in enumerate(depths):
+        for n in range(still + hand * (k + 1 < len(depths))):
+            z = np.where(depth > 0, depth + 2e-4 * rng.standard_normal(depth.shape), 0)
+            if n >= still:
+                z[:70, 50 + n : 90 + n] -= 0.09
+            yield counts(z)
+
+
+def record(folder, camera, depths, rng):
+    with recording_writer(folder, camera, UNIT) as add:
+        for frame in frames_of(camera, depths, rng):
+            add(frame)
+    return folder
+
+
+def run(*words):
+    return main([str(word) for word in words])
+
+
+PLACES = (-0.05, 0.0), (0.03, 0.04)
+
+
+def states(camera):
+    """A bed, and the same after one hollow and after two."""
+    return [
+        seen_by(camera, bed(of=of))
+        for of in (
+            heights,
+            hollow(0.012, *PLACES[0]),
+            lambda x, y: hollow(0.012, *PLACES[0])(x, y) + hollow(0.012, *PLACES[1])(x, y)
+            - heights(x, y),
+        )
+    ]  # fmt: skip
+
+
+def test_a_recording_of_a_tilted_camera_becomes_pairs(tmp_path, rng, capsys):
+    camera = standing(30, 0.5)
+    rec = record(tmp_path / "rec", camera, states(camera), rng)
+    assert run("dataset", "segment", rec, tmp_path / "cut", *SAID) == 0
+    assert "looked at from above (the bed is seen at 30 degrees)" in capsys.readouterr().out
+    assert run("dataset", "annotate", tmp_path / "cut", tmp_path / "pairs") == 0
+    pairs = load_pairs(tmp_path / "pairs")
+    assert len(pairs) == 2 and pairs.camera.orthographic
+    x, y = pairs.camera.at(*pairs.centre.T.astype(float), 0.0)
+    at = np.array(pairs.camera.pose) @ np.stack([x, y, np.zeros(2), np.ones(2)])
+    np.testing.assert_allclose(at[:2].T, PLACES, atol=4e-3)  # 1.2 pixels
+    # The middle of each hollow.
+    u, v = pairs.centre.T
+    deeper = [UNIT * (int(pairs.posterior[k][v[k], u[k]]) - int(pairs.prior[k][v[k], u[k]]))
+              for k in range(2)]  # fmt: skip
+    np.testing.assert_allclose(deeper, 0.012, atol=1e-3)
+    capsys.readouterr()
+    assert run("dataset", "info", tmp_path / "pairs", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["camera"]["orthographic"]
+
+
+def test_a_straight_recording_is_cut_as_ever(tmp_path, rng):
+    camera = replace(SMALL, z_min=0.42, z_max=0.47)
+    rec = record(tmp_path / "rec", camera, states(standing(0))[:2], rng)
+    assert run("dataset", "segment", rec, tmp_path / "cut", *SAID) == 0
+    pairs = load_pairs(tmp_path / "cut")
+    assert pairs.camera == camera and pairs.depth_unit == UNIT
+    frames = list(frames_of(camera, states(standing(0))[:2], np.random.default_rng(0)))
+    assert (tmp_path / "cut/camera.json").read_text() == (rec / "camera.json").read_text()
+    assert len(frames) == 21
+
+
+def test_a_camera_that_turns_in_the_middle_ends_the_recording(tmp_path, rng, capsys):
+    for tilt, code in ((30, 2), (0, 0)):
+        views = [standing(t, 0.5) for t in (tilt, tilt, tilt + 4)]
+        depths = [states(camera)[min(k, 1)] for k, camera in enumerate(views)]
+        rec = record(tmp_path / f"rec{tilt}", views[0], depths, rng)
+        assert run("dataset", "segment", rec, tmp_path / f"cut{tilt}", *SAID) == code
+        text = "".join(capsys.readouterr())
+        assert f"{rec}: frames 27-33: the bed lies " in text
+        assert re.search(r"it lay in frames 0-6, turned by [34]\.\d degrees", text)
+        assert ("the camera moved; what comes from there on is another recording" in text) == (
+            tilt == 30
+        )
+        assert text.count("the bed lies") == 1
+
+
+def test_data_sets_of_tilted_cameras_are_merged(tmp_path, capsys):
+    """Frames before and after, of two sessions in which the camera stood elsewhere."""
+    for tilt in (25, 35):
+        camera = standing(tilt, 0.5)
+        source, own = tmp_path / f"source{tilt}", replace(camera, pose=None)
+        for state, depth in zip(("before", "after"), states(camera), strict=False):
+            (source / state).mkdir(parents=True)
+            np.save(source / state / f"at{tilt}.npy", counts(depth))
+        write_camera(source / "camera.json", own, UNIT)
+    assert run("dataset", "import", tmp_path / "source25", tmp_path / "25", *SAID) == 0
+    said = (tmp_path / "source35", tmp_path / "35", *SAID)
+    assert run("dataset", "import", *said, "--like", tmp_path / "25") == 0
+    assert run("dataset", "merge", tmp_path / "all", tmp_path / "25", tmp_path / "35") == 0
+    assert run("dataset", "annotate", tmp_path / "all", tmp_path / "pairs") == 0
+    pairs = load_pairs(tmp_path / "pairs")
+    assert len(pairs) == 2
+    # Each plane is found anew; their origins lie where the axes meet the bed.
+    assert np.abs(pairs.centre[0] - pairs.centre[1]).max() <= 3
+    capsys.readouterr()
+    assert run("dataset", "import", *said, "--overwrite", "--like", tmp_path / "none") == 2
+    assert "none: no such folder" in capsys.readouterr().err
+
+
+def test_frames_of_a_camera_that_turned_are_no_pairs(tmp_path, capsys):
+    source, camera = tmp_path / "source", standing(30, 0.5)
+    for state, one in (("before", camera), ("after", standing(34, 0.5))):
+        (source / state).mkdir(parents=True)
+        np.save(source / state / "a.npy", counts(states(one)[0]))
+    write_camera(source / "camera.json", camera, UNIT)
+    assert run("dataset", "import", source, tmp_path / "out", *SAID) == 2
+    text = capsys.readouterr().err
+    assert "after/a.npy: the bed lies " in text and text.count("\n") == 1
+    assert "in the first frame, turned by 4.0 degrees: the camera moved" in text

@@ -22,7 +22,6 @@ from jshape.cli.options import (
 from jshape.cli.tables import print_table, progress, warn
 from jshape.data import segment as cutting
 from jshape.data.annotate import provisional_box
-from jshape.data.looks import coarse
 from jshape.data.pair_view import TURNED_DEG, Moved, PairView, moved, pair_view
 from jshape.errors import BadDataset
 from jshape.io import annotations, folders, recordings
@@ -208,12 +207,9 @@ def _moved(
 ) -> tuple[cutting.Segment, cutting.Segment, Moved] | None:
     """A still segment, the first later one from which the bed lies elsewhere, and how."""
     still = [s for s in cut.segments if s.state != "short"]
-    middle, whole = (cutting.BLOCK - 1) / 2, recording.camera  # of a block
-    camera = replace(whole, u0=whole.u0 - middle, v0=whole.v0 - middle)
-    camera = replace(coarse(camera, cutting.BLOCK), width=thumbs.shape[2], height=thumbs.shape[1])
     means = [cutting.mean_of(thumbs[s.start : s.stop], recording.depth_unit) for s in still]
     for part, mean in zip(still[1:], means[1:], strict=True):
-        if found := moved(means[0], mean, camera):
+        if found := moved(means[0], mean, recording.camera, cutting.BLOCK):
             return still[0], part, found
     return None
 

@@ -142,8 +142,10 @@ class Moved(NamedTuple):
         )
 
 
-def moved(first: np.ndarray, later: np.ndarray, camera: Camera) -> Moved | None:
+def moved(first: np.ndarray, later: np.ndarray, camera: Camera, step: int = 1) -> Moved | None:
     """Whether all of a bed lies elsewhere in a later frame (h, w; metres, NaN: none) than before.
+
+    A pixel of both is `step` of the camera's each way.
 
     Molding lowers some of it and raises some, a hand hides some; a camera that moves changes 1/z
     by a linear function of the ray.  None: by neither `APART` nor `TURNED_DEG`, or otherwise.
@@ -151,7 +153,8 @@ def moved(first: np.ndarray, later: np.ndarray, camera: Camera) -> Moved | None:
     both = np.isfinite(first) & np.isfinite(later)
     if both.sum() < LEAST:
         return None
-    x, y = (np.broadcast_to(ray, first.shape)[both] for ray in camera.rays())
+    v, u = (step * at[both] + (step - 1) / 2 for at in np.indices(first.shape))
+    x, y = camera.at(u, v, 1.0)
     terms = np.stack([x, y, np.ones_like(x)], 1).astype(float)
     one, other = 1.0 / first[both].astype(float), 1.0 / later[both].astype(float)
     change, left = _linear(terms, other - one)

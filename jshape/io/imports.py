@@ -15,9 +15,9 @@ import numpy as np
 from jshape.camera import Camera
 from jshape.data.annotate import Box, find_effect, provisional_box
 from jshape.data.depth import to_metres
-from jshape.data.looks import coarse
 from jshape.data.missing import only_readings
 from jshape.data.pair_view import TURNED_DEG, PairView, moved, pair_view
+from jshape.data.segment import BLOCK, thumbnail
 from jshape.errors import BadDataset
 from jshape.io.cameras import read_camera
 from jshape.io.files import as_error
@@ -27,8 +27,6 @@ from jshape.io.images import depth_of_array, to_counts
 from jshape.io.recordings import by_number
 
 STATES = ("before", "after")
-_STEP = 8
-"""Every so manieth pixel says whether the camera moved."""
 
 
 class BeforeAfter(NamedTuple):
@@ -132,9 +130,9 @@ def before_after_pairs(
         own = [_counts(path, seen.source, seen.unit, left_out) for path in paths]
         if seen.view is not None:
             for path, counts in zip(paths, own, strict=True):
-                depth = to_metres(counts, seen.unit, str(path))[::_STEP, ::_STEP]
+                depth = to_metres(thumbnail(counts), seen.unit, str(path))
                 first = depth if first is None else first
-                how = moved(first, depth, coarse(seen.source, _STEP))
+                how = moved(first, depth, seen.source, BLOCK)
                 if how and how.turned_deg > TURNED_DEG:
                     raise BadDataset(f"{path}: {how.said('the first frame')}: the camera moved")
         prior, posterior = (

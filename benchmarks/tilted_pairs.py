@@ -26,6 +26,7 @@ from jshape.cli.main import main as jshape
 from jshape.data.pairs import Pairs
 from jshape.data.recording import changed_box, simulate_recording
 from jshape.data.simulate import DEPTH_UNIT, simulate_pairs, together
+from jshape.errors import BadDataset
 from jshape.io.datasets import load_pairs
 from jshape.io.recordings import recording_writer
 from jshape.learn.fit import fit
@@ -60,17 +61,20 @@ def overlaps(pairs: Pairs, boxes: Sequence[tuple[int, int, int, int]]) -> np.nda
     return np.array([iou(tuple(a), b) for a, b in zip(own.tolist(), boxes, strict=True)])
 
 
-def errors_mm(pairs: Pairs, others: Pairs) -> dict[str, tuple[float, float]]:
-    """By action: how far the bank of pairs is off on others from straight above, and the change.
+def errors_mm(pairs: Pairs, others: Pairs) -> tuple[float, float]:
+    """How far a bank of an action's pairs is off on others from straight above, and the change.
 
     Means over the others' ROIs, mm.
+
+    Raises:
+      BadDataset: the pairs do not show enough of it.
     """
+    (action,) = pairs.actions
     bank = fit(pairs, "P")
     if bank.camera.orthographic:
         bank = bank.seen_by(others.camera, sim.SURFACE)
-    sizes = {name: others.roi_size(name) for name in others.actions}
-    both = {name: roi_errors_mm(bank, others, name, size=size) for name, size in sizes.items()}
-    return {name: (float(off.mean()), float(all_.mean())) for name, (off, all_) in both.items()}
+    off, change = roi_errors_mm(bank, others, action, size=others.roi_size(action))
+    return float(off.mean()), float(change.mean())
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -93,14 +97,16 @@ def main(words: Sequence[str] | None = None) -> int:
             pairs, true = recorded(
                 Path(folder), camera, asked.actions * asked.count, 1, bed=asked.bed, agent="robot"
             )
-        overlap, off = overlaps(pairs, true), errors_mm(pairs, others)
+        overlap = overlaps(pairs, true)
         for action in asked.actions:
             mine = overlap[pairs.action == action]
-            print(
-                f"{name:20} {action:6} {len(mine)} pairs: IoU {mine.mean():.2f} (least "
-                f"{mine.min():.2f}); f_P off by {off[action][0]:.2f} of {off[action][1]:.2f} mm",
-                flush=True,
-            )
+            said = f"{len(mine)} pairs: IoU {mine.mean():.2f} (least {mine.min():.2f})"
+            try:
+                off, change = errors_mm(pairs.of(action), others.of(action))
+                said += f"; f_P off by {off:.2f} of {change:.2f} mm"
+            except BadDataset as problem:
+                said += f"; {problem}"
+            print(f"{name:20} {action:6} {said}", flush=True)
     return 0
 
 

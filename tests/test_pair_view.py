@@ -262,7 +262,7 @@ def test_a_few_pixels_that_no_pair_has_seen_are_filled_for_a_fit(rng):
 
 @pytest.mark.full
 def test_a_bank_of_a_tilted_camera_is_as_good_and_plans_on_its_frames(tmp_path, capsys):
-    """Four knocks, seen from above and from 30 degrees by a camera of half a D435's resolution."""
+    """Three knocks, seen from above and from 30 degrees by a camera of half a D435's resolution."""
     tilted = posed(30, 0.6)
     half = {name: getattr(tilted, name) / 2 for name in ("fx", "fy", "u0", "v0")}
     tilted = replace(tilted, width=424, height=240, **half)
@@ -270,9 +270,10 @@ def test_a_bank_of_a_tilted_camera_is_as_good_and_plans_on_its_frames(tmp_path, 
     others = together(simulate_pairs(jax.random.key(9), 4, actions=("knock",), frames=8))
     off, changed = {}, 0.0
     for name, camera in (("above", PAPER_BOX), ("tilted", tilted)):
-        pairs, true = recorded(tmp_path / name, camera, ["knock"] * 4, 1, **how)
+        pairs, true = recorded(tmp_path / name, camera, ["knock"] * 3, 1, **how)
         assert overlaps(pairs, true).min() > 0.6
-        off[name], changed = errors_mm(pairs, others)["knock"]
+        off[name], changed = errors_mm(pairs, others)
+    print(off, changed)
     assert off["tilted"] < max(1.3 * off["above"], 0.2 * changed), (off, changed)
     bank, frames = tmp_path / "bank", sorted((tmp_path / "tilted/recording/frames").iterdir())
     assert run("train", tmp_path / "tilted/pairs", "--out", bank) == 0

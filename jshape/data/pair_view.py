@@ -153,7 +153,7 @@ def moved(first: np.ndarray, later: np.ndarray, camera: Camera, step: int = 1) -
     both = np.isfinite(first) & np.isfinite(later)
     if both.sum() < LEAST:
         return None
-    v, u = (step * at[both] + (step - 1) / 2 for at in np.indices(first.shape))
+    v, u = (step * at + (step - 1) / 2 for at in np.nonzero(both))
     x, y = camera.at(u, v, 1.0)
     terms = np.stack([x, y, np.ones_like(x)], 1).astype(float)
     one, other = 1.0 / first[both].astype(float), 1.0 / later[both].astype(float)

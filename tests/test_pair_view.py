@@ -8,8 +8,6 @@ import jax
 import numpy as np
 import pytest
 
-from benchmarks.tilted import posed
-from benchmarks.tilted_pairs import errors_mm, overlaps, recorded
 from jshape import PAPER_BOX, load_pairs, sim
 from jshape.cli.main import main
 from jshape.data.annotate import find_effect, place_boxes
@@ -17,7 +15,7 @@ from jshape.data.intrinsics import counts_of
 from jshape.data.pair_view import moved, not_from_above, pair_view
 from jshape.data.pairs import Examples, Pairs
 from jshape.data.segment import average
-from jshape.data.simulate import BEDS, random_bed, simulate_pairs, together
+from jshape.data.simulate import BEDS, random_bed
 from jshape.io.cameras import write_camera
 from jshape.io.images import read_counts
 from jshape.io.recordings import recording_writer
@@ -258,28 +256,3 @@ def test_a_few_pixels_that_no_pair_has_seen_are_filled_for_a_fit(rng):
     assert (inside <= np.nanmax(around, (1, 2))[:, None, None]).all()
     rois[1, :, 5:15, 5:10] = np.nan
     assert not Examples(*rois, examples.corner).without_blind().seen[:, 5:15, 5:10].any()
-
-
-@pytest.mark.full
-def test_a_bank_of_a_tilted_camera_is_as_good_and_plans_on_its_frames(tmp_path, capsys):
-    """Three knocks, seen from above and from 30 degrees by a camera of half a D435's resolution."""
-    tilted = posed(30, 0.6)
-    half = {name: getattr(tilted, name) / 2 for name in ("fx", "fy", "u0", "v0")}
-    tilted = replace(tilted, width=424, height=240, **half)
-    how = {"agent": "robot", "still": 8, "move": 2, "rest": 1}
-    others = together(simulate_pairs(jax.random.key(9), 4, actions=("knock",), frames=8))
-    off, changed = {}, 0.0
-    for name, camera in (("above", PAPER_BOX), ("tilted", tilted)):
-        pairs, true = recorded(tmp_path / name, camera, ["knock"] * 3, 1, **how)
-        assert overlaps(pairs, true).min() > 0.6
-        off[name], changed = errors_mm(pairs, others)
-    print(off, changed)
-    assert off["tilted"] < max(1.3 * off["above"], 0.2 * changed), (off, changed)
-    bank, frames = tmp_path / "bank", sorted((tmp_path / "tilted/recording/frames").iterdir())
-    assert run("train", tmp_path / "tilted/pairs", "--out", bank) == 0
-    capsys.readouterr()
-    own = tmp_path / "tilted/recording/camera.json"
-    words = ("--camera-file", own, "--bank", bank, "--stride", 8, "--yaws", 1, "--json")
-    assert run("plan", frames[0], frames[-1], *words) == 0
-    plan = json.loads(capsys.readouterr().out)
-    assert plan["distances_mm"][-1] < 0.75 * plan["distances_mm"][0]

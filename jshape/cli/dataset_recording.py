@@ -22,7 +22,7 @@ from jshape.cli.options import (
 from jshape.cli.tables import print_table, progress, warn
 from jshape.data import segment as cutting
 from jshape.data.annotate import provisional_box
-from jshape.data.pair_view import TURNED_DEG, Moved, PairView, moved, pair_view
+from jshape.data.pair_view import TURNED_DEG, Displaced, PairView, moved, pair_view
 from jshape.errors import BadDataset
 from jshape.io import annotations, folders, recordings
 from jshape.io.recordings import LABELS, LEAVE_OUT, Label, Recording
@@ -204,7 +204,7 @@ def _averages(recording: Recording, cut: cutting.Cut) -> list[cutting.Averaged]:
 
 def _moved(
     recording: Recording, cut: cutting.Cut, thumbs: np.ndarray
-) -> tuple[cutting.Segment, cutting.Segment, Moved] | None:
+) -> tuple[cutting.Segment, cutting.Segment, Displaced] | None:
     """A still segment, the first later one from which the bed lies elsewhere, and how."""
     still = [s for s in cut.segments if s.state != "short"]
     means = [cutting.mean_of(thumbs[s.start : s.stop], recording.depth_unit) for s in still]
@@ -219,7 +219,7 @@ def _tell(
     seen: PairView,
     first: cutting.Segment,
     later: cutting.Segment,
-    how: Moved,
+    how: Displaced,
 ) -> None:
     """Warn of a camera that moved; refuse what it then sees aslant, if it is seen from above."""
     said = f"{recording.folder}: frames {later}: {how.said(f'frames {first}')}: "

@@ -127,7 +127,7 @@ def not_from_above(camera: Camera, depth: np.ndarray) -> str:
     return ""
 
 
-class Moved(NamedTuple):
+class Displaced(NamedTuple):
     """How a bed lies elsewhere as a whole than before."""
 
     off_mm: float
@@ -142,7 +142,7 @@ class Moved(NamedTuple):
         )
 
 
-def moved(first: np.ndarray, later: np.ndarray, camera: Camera, step: int = 1) -> Moved | None:
+def moved(first: np.ndarray, later: np.ndarray, camera: Camera, step: int = 1) -> Displaced | None:
     """Whether all of a bed lies elsewhere in a later frame (h, w; metres, NaN: none) than before.
 
     A pixel of both is `step` of the camera's each way.
@@ -164,7 +164,7 @@ def moved(first: np.ndarray, later: np.ndarray, camera: Camera, step: int = 1) -
     before, _ = _linear(terms, one)
     normals = [plane / np.linalg.norm(plane) for plane in (before, before + change)]
     turned = float(np.degrees(np.arccos(np.clip(normals[0] @ normals[1], -1.0, 1.0))))
-    return Moved(1e3 * off, turned) if off > APART or turned > TURNED_DEG else None
+    return Displaced(1e3 * off, turned) if off > APART or turned > TURNED_DEG else None
 
 
 def _linear(terms: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

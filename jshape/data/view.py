@@ -9,7 +9,7 @@ import numpy as np
 
 from jshape import metric
 from jshape._typing import ArrayLike, Bool, Float, Num
-from jshape.camera import PAPER_BOX, Camera, check_camera, differing, window_of
+from jshape.camera import PAPER_BOX, Camera, check_camera, differing, matrix, window_of
 from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
 from jshape.data.fusion import Look, seen_from
 from jshape.data.looks import camera_over, plane_frame

@@ -10,8 +10,9 @@ import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.depth import outside_range, to_metres
+from jshape.data.fusion import APART
 from jshape.data.intrinsics import counts_of
-from jshape.data.looks import APART, bed_of
+from jshape.data.looks import bed_of
 from jshape.data.view import (
     MAX_CLAMPED,
     View,

@@ -170,13 +170,13 @@ class Writes(Common):
         if path.exists() and not self.overwrite:
             raise BadFile(f"{path}: exists; choose another name, or --overwrite")
 
-    def picture_beside(self, out: Path, read: Iterable[Path]) -> Path:
-        """The picture of the name of a file that is to be written.
+    def picture_beside(self, out: Path, read: Iterable[Path], suffix: str = ".png") -> Path:
+        """The picture beside a file that is to be written: of its name, but for the suffix.
 
         Raises:
           BadFile: one of the two exists, or the picture is among the files that are read.
         """
-        picture = out.with_suffix(".png")
+        picture = out.with_suffix(suffix)
         if any(path.exists() and picture.exists() and path.samefile(picture) for path in read):
             raise BadFile(
                 f"{out}: its picture would replace {picture}, a frame; choose another name"

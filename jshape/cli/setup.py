@@ -31,7 +31,7 @@ class SetupOptions(LooksOnce, Writes):
     """Of `jshape setup`."""
 
     out: Annotated[Path | None, Parameter(metavar="camera.json")] = None
-    """The camera's file to write, for --camera-file; a picture of the same name comes beside it."""
+    """The camera's file to write, for --camera-file; a picture, camera.setup.png, beside it."""
     base: Annotated[Path | None, File] = None
     """Pose of the camera from `jshape calibrate`, to keep in its file: for two cameras."""
     frames: PositiveCount = 30
@@ -48,7 +48,8 @@ def setup(
     if options.out is not None:
         if options.out.suffix != ".json":
             raise BadFile(f"{options.out}: a camera's file ends in .json")
-        picture = options.picture_beside(options.out, [] if camera is None else [Path(camera)])
+        # Not camera.png: left.json describes what left.png shows.
+        picture = options.picture_beside(options.out, (), ".setup.png")
     frames, left_out = [], Counter()
     # The file is of whole frames, wherever the bed is in them.
     with closing(cameras.opened(camera, replace(options, window=None))) as device:

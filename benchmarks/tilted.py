@@ -78,10 +78,10 @@ class Seen:
 
     def act(self, action: str, position, strength: float = 1.0, yaw: float = 0.0) -> None:
         """Apply an action at pixel (u, v) of the map."""
-        x, y = self.camera.at(*(float(at) for at in position), 0.0)
+        x, y = self.camera.at(float(position[0]), float(position[1]), 0.0)
         x, y, *_ = np.array(self.camera.pose) @ [float(x), float(y), 0.0, 1.0]
-        place = self.world.camera.pixel(x, y, sim.SURFACE)
-        self.world.act(action, tuple(float(at) for at in place), strength, yaw)
+        u, v = self.world.camera.pixel(x, y, sim.SURFACE)
+        self.world.act(action, (float(u), float(v)), strength, yaw)
 
 
 def attempt(problem: Problem, tilts: Sequence[float], seed: int) -> tuple[Molding, float]:

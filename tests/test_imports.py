@@ -77,7 +77,7 @@ def one_of(folder, name, state):
 @pytest.mark.parametrize(
     "unit, said",
     [
-        (None, "depth_unit is missing: metres per count of the frames, often "),
+        (None, "depth_unit is missing: metres per count of the frames; 0.0001 would fit: the "),
         (0.001, "depth_unit 0.0001 instead of 0.001 would fit it"),
     ],
 )

@@ -167,6 +167,20 @@ def check_numbers(raw: np.ndarray, unit: float, camera: Camera, where: str) -> b
     )
 
 
+def unit_that_fits(counts: np.ndarray, camera: Camera) -> str:
+    """The power of ten that brings counts into a camera's range, as the end of an error."""
+    found = counts[counts > 0].astype(np.float64)
+    low, high = float(camera.z_min), float(camera.z_max)
+    factor = _factor(float(np.median(found)), low, high) if found.size else None
+    if factor is None:
+        return ""
+    near, far = factor * np.percentile(found, (2, 98))
+    return (
+        f"; {factor:g} would fit: the frames then lie at {near:.3g} to {far:.3g} m, within the "
+        f"camera's {low:g} to {high:g}"
+    )
+
+
 def wrong_shape(where: str, shape: tuple[int, ...], camera: Camera) -> str:
     """The sentence for an image of another size."""
     size = f"{shape[1]}x{shape[0]} pixels" if len(shape) == 2 else f"shape {shape}"

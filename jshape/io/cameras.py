@@ -1,5 +1,6 @@
 """camera.json: the fields of a Camera, and the metres that one count of its frames stands for."""
 
+import itertools
 import os
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -8,10 +9,12 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from jshape.camera import PRESETS, Camera, check_camera, check_pose
-from jshape.data.depth import check_depth_unit
-from jshape.errors import BadCamera, did_you_mean
+from jshape.data.depth import check_depth_unit, unit_that_fits
+from jshape.data.missing import only_readings
+from jshape.errors import BadCamera, JShapeError, did_you_mean
 from jshape.height_map import Frame, as_frame
 from jshape.io.files import read_json, write_json
+from jshape.io.formats import SUFFIXES, read_array
 from jshape.io.records import Numbers, Range, read_record
 
 CAMERA = "camera.json"
@@ -68,15 +71,31 @@ def read_camera(path: str | os.PathLike, depth_unit: float | None = None) -> tup
 
     Raises:
       BadFile: the file cannot be read or is not JSON.
-      BadCamera: a field is missing, unknown or not a number in its range.
+      BadCamera: a field is missing, unknown or not a number in its range.  Without `depth_unit`
+        the error names the one that would fit a frame beside the file.
     """
     content = read_json(path)
     camera, own = camera_from(content, str(path)), content.get("depth_unit")
     if own is None and depth_unit is None:
         raise BadCamera(
-            f"{path}: depth_unit is missing: metres per count of the frames, often 0.001 or 0.0001"
+            f"{path}: depth_unit is missing: metres per count of the frames"
+            f"{_unit_beside(Path(path), camera)}"
         )
     return camera, check_depth_unit(own if depth_unit is None else depth_unit, str(path))
+
+
+def _unit_beside(path: Path, camera: Camera) -> str:
+    """What a frame beside a camera's file, or one folder below, says of the unit."""
+    near = itertools.chain(path.parent.glob("*.*"), path.parent.glob("*/*.*"))
+    frames = (file for file in itertools.islice(near, 100) if file.suffix.lower() in SUFFIXES)
+    for file in itertools.islice(frames, 3):
+        try:
+            counts = read_array(file)
+        except JShapeError:
+            continue
+        if counts.dtype == np.uint16 and counts.shape == camera.shape:
+            return unit_that_fits(only_readings(counts), camera)
+    return ""
 
 
 def write_camera(

@@ -127,7 +127,7 @@ SPOILED = {
                                          .tobytes()), "9x44 pixels; the first of its folder 60x44"),
     "16 bits": (lambda h: spoil_png(h, cv2.imencode(".png", np.ones((H, W), np.uint16))[1]
                                     .tobytes()), "the authors' crops have 8 bits"),
-    "objects": (lambda h: spoil_r(h, np.array([[None]])), "Python objects, which are never loaded"),
+    "objects": (lambda h: spoil_r(h, np.array([[None]])), "Object arrays cannot be loaded"),
     "R of another size": (lambda h: spoil_r(h, np.ones((9, 9))), "has shape (9, 9)"),
     "another place": (lambda h: spoil_note(h, XML.format(10, 10, 70, 54, action="fist")),
                       "puts it at (10, 10), but"),

@@ -883,8 +883,8 @@ def on_a_table(folder):
 def test_a_bed_smaller_than_the_view_is_found_and_planned_on(folder, capsys):
     """By itself, in the map's pixels and the camera's own; a window says so where it is known."""
     on_a_table(folder)
-    assert main(["camera", "check", "now.png", "--frames", "1"]) == 0
-    assert "good enough to record and to plan with" in capsys.readouterr().out
+    assert main(["setup", "now.png"]) == 0
+    assert "\ngood enough\n" in capsys.readouterr().out
     quick = ["--positions", "5x5", "--max-steps", "2", "--json"]
     for part in ([], ["--window", "197,186,247x205"], ["--depth-range", "0.58,0.62"]):
         assert main(["plan", "now.png", "goal.png", *part, *quick]) == 0

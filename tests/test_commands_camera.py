@@ -88,7 +88,7 @@ def test_a_wrong_unit_is_refused_with_the_one_that_fits(folder, tmp_path, capsys
             {"depth_unit": 1e-3},
             ("depth_unit 0.0001 instead of 0.001 would fit it", "; 0.0001 would fit"),
         ),
-        ({}, ("depth_unit is missing: metres per count of the frames, often",)),
+        ({}, ("depth_unit is missing: metres per count of the frames; 0.0001 would fit",)),
     ):
         text = json.dumps({k: v for k, v in fields.items() if k != "depth_unit"} | unit)
         (folder / "camera.json").write_text(text)

@@ -59,7 +59,7 @@ def toys(monkeypatch):
 
 def test_a_camera_opens_at_its_raw_address(toys, capsys):
     assert open_camera(f"toy:{HOST}", window=(0, 0, 9, 9)).name == f"toy at {HOST}"
-    assert main(["camera", "check", f"toy:{HOST}", "--frames", "3", "--json"]) == 0
+    assert main(["setup", f"toy:{HOST}", "--frames", "3", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["camera"] == f"toy at {HOST}"
     assert toys[-1].closed == 1
 

@@ -452,7 +452,7 @@ def test_a_bad_frame_is_named_by_line_and_column(folder, content, match):
 @pytest.mark.parametrize(
     "change, match",
     [
-        ({"depth_unit": None}, "depth_unit is missing.*; 0.0001 would fit: the frames then lie at "),
+        ({"depth_unit": None}, "depth_unit is missing.*; 0.0001 would fit: the frames then"),
         ({"depth_unit": 0.001}, "depth_unit 0.0001 instead of 0.001 would fit it"),
     ],
 )

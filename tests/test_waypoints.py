@@ -156,6 +156,28 @@ def moved(turn=((1, 0, 0), (0, 1, 0), (0, 0, 1)), z=0.0):
     return as_frame(matrix)
 
 
+def test_on_a_map_of_cameras_in_the_base_frame_no_pose_is_counted_twice(plan):
+    """Each pose turns a bed seen from above upside down: two of them stand it up again."""
+    looking_down = as_frame(BASE)
+    above = replace(PAPER_BOX, orthographic=True, fx=962.0, fy=962.0, pose=looking_down)
+    on_map, limits = replace(plan, camera=above), load_hand().limits
+    hand = replace(
+        load_hand(), limits=replace(limits, low_mm=(-1e3, -1e3, 0.0), high_mm=(1e3,) * 3)
+    )
+    with pytest.raises(BadPose, match="upside down in the base frame; .* leave --base out"):
+        waypoints_of(on_map, hand, BASE)
+    ways, seen = (
+        waypoints_of(on_map, hand),
+        waypoints_of(replace(plan, camera=replace(above, pose=None)), hand),
+    )
+    assert ways.frame == "cameras" and seen.frame == "camera"
+    for path, other in zip(ways.actions, seen.actions, strict=True):
+        expected = BASE[:3, :3] @ other.surface + BASE[:3, 3]
+        np.testing.assert_allclose(path.surface, expected, atol=1e-12)
+    beside = replace(on_map, camera=replace(above, pose=moved(z=-0.2)))  # in its camera's own frame
+    assert waypoints_of(beside, hand, BASE).frame == "base"
+
+
 def test_a_camera_elsewhere_looks_from_where_it_is(plan):
     """The bank's camera is imitated from 0.2 m above the one that looks, 0.3 m below, and aside."""
     beside = waypoints_of(plan, load_hand()).actions

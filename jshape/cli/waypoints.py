@@ -29,7 +29,8 @@ class WaypointsOptions(Writes):
     out: Annotated[Path, File]
     """File to write: .json, .yaml or .yml."""
     base: Annotated[Path | None, Parameter(metavar="POSE")] = None
-    """Pose of the camera from `jshape calibrate` (default: poses in the camera's frame)."""
+    """Pose of the camera from `jshape calibrate` (default: poses in the camera's frame, or in the
+    one that several cameras of a map share)."""
     gripper: Annotated[Path | None, Parameter(metavar="POSE")] = None
     """Pose of the gripper when the camera looked, for a camera in the hand (JSON: base_gripper)."""
     hand: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
@@ -60,8 +61,12 @@ def waypoints(plan: Path, /, options: WaypointsOptions) -> dict[str, Any]:
 
 
 def _print(ways: Waypoints) -> None:
-    what = "the arm's base" if ways.frame == "base" else "the camera (no --base was given)"
-    print(f"frame: {what}; the tool at the end of the act, mm")
+    what = {
+        "base": "the arm's base",
+        "camera": "the camera (no --base was given)",
+        "cameras": "that of the poses of the map's cameras",
+    }
+    print(f"frame: {what[ways.frame]}; the tool at the end of the act, mm")
     head = ("step", "action", "strength", "x", "y", "z", "surface z", "poses")
     rows = []
     for k, path in enumerate(ways.actions):

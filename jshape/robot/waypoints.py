@@ -19,7 +19,7 @@ from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName, needs,
 from jshape.io.files import write_atomic, write_json
 from jshape.planning.plan import Plan
 from jshape.robot.procedure import Hand, Operation, check_reach, poses_of
-from jshape.robot.rigid import check_rigid, quaternion_of
+from jshape.robot.rigid import BadPose, check_rigid, quaternion_of
 from jshape.robot.surface import surface_point
 
 with needs("robot", "a hand or waypoint file"):
@@ -81,7 +81,7 @@ class Waypoints:
     """A plan as poses."""
 
     frame: str
-    """Of all poses: base, or camera where no pose of the camera was given."""
+    """Of all poses: base; without the camera's pose, camera, or cameras for that of a map's."""
     base_camera: Float[np.ndarray, "4 4"] | None
     """T_base_camera, metres."""
     place_depth: float
@@ -105,7 +105,8 @@ def waypoints_of(
       plan: with its images: they say how high the surface will be.
       hand: procedures and limits.
       base_camera: pose of the camera that took the frames in the arm's base frame, metres; None
-        gives poses in that camera's frame.
+        gives poses in that camera's frame.  Of a plan on height maps whose cameras have poses: of
+        the frame that they share.
       place_depth: depth from the plan's camera at which its places are meant, metres (Hypothesis
         3); 0.45 for the bundled banks.
 
@@ -114,7 +115,7 @@ def waypoints_of(
       UnknownName: an action without a procedure.
       BadPosition: a place depth beyond the range of the plan's camera.
       PoseRefused: an operation leaves the hand's limits.
-      BadPose: base_camera is not rigid, or not in metres.
+      BadPose: base_camera is not rigid, not in metres, or turns the bed upside down.
     """
     if len(plan) == 0:
         raise JShapeError("the plan has no actions: there is nothing to export")
@@ -131,13 +132,18 @@ def waypoints_of(
             f"{float(camera.z_min):g} to {float(camera.z_max):g} m; say at which depth "
             "(place_depth, --place-depth)"
         )
-    frame = "camera" if base_camera is None else "base"
     own = np.eye(4) if base_camera is None else check_rigid(base_camera, "T_base_camera")
     change = own if plan.view is None else own @ plan.view.to_source
     seen_as_it_is = plan.view is None or plan.view.window is not None
-    if plan.camera.orthographic and plan.camera.pose is not None and seen_as_it_is:
-        # Planned on a map: from there to the camera that it was made from.
+    on_map = plan.camera.orthographic and plan.camera.pose is not None and seen_as_it_is
+    if on_map:  # from there to the frame that its cameras share
         change = own @ np.array(plan.camera.pose)
+    if on_map and base_camera is not None and change[2, 2] > 0:
+        raise BadPose(
+            "T_base_camera: the bed of the plan's map would hang upside down in the base frame; "
+            "are the poses of its cameras in that frame already? then leave --base out"
+        )
+    frame = ("cameras" if on_map else "camera") if base_camera is None else "base"
     paths = []
     for k, action in enumerate(plan.actions):
         procedure = hand.procedures[action]
@@ -202,6 +208,8 @@ def waypoint_fields(ways: Waypoints) -> dict[str, Any]:
     where = {
         "base": "the base of the arm",
         "camera": f"the camera that took the frames, NOT the arm: {_CAMERA_AXES}",
+        "cameras": "that of the poses in the files of the map's cameras (of one camera without a "
+        f"pose, its own: {_CAMERA_AXES}); the arm's base only if they are in it",
     }
     return {
         "format": FORMAT,

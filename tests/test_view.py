@@ -2,15 +2,18 @@
 
 from dataclasses import replace
 
+import cv2
 import jax
 import numpy as np
 import pytest
 
 from jshape import D435_BAZAR, PAPER_BOX, Camera, metric, plan_depth, sim
+from jshape.cli.search_options import reachable
 from jshape.data.view import View, cut_of, cut_out, image_of_depth, view_above, view_like
 from jshape.errors import BadCamera, BadImage, MissingDepth
 from jshape.height_map import ABOVE, as_frame
 from jshape.io.banks import load_bank
+from jshape.models.bank import Bank
 from jshape.planning.maps import over_bed, over_beds
 from jshape.reproject import between, reproject
 from tests.conftest import paper
@@ -71,6 +74,27 @@ def test_two_poses_and_none_are_one_geometry():
     moved = np.array(pose(40.0, 0.7))
     both = [replace(c, pose=as_frame(moved @ np.array(c.pose))) for c in (here, there)]
     np.testing.assert_allclose(between(*both), between(here, there), atol=1e-12)
+
+
+def test_a_mask_of_own_pixels_lies_on_the_surface(tmp_path):
+    """A mask of all that is higher than 20 mm, drawn as a camera at 30 degrees sees a mound."""
+    v, u = np.mgrid[: PAPER_BOX.height, : PAPER_BOX.width]
+    mound = 0.04 * np.exp(-((u - 240) ** 2 + (v - 197) ** 2) / 5e3)
+    aslant = replace(OTHER, pose=pose(30.0, 0.5))
+    frame = taken_by(aslant, (FLOOR - mound).astype(np.float32))
+    view = View(aslant, replace(PAPER_BOX, pose=pose()))
+    x, y = aslant.rays(frame)
+    height = (
+        FLOOR - (np.stack([x, y, frame, np.ones_like(frame)], -1) @ np.array(aslant.pose).T)[..., 2]
+    )
+    cv2.imwrite(str(tmp_path / "mask.png"), 255 * ((height > 0.02) & (frame > 0)).astype(np.uint8))
+    bank = Bank(PAPER_BOX, (), ())
+    free = reachable(str(tmp_path / "mask.png"), aslant.shape, bank, view, frame)
+    away = np.abs(mound - 0.02)
+    assert (free == (mound > 0.02))[away > 2e-3].all()
+    clear = np.isfinite(view.depth(frame, "frame")) & (away > 2e-3)
+    flat = reachable(str(tmp_path / "mask.png"), aslant.shape, bank, view)
+    assert ((flat != (mound > 0.02)) & clear).sum() > 0.05 * free.sum()  # it lies 12 mm beside
 
 
 def test_a_plan_from_a_larger_frame_is_the_same_plan(bank, molded):

@@ -75,7 +75,7 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
             goal = part_of(goal, *part, wanted.camera)
     names, cameras = (str(initial), str(desired)), (source.camera, wanted.camera)
     view, beside, bank = over_beds(bank, cameras, (first, goal), names, again=any(part))
-    mask = reachable(options.reachable, source.camera.shape, bank, view)
+    mask = reachable(options.reachable, source.camera.shape, bank, view, first)
     found = plan_views(
         bank, (first, goal), (view, beside), names, **keywords(search, reachable=mask)
     )

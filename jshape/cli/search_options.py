@@ -19,7 +19,8 @@ from jshape.cli.options import (
     Share,
     Use,
 )
-from jshape.data.view import View
+from jshape.data.missing import missing
+from jshape.data.view import View, middle_of
 from jshape.errors import BadImage, BadPosition
 from jshape.io import drawings, files
 from jshape.io.records import Range, read_value
@@ -103,7 +104,11 @@ def kept_of(given: Searches) -> dict[str, Any]:
 
 
 def reachable(
-    path: str | None, shape: tuple[int, int], bank: Bank, view: View
+    path: str | None,
+    shape: tuple[int, int],
+    bank: Bank,
+    view: View,
+    frame: np.ndarray | None = None,
 ) -> np.ndarray | None:
     """Pixels of the bank's image that the hand can reach, from a file; None: all.
 
@@ -112,6 +117,7 @@ def reachable(
       shape: of the camera's frames: a mask of this size is seen as they are.
       bank: whose image another mask must fit.
       view: how the frames become the bank's image.
+      frame: (H, W) metres of the bed; None: as high as the middle of the bank camera's range.
 
     Raises:
       BadImage: the mask has another size, or readings that are none.
@@ -119,7 +125,7 @@ def reachable(
     if path is None:
         return None
     free = read_mask(path, {"the camera": shape, "the bank's": bank.camera.shape})
-    return _seen(free, view) if free.shape == shape else free
+    return _seen(free, view, frame) if free.shape == shape else free
 
 
 def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> np.ndarray:
@@ -133,11 +139,15 @@ def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> np.ndarra
     return np.ma.filled(mask, 0) != 0
 
 
-def _seen(mask: np.ndarray, view: View) -> np.ndarray:
+def _seen(mask: np.ndarray, view: View, frame: np.ndarray | None) -> np.ndarray:
     """A mask of the source's image (H, W) in the target's (h, w); nothing is beyond its edge."""
     (height, width), (rows, columns) = view.source.shape, view.target.shape
     pixels = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2)
-    u, v = view.pixels(pixels).T
+    depth = None
+    if frame is not None:
+        surface = view.depth(frame, "frame")
+        depth = np.where(missing(surface), middle_of(view.target), surface).ravel()
+    u, v = view.pixels(pixels, depth).T
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     free = np.zeros(rows * columns, bool)
     free[inside] = mask[v[inside], u[inside]]

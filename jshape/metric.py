@@ -107,8 +107,8 @@ def distance(
     compared with one goal.  Works under jit, vmap and grad.  Only pixels that were `seen` count.
 
     Raises:
-      BadImage: fewer than two axes, images of different size or of complex numbers, or leading
-        axes that do not broadcast.
+      BadImage: fewer than two axes, images of different size or of complex numbers, leading axes
+        that do not broadcast, or no pixel that was seen (under jit NaN).
     """
     a, b = unmasked(a), unmasked(b)
     shape_a, shape_b = np.shape(a), np.shape(b)
@@ -124,13 +124,21 @@ def distance(
         )
     if np.iscomplexobj(a) or np.iscomplexobj(b):
         raise BadImage("distance of complex numbers: images are real")
-    if seen is not None:
-        apart = jnp.abs(jnp.asarray(a, jnp.float32) - jnp.asarray(b, jnp.float32))
-        count = jnp.asarray(seen, jnp.float32)
-        return (apart * count).sum((-2, -1)) / count.sum()
+    if seen is None:
+        counted, share = (a, b), 1.0
+    else:  # what was not seen is the same in both, whatever it is
+        to = np if all(map(_in_memory, (a, b, seen))) else jnp
+        counted = tuple(to.where(to.asarray(seen, bool), x, 0.0) for x in (a, b))
+        share = to.asarray(seen, bool).mean()
+        if to is np and not share:
+            raise BadImage("distance of images of which no pixel was seen")
+    a, b = counted
     if _in_memory(a) and _in_memory(b):
-        return jnp.asarray(_distance_in_memory(np.asarray(a), np.asarray(b)))
-    return jnp.abs(jnp.asarray(a, jnp.float32) - jnp.asarray(b, jnp.float32)).mean((-2, -1))
+        # At once: what JAX computes later, it would read from arrays that their owner may change.
+        d = _distance_in_memory(np.asarray(a), np.asarray(b)) / np.float32(share)
+        return jnp.asarray(d, jnp.float32)
+    apart = jnp.abs(jnp.asarray(a, jnp.float32) - jnp.asarray(b, jnp.float32))
+    return apart.mean((-2, -1)) / jnp.asarray(share, jnp.float32)
 
 
 def _in_memory(x: ArrayLike) -> bool:

@@ -196,3 +196,26 @@ def test_wrong_shapes_are_named():
         SMALL.project(np.zeros((5, 2)))
     with pytest.raises(BadImage, match=r"\(12, 9\); this camera makes \(9, 12\)"):
         weigh(np.zeros((12, 9)), SMALL)
+
+
+def test_a_distance_is_that_of_the_image_as_it_was(rng):
+    """Whoever goes on with the same buffer changes no distance that was asked for before."""
+    goal, image = np.zeros((2, 405, 575), np.float32)
+    seen = rng.random(goal.shape) < 0.9
+    asked, expected = [], []
+    for k in range(12):
+        image[21 * k : 21 * k + 42, 20 * k : 20 * k + 42] = 1.0
+        asked.append(distance(image, goal, seen))
+        expected.append(image[seen].mean())
+    np.testing.assert_allclose(asked, expected, rtol=1e-6)
+
+
+def test_what_was_not_seen_counts_nothing(rng):
+    a, b = rng.random((2, 3, 9, 11)).astype(np.float32)
+    seen = rng.random((9, 11)) < 0.5
+    expected = np.abs(a - b)[:, seen].mean(-1)
+    a[:, ~seen] = np.nan
+    np.testing.assert_allclose(distance(a, b, seen), expected, rtol=1e-6)
+    np.testing.assert_allclose(jax.jit(distance)(a, b, seen), expected, rtol=1e-6)
+    with pytest.raises(BadImage, match="no pixel was seen"):
+        distance(a, b, np.zeros_like(seen))

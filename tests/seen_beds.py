@@ -18,6 +18,13 @@ def heights(x, y):
     return mound - 0.01 * np.exp(-((x + 0.06) ** 2 + (y - 0.03) ** 2) / (2 * 0.02**2))
 
 
+def hollow(depth, u=0.0, v=0.0):
+    """Heights of a bed with a round hollow of some depth at (u, v), metres."""
+    return lambda x, y: (
+        heights(x, y) - depth * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2 * 0.012**2))
+    )
+
+
 def bed(pitch=0.002, half=(0.16, 0.12), of=heights) -> HeightMap:
     """A map of it."""
     x, y = (np.arange(-h, h + pitch / 2, pitch) for h in half)

@@ -12,14 +12,14 @@ from jshape import PAPER_BOX, load_pairs, sim
 from jshape.cli.main import main
 from jshape.data.annotate import find_effect, place_boxes
 from jshape.data.intrinsics import counts_of
-from jshape.data.pair_view import moved, not_from_above, pair_view
+from jshape.data.pair_view import not_from_above, pair_view
 from jshape.data.pairs import Examples, Pairs
 from jshape.data.segment import average
 from jshape.data.simulate import BEDS, random_bed
 from jshape.io.cameras import write_camera
 from jshape.io.images import read_counts
 from jshape.io.recordings import recording_writer
-from tests.seen_beds import SMALL, bed, heights, seen_by, standing
+from tests.seen_beds import SMALL, bed, heights, hollow, seen_by, standing
 
 UNIT = 1e-4
 SAID = ("--action", "poke", "--agent", "human", "--material", "sand")
@@ -27,13 +27,6 @@ SAID = ("--action", "poke", "--agent", "human", "--material", "sand")
 
 def counts(depth, unit=UNIT):
     return counts_of(np.asarray(depth), unit)
-
-
-def hollow(depth, u=0.0, v=0.0):
-    """Heights of a bed with a round hollow of some depth at (u, v), metres."""
-    return lambda x, y: (
-        heights(x, y) - depth * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2 * 0.012**2))
-    )
 
 
 @pytest.mark.full
@@ -78,27 +71,6 @@ def test_a_lens_and_a_relief_beyond_the_range_are_reasons_too():
     # A frame of which none is in the range is of the floor around: as it was.
     far = replace(straight, z_min=0.8, z_max=0.9)
     assert not_from_above(far, seen_by(straight)) == ""
-
-
-def test_a_camera_that_moves_is_told_from_a_bed_that_changes():
-    camera = standing(30, 0.6)
-    first = seen_by(camera)
-
-    def how(later):
-        return moved(*(np.where(z > 0, z, np.nan) for z in (first, later)), camera)
-
-    molded = seen_by(camera, bed(of=hollow(0.02)))
-    assert how(molded) is None and how(first + 0.004) is None
-    turned = seen_by(standing(33, 0.6))
-    assert how(turned).turned_deg == pytest.approx(3.0, abs=0.3)
-    hand = turned.copy()
-    hand[:60, 40:80] -= 0.1
-    assert how(hand).turned_deg == pytest.approx(3.0, abs=0.3)
-    nearer = how(seen_by(standing(30, 0.58)))
-    assert nearer.turned_deg < 0.5 and 15 < nearer.off_mm < 25
-    assert how(np.where(np.arange(160) < 150, np.nan, first)) is None  # too little in common
-    level = bed(of=lambda x, y: 0.03 * np.sin(40 * x) * np.cos(40 * y))
-    assert how(seen_by(camera, level)) is None
 
 
 def frames_of(camera, depths, rng, still=8, hand=5):

@@ -22,7 +22,8 @@ from jshape.cli.options import (
 from jshape.cli.tables import print_table, progress, warn
 from jshape.data import segment as cutting
 from jshape.data.annotate import provisional_box
-from jshape.data.pair_view import TURNED_DEG, Displaced, PairView, moved, pair_view
+from jshape.data.moved import TURNED_DEG, Displaced, moved
+from jshape.data.pair_view import PairView, pair_view
 from jshape.errors import BadDataset
 from jshape.io import annotations, folders, recordings
 from jshape.io.recordings import LABELS, LEAVE_OUT, Label, Recording

@@ -62,9 +62,11 @@ def heightmap(frame: Path, /, *frames: Path, options: HeightmapOptions) -> dict[
     of = [one.camera for one in cameras]
     looks = taken(depths, of, window=options.window, where=where)
     bed = read_bed(cameras[0].said) if like is None else None
-    found = together(looks, like=like, frame=bed, pitch=pitch, where=where)
+    found = together(looks, like=like, frame=bed, pitch=pitch, where=where,
+                     before=str(options.like))  # fmt: skip
     if bed is not None:
-        check_still(found, replace(found, heights=np.zeros_like(found.heights)), where)
+        level = replace(found, heights=np.zeros_like(found.heights), seen=None)
+        check_still(found, level, where, f"{cameras[0].said} (bed)")
     report = map_report(looks, [len(one.depths) for one in cameras], found)
     write_map(options.out, found)
     result = _fields(found, report, cameras) | {"out": str(options.out)}

@@ -7,7 +7,8 @@ import numpy as np
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera, check_camera, check_pose
 from jshape.data.depth import check_unit, to_metres, wrong_shape
-from jshape.data.fusion import APART, POINTS, RELIEF, Look, points_of, seen_from, some_of
+from jshape.data.fusion import RELIEF, Look, points_of, seen_from, some_of
+from jshape.data.moved import GRAIN, averaged, moved
 from jshape.data.planes import LEAST_SURFACE, NEAR, bed_in, fit_plane, off_plane
 from jshape.errors import BadCamera, BadImage, JShapeError, quoted
 from jshape.height_map import Frame, HeightMap, as_frame, camera_above, check_map, map_of
@@ -64,15 +65,16 @@ def together(
     frame: ArrayLike | None = None,
     pitch: float | None = None,
     where: str = "depth",
+    before: str = "the look before",
 ) -> HeightMap:
-    """The height map of looks that were taken: see `heightmap`."""
+    """The height map of looks that were taken: see `heightmap`; `before` names `like` in errors."""
     if like is None:
         target, frame = camera_over(looks, frame, pitch, where)
         return map_of(seen_from(looks, target, where), target, frame)
     check_map(like, "like")
     target = like.camera()
     found = map_of(seen_from(looks, target, where), target, like.frame)
-    check_still(found, like, where)
+    check_still(found, like, where, before)
     return found
 
 
@@ -222,29 +224,19 @@ def camera_over(
     return camera_above(to_common, *grid), as_frame(to_common)
 
 
-def check_still(found: HeightMap, like: HeightMap, where: str) -> None:
-    """Refuse a look from which the bed lies elsewhere, as a whole, than in the one before.
+def check_still(found: HeightMap, like: HeightMap, where: str, of: str) -> None:
+    """Refuse a look from which the bed lies elsewhere, as a whole, than in a map `of` one before.
 
-    Molding lowers some of the bed and raises some: what it changes is no plane, what a camera does
-    that moves is one.
+    As far as `moved` tells it, from nodes averaged over `GRAIN`.
 
     Raises:
       BadCamera: the camera moved.
     """
-    step = max(1, int(np.sqrt(np.size(found.heights) / POINTS)))
-    (now, seen), (before, known) = (
-        (np.asarray(one.heights)[::step, ::step], one.mask[::step, ::step]) for one in (found, like)
-    )
-    gap, both = now - before, seen & known
-    if not both.any():
-        raise BadCamera(f"{where}: sees nothing that the look before saw: did the camera move?")
-    gap, off = gap[both], float(np.median(np.abs(gap[both])))
-    if off <= APART:
-        return
-    terms = np.stack([*np.nonzero(both), np.ones(gap.size, int)], 1).astype(np.float32)
-    plane = np.linalg.lstsq(terms, gap, rcond=None)[0]
-    if np.median(np.abs(gap - terms @ plane)) < off / 2:
-        raise BadCamera(
-            f"{where}: the bed lies {1e3 * off:.1f} mm from where the look before saw it (median, "
-            f"at most {1e3 * APART:g} mm): did the camera move?"
-        )
+    camera = like.camera(found)
+    now, before = found.depth(camera), like.depth(camera)
+    if not (np.isfinite(now) & np.isfinite(before)).any():
+        raise BadCamera(f"{where}: sees nothing of {of}: did the camera move?")
+    step = max(1, round(GRAIN / float(like.pitch)))
+    how = moved(averaged(before, step), averaged(now, step), camera, step)
+    if how is not None:
+        raise BadCamera(f"{where}: {how.said(of)}: did the camera move?")

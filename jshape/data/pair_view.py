@@ -4,13 +4,11 @@ What a camera straight above records stays as it is, to the bit.  Frames are (H,
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.depth import outside_range, to_metres
-from jshape.data.fusion import APART
 from jshape.data.intrinsics import counts_of
 from jshape.data.looks import bed_of
 from jshape.data.view import (
@@ -29,11 +27,6 @@ by up to 2.1 degrees, and what a straight camera sees must not be resampled beca
 FINEST = 1e-4
 """Most metres per count of frames that were looked at from above: means of millimetres are finer,
 and so is what lies between pixels."""
-TURNED_DEG = 1.0
-"""A camera that turned by more sees the bed aslant from there on: 7 mm across 400 mm."""
-
-LEAST = 50
-"""Readings of both frames that tell whether a camera moved."""
 
 
 @dataclass(frozen=True)
@@ -126,57 +119,3 @@ def not_from_above(camera: Camera, depth: np.ndarray) -> str:
         low, high = float(camera.z_min), float(camera.z_max)
         return f"{share:.0%} of the bed lie beyond {low:g} to {high:g} m"
     return ""
-
-
-class Displaced(NamedTuple):
-    """How a bed lies elsewhere as a whole than before."""
-
-    off_mm: float
-    """In the median, along the camera's axis."""
-    turned_deg: float
-
-    def said(self, before: str) -> str:
-        """In words, for people."""
-        return (
-            f"the bed lies {self.off_mm:.1f} mm from where it lay in {before}, turned by "
-            f"{self.turned_deg:.1f} degrees"
-        )
-
-
-def moved(first: np.ndarray, later: np.ndarray, camera: Camera, step: int = 1) -> Displaced | None:
-    """Whether all of a bed lies elsewhere in a later frame (h, w; metres, NaN: none) than before.
-
-    A pixel of both is `step` of the camera's each way.
-
-    Molding lowers some of it and raises some, a hand hides some; a camera that moves changes 1/z
-    by a linear function of the ray.  None: by neither `APART` nor `TURNED_DEG`, or otherwise.
-    """
-    both = np.isfinite(first) & np.isfinite(later)
-    if both.sum() < LEAST:
-        return None
-    v, u = (step * at + (step - 1) / 2 for at in np.nonzero(both))
-    x, y = camera.at(u, v, 1.0)
-    terms = np.stack([x, y, np.ones_like(x)], 1).astype(float)
-    one, other = 1.0 / first[both].astype(float), 1.0 / later[both].astype(float)
-    change, left = _linear(terms, other - one)
-    off = float(np.median(np.abs(1.0 / other - 1.0 / one)))
-    if np.median(left / one**2) > off / 3:
-        return None
-    before, _ = _linear(terms, one)
-    normals = [plane / np.linalg.norm(plane) for plane in (before, before + change)]
-    turned = float(np.degrees(np.arccos(np.clip(normals[0] @ normals[1], -1.0, 1.0))))
-    return Displaced(1e3 * off, turned) if off > APART or turned > TURNED_DEG else None
-
-
-def _linear(terms: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Factors (3,) of terms (n, 3) from which values (n,) are least off, summed; and by how much.
-
-    Not in the sum of squares: a hand does not pull.
-    """
-    weight = np.ones(len(values))
-    for _ in range(20):
-        weighed = weight[:, None] * terms
-        found = np.linalg.solve(weighed.T @ terms, weighed.T @ values)
-        off = np.abs(values - terms @ found)
-        weight = 1.0 / np.maximum(off, 0.1 * np.median(off) + 1e-12)
-    return found, off

@@ -16,7 +16,8 @@ from jshape.camera import Camera
 from jshape.data.annotate import Box, find_effect, provisional_box
 from jshape.data.depth import to_metres
 from jshape.data.missing import only_readings
-from jshape.data.pair_view import TURNED_DEG, PairView, moved, pair_view
+from jshape.data.moved import TURNED_DEG, moved
+from jshape.data.pair_view import PairView, pair_view
 from jshape.data.segment import BLOCK, thumbnail
 from jshape.errors import BadDataset
 from jshape.io.cameras import read_camera

@@ -1,6 +1,7 @@
 """`jshape goal`, as people use it: every source, what is written, and every refusal."""
 
 import json
+import shlex
 from dataclasses import replace
 
 import cv2
@@ -59,23 +60,23 @@ def refused(capsys, said, *words):
 @pytest.mark.full
 def test_a_newcomer_makes_a_goal_without_a_camera_and_plans_for_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["goal", "flat", "--text", "J", "--out", "mine"]) == 0
+    assert main(["goal", "flat", "--text", "J", "--out", "my own"]) == 0
     said = capsys.readouterr().out
-    assert "cm³ sunk" in said and "jshape plan mine/now.png mine/goal.png" in said
-    assert sorted(path.name for path in (tmp_path / "mine").iterdir()) == [
+    assert "cm³ sunk" in said and "jshape plan 'my own/now.png' 'my own/goal.png'" in said
+    assert sorted(path.name for path in (tmp_path / "my own").iterdir()) == [
         "camera.json", "goal.png", "now.png", "picture.png", "report.json"
     ]  # fmt: skip
-    goal = read_depth("mine/goal.png", depth_unit=UNIT)
-    now = read_depth("mine/now.png", depth_unit=UNIT)
+    goal = read_depth("my own/goal.png", depth_unit=UNIT)
+    now = read_depth("my own/now.png", depth_unit=UNIT)
     assert now.std() < 1e-6 and (goal - now).max() == pytest.approx(0.008, abs=2e-4)
     assert (goal - now).min() > -1e-6
-    assert cv2.imread("mine/picture.png").std() > 10
+    assert cv2.imread("my own/picture.png").std() > 10
     assert (
         main(
             [
                 "plan",
-                "mine/now.png",
-                "mine/goal.png",
+                "my own/now.png",
+                "my own/goal.png",
                 "--stride",
                 "24",
                 "--strengths",
@@ -88,9 +89,9 @@ def test_a_newcomer_makes_a_goal_without_a_camera_and_plans_for_it(tmp_path, mon
     found = json.loads(capsys.readouterr().out)
     assert found["distances_mm"][-1] < found["distances_mm"][0]
     # Again: not over what is there, unless that is said.
-    assert main(["goal", "flat", "--text", "J", "--out", "mine"]) == 2
+    assert main(["goal", "flat", "--text", "J", "--out", "my own"]) == 2
     assert "--overwrite" in capsys.readouterr().err
-    assert main(["goal", "flat", "--text", "L", "--out", "mine", "--overwrite"]) == 0
+    assert main(["goal", "flat", "--text", "L", "--out", "my own", "--overwrite"]) == 0
 
 
 @pytest.mark.full
@@ -201,7 +202,7 @@ def test_another_camera_keeps_its_own_pixels_and_format(folder, capsys):
     v, u = np.unravel_index(np.argmin(cv2.blur(change, (15, 15))), change.shape)
     assert abs(u - 100) < 15 and abs(v - 90) < 15 and change.min() < -5
     assert "another one" in said["assumed"][0]
-    assert main([*said["next"].split()[1:4], "--positions", "5x5", "--max-steps", "1"]) == 0
+    assert main([*shlex.split(said["next"])[1:4], "--positions", "5x5", "--max-steps", "1"]) == 0
     capsys.readouterr()
     luminance = np.full(PAPER_BOX.shape, 102, np.uint8)
     cv2.imwrite("dark.png", luminance)
@@ -246,7 +247,7 @@ def test_a_goal_on_a_tilted_bed_is_made_and_planned_for_from_above(folder, capsy
     assert read_camera("goal/camera.json")[0].orthographic and 0.005 < change.max() < 0.0065
     np.testing.assert_allclose(own, [320, 200], atol=3)
     quick = ["--positions", "9x9", "--max-steps", "1", "--json"]
-    assert main([*said["next"].split()[1:4], *quick]) == 0
+    assert main([*shlex.split(said["next"])[1:4], *quick]) == 0
     (step,) = json.loads(capsys.readouterr().out)["steps"]
     assert np.abs(np.subtract(step["position"], middle)).max() < 60
 

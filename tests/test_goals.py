@@ -23,7 +23,9 @@ from jshape.goals import (
     slopes,
 )
 from jshape.goals.goal import RIM
+from jshape.goals.picture import goal_figure
 from jshape.goals.reliefs import Relief
+from jshape.height_map import HeightMap
 from tests.reference import slopes as reference
 
 WIDE = Camera(320, 240, 300.0, 310.0, 171.0, 109.0, 0.3, 1.0)
@@ -45,10 +47,10 @@ def tan(degrees):
     return math.tan(math.radians(degrees))
 
 
-def block(bed, height, half=0.03):
-    """A cuboid in the middle of a bed."""
+def block(bed, height, half=0.03, middle=0.0):
+    """A cuboid in the middle of a bed, or at an x of it."""
     x, y = bed.axes()
-    inside = (np.abs(x) <= half)[None, :] & (np.abs(y) <= half)[:, None]
+    inside = (np.abs(x - middle) <= half)[None, :] & (np.abs(y) <= half)[:, None]
     return np.where(inside, np.float32(height), np.float32(0))
 
 
@@ -351,6 +353,29 @@ def test_out_of_reach_nothing_changes(flat):
     assert goal.change.any() and not goal.change[u > 172].any()
     lost = report(goal)["left"]["out of reach"]
     assert lost["volume_cm3"] == pytest.approx(18, rel=0.1) and lost["place"][0] > 170
+
+
+def test_where_nobody_saw_a_map_nothing_changes_and_the_picture_shows_it(rng):
+    known = HeightMap(rng.normal(0, 1e-3, (90, 120)).astype(np.float32), 2e-3, (0.02, -0.1))
+    known.heights[-5:] += 0.02
+    known.heights[:, :40] = np.nan  # 0.02 to 0.1 m along x
+    bed = bed_map(known.depth(known.camera()), known.camera(), where="map")
+    wanted = block(bed, -0.006, middle=0.1)
+    made = make_goal(bed, wanted, Limits(4.0))
+    assert not made.change[~bed.seen].any() and made.change[bed.seen].any()
+    lost = report(made)["left"]["not seen"]["volume_cm3"]
+    assert lost == pytest.approx(bed.cm3(-wanted[~bed.seen]), rel=1e-3) and lost > 1
+    assert any("no camera saw" in line for line in report(made)["says"])
+    with pytest.raises(BadImage, match="where no camera saw the bed"):
+        make_goal(bed, np.where(bed.seen, 0, wanted), Limits(4.0))
+    axes = goal_figure(made).axes
+    for ax in axes[:3]:
+        shown, (low, high) = ax.images[0], ax.images[0].get_extent()[2:]
+        assert ax.patch.get_hatch() and ax.get_ylim() == pytest.approx((-101, 79), abs=0.1)
+        middle = shown.get_array()[45]
+        assert low < high and middle.mask[:35].all() and not middle.mask[50:110].any()
+    # As in a map's own picture y is up: the ridge at its end is at the top.
+    assert np.argmax(axes[0].images[0].get_array().mean(1)) < 15
 
 
 @pytest.mark.parametrize("how", ["around", "level"])

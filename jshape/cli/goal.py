@@ -1,6 +1,7 @@
 """`jshape goal BED`."""
 
 import math
+import shlex
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -52,7 +53,7 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
         now.depth,
         now.camera,
         window=window,
-        max_missing=now.most_missing(options.max_missing),
+        max_missing=options.max_missing,
         where=bed,
     )
     wanted = wanted_of(options, bed, surface, now, bank)
@@ -74,6 +75,7 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
         "window": None if window is None else list(window),
         "level_m": surface.level,
         "filled": surface.filled,
+        "seen": float(surface.seen.sum() / surface.inside.sum()),
         "left_out": now.left_out,
         **report(made, material),
     }
@@ -127,8 +129,8 @@ def _write(
     suffix = "png" if counts else "npy"
     out = options.out
     assert out is not None
-    names = f"{out / f'now.{suffix}'} {out / f'goal.{suffix}'}"
-    added = {"out": str(out), "next": f"jshape plan {names} --out my-plan"}
+    names = (str(out / f"{name}.{suffix}") for name in ("now", "goal"))
+    added = {"out": str(out), "next": shlex.join(["jshape", "plan", *names, "--out", "my-plan"])}
     with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
         # From above, what nobody saw is not made up: it does not count.
         unseen = missing(now.depth) & above(now.camera)
@@ -155,6 +157,8 @@ def _print(said: dict[str, Any]) -> None:
         print(
             f"{said['filled']} pixels of the bed without depth, filled{said_of(said['left_out'])}"
         )
+    if said["seen"] < 1:
+        print(f"{said['seen']:.1%} of the bed was seen; the rest does not count")
     for line in (*said["assumed"], *said["says"]):
         print(line)
     for line in said["warnings"]:

@@ -13,7 +13,7 @@ from jshape.data.intrinsics import within
 from jshape.data.missing import fill_missing
 from jshape.data.set_up import TILT_MOST_DEG
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.data.view import LEAST_SEEN, View, above, tilt_deg
+from jshape.data.view import View, tilt_deg
 from jshape.errors import BadCamera
 from jshape.io import formats, images
 from jshape.io.frames import Source, frame_of, source_of
@@ -43,10 +43,6 @@ class GoalFrame:
     """(H, W) metres that the camera took, where `depth` is what is seen from above."""
     view: View | None = None
     """How that became `depth`."""
-
-    def most_missing(self, allowed: float) -> float:
-        """Largest share of pixels without a reading: from above, hidden ones are none of them."""
-        return 1.0 - LEAST_SEEN if above(self.camera) else allowed
 
     def places(self, pixels: np.ndarray) -> np.ndarray:
         """Where pixels (N, 2) of (u, v) that the camera took are in `depth`, not rounded."""

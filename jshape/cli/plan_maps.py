@@ -1,5 +1,6 @@
 """`jshape plan INITIAL.npz DESIRED.npz`: on two height maps, which need no camera."""
 
+import shlex
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -36,10 +37,10 @@ def are_maps(initial: Path, desired: Path) -> bool:
     if first == second:
         return first
     one, other = (initial, desired) if first else (desired, initial)
-    raise BadFile(
-        f"{other}: is no height map, and {one} is; give two of a kind: jshape heightmap {other} "
-        f"--like {one} --out MAP{SUFFIX} makes one"
+    makes = shlex.join(
+        ["jshape", "heightmap", str(other), "--like", str(one), "--out", f"MAP{SUFFIX}"]
     )
+    raise BadFile(f"{other}: is no height map, and {one} is; give two of a kind: {makes} makes one")
 
 
 def plan_maps(

@@ -206,6 +206,8 @@ def first_look(robot: Robot, options: Runs) -> np.ndarray:
     return robot.frame()
 
 
+AGAIN = ("bank", "arm", "camera", "camera_file", "base", "gripper", "hand", "material")
+"""Options that a run which goes on takes as it was begun."""
 YES, ALL = ("y", "yes"), ("a", "all")
 """What people answer."""
 
@@ -264,7 +266,13 @@ def resumed(options: Any) -> Session:
 
 def new_session(options: Runs, goal: np.ndarray, robot: Robot, /, **known: Any) -> Session:
     """A new run in `--out`, with what one that goes on must know."""
-    meta = {"arm": options.arm, "camera": robot.eyes, **known}
+    words = [known["plan"]] if "plan" in known else []  # what `--resume` must be told again
+    for name in AGAIN:
+        if options.given.get(name) == "cli":
+            value = getattr(options, name)
+            values = value if isinstance(value, list) else [value]
+            words += [f"--{name.replace('_', '-')}", *map(str, values)]
+    meta = {"arm": options.arm, "camera": robot.eyes, "words": words, **known}
     return Session.start(options.out, goal, meta, overwrite=options.overwrite, say=say)
 
 

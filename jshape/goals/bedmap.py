@@ -13,7 +13,8 @@ import numpy as np
 from jshape._typing import Array, Bool, Float
 from jshape.camera import Camera, check_camera
 from jshape.data.depth import to_metres, wrong_shape
-from jshape.data.missing import LIMIT, fill_missing
+from jshape.data.missing import LIMIT, fill_missing, missing
+from jshape.data.view import LEAST_SEEN, above
 from jshape.errors import BadImage
 from jshape.models.orthographic import OrthographicGrid
 
@@ -43,10 +44,12 @@ class BedMap:
     """The grid."""
     height: Float[np.ndarray, "Y X"]
     """Of the surface above the level, metres."""
-    seen: Bool[np.ndarray, "Y X"]
+    inside: Bool[np.ndarray, "Y X"]
     """Where the camera looks."""
+    seen: Bool[np.ndarray, "Y X"]
+    """Where of it the bed counts: from above, what nobody saw is unknown and stays as it is."""
     filled: int
-    """Pixels of the frame that had no reading."""
+    """Pixels of the frame that had no reading and count."""
 
     @property
     def cell(self) -> float:
@@ -64,6 +67,12 @@ class BedMap:
         u, v = self.camera.pixel(x[None, :], y[:, None], self.level - self.height)
         u, v = np.broadcast_arrays(u, v)  # of parallel rays a row and a column
         return u + self.corner[0], v + self.corner[1]
+
+    def at_nodes(self, pixels: np.ndarray) -> np.ndarray:
+        """What a field on the frame (H, W) is at the nodes (Y, X)."""
+        u, v = (np.rint(k).astype(int) for k in self.pixels())
+        rows, columns = pixels.shape
+        return pixels[np.clip(v, 0, rows - 1), np.clip(u, 0, columns - 1)]
 
     def point(self, at: Pixel) -> tuple[float, float]:
         """(x, y) on the level below pixel (u, v) of the frame, metres."""
@@ -124,7 +133,8 @@ def bed_map(
       frame: (H, W) metres; 0 and NaN mean "no reading".
       camera: that took it, from straight above.
       window: (left, top, width, height) of the part to look at, pixels; None is all.
-      max_missing: largest share of the pixels without a reading that is filled.
+      max_missing: largest share of the pixels without a reading that is filled; from above, what
+        nobody saw is no gap.
       where: what to call the frame in errors.
 
     Raises:
@@ -135,7 +145,10 @@ def bed_map(
     check_camera(camera)
     if np.shape(frame) != camera.shape:
         raise BadImage(wrong_shape(where, np.shape(frame), camera))
-    whole, filled = fill_missing(to_metres(frame, 1.0, where), limit=max_missing, where=where)
+    depth = to_metres(frame, 1.0, where)
+    known = ~(missing(depth) & above(camera))
+    limit = max_missing if known.all() else 1.0 - LEAST_SEEN
+    whole, filled = fill_missing(depth, limit=limit, where=where)
     left, top, width, height = window or (0, 0, camera.width, camera.height)
     camera = camera.crop(left, top, width, height)
     part = _part(whole, (left, top), camera)
@@ -150,6 +163,7 @@ def bed_map(
         camera, jnp.float32(level), jnp.float32(cell), (rows, columns), (width, height)
     )
     surface = level - np.asarray(_from_above(grid, _near(part, level)))
+    everywhere = np.ones(surface.shape, bool)
     bed = BedMap(
         camera=camera,
         frame=whole,
@@ -157,14 +171,16 @@ def bed_map(
         level=level,
         grid=grid,
         height=surface,
-        seen=np.ones(surface.shape, bool),
-        filled=filled,
+        inside=everywhere,
+        seen=everywhere.copy(),
+        filled=filled if known.all() else 0,
     )
     u, v = bed.pixels()
     inside = (np.abs(u - left - (width - 1) / 2) <= width / 2) & (
         np.abs(v - top - (height - 1) / 2) <= height / 2
     )
-    bed.seen[:] = inside
+    bed.inside[:] = inside
+    bed.seen[:] = inside & bed.at_nodes(known)
     return bed
 
 

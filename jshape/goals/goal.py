@@ -95,9 +95,9 @@ def make_goal(
 ) -> Goal:
     """The goal nearest to what is wanted that a bed can give, in the order of `Goal.left`.
 
-    Where the hand does not reach nothing changes; nothing goes below the material's floor or out
-    of the camera's range; then slopes that do not stand are leaned inwards (`slopes.held`).  What
-    the bed is already it may remain, be it too steep or too deep.
+    Where nobody saw the bed, or the hand does not reach, nothing changes; nothing goes below the
+    material's floor or out of the camera's range; then slopes that do not stand are leaned inwards
+    (`slopes.held`).  What the bed is already it may remain, be it too steep or too deep.
 
     Args:
       bed: seen from above.
@@ -108,16 +108,19 @@ def make_goal(
       like: (H, W) the frame that `wanted` was taken from, if it was one.
 
     Raises:
-      BadImage: another shape than the map's, or numbers that are not finite; nothing is wanted.
+      BadImage: another shape than the map's, or numbers that are not finite; nothing is wanted, or
+        nothing where the bed was seen.
       UnknownName: no such balance.
     """
     if wanted.shape != bed.height.shape or not np.isfinite(wanted).all():
         raise BadImage(
             f"a change has shape {wanted.shape}; it must be {bed.height.shape} finite numbers"
         )
-    wanted = np.where(bed.seen, wanted, 0.0).astype(np.float32)
+    wanted = np.where(bed.inside, wanted, 0.0).astype(np.float32)
     if np.abs(wanted).max() < LEAST:
         raise BadImage("the goal is the bed as it is: nothing of it would change")
+    if not np.abs(wanted[bed.seen]).max() >= LEAST:
+        raise BadImage("the goal lies where no camera saw the bed: place it where it was seen")
     change, left = _held_to(bed, wanted, limits)
     if balance is None:
         return Goal(bed, limits, wanted, change, left, like=like)
@@ -156,11 +159,9 @@ def _held_to(
         left[reason] = np.where(allowed == goal, 0.0, goal - allowed).astype(np.float32)
         goal = allowed
 
+    hold("not seen", np.where(bed.seen, goal, now))
     if limits.reach is not None:
-        u, v = (np.rint(k).astype(int) for k in bed.pixels())
-        rows, columns = limits.reach.shape
-        free = limits.reach[np.clip(v, 0, rows - 1), np.clip(u, 0, columns - 1)]
-        hold("out of reach", np.where(free, goal, now))
+        hold("out of reach", np.where(bed.at_nodes(limits.reach), goal, now))
     hold("deeper than the material", np.maximum(goal, np.minimum(now, -limits.floor)))
     near, far = float(bed.camera.z_min), float(bed.camera.z_max)
     if near < bed.level < far:

@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jshape.goals import Goal
+from jshape.viz.map_axes import mark_unseen
 from jshape.viz.pictures import span
 from jshape.viz.style import own_style
 
@@ -14,9 +15,9 @@ CONTOURS = 1.0
 
 @own_style()
 def goal_figure(goal: Goal, title: str = "") -> Figure:
-    """Bed, goal and change from above, and a cut-away profile where it changes most."""
+    """Bed, goal and change from above, y up, and a cut-away profile where it changes most."""
     bed = goal.bed
-    x, y = (1e3 * axis for axis in bed.axes())
+    x, y = (1e3 * sign * axis for sign, axis in zip((1, -1), bed.axes(), strict=True))
     seen = bed.seen
     now, wanted, change = (
         np.where(seen, 1e3 * k, np.nan) for k in (bed.height, goal.height, goal.change)
@@ -24,9 +25,10 @@ def goal_figure(goal: Goal, title: str = "") -> Figure:
     low, high = span([now, wanted])
     most = max(float(np.nanmax(np.abs(change))), 0.1)
     half = bed.cell * 500
-    extent = x[0] - half, x[-1] + half, y[-1] + half, y[0] - half
+    extent = x[0] - half, x[-1] + half, y[-1] - half, y[0] + half
     (x0, y0), (x1, y1) = (1e3 * k for k in bed.view())
-    row = int(np.argmax(np.where(seen, np.abs(goal.change), 0.0).sum(1)))
+    # Where nothing changes, a row that was seen.
+    row = int(np.argmax(np.where(seen, np.abs(goal.change) + 1e-9, 0.0).sum(1)))
 
     figure = Figure(figsize=(13.5, 6.3), layout="constrained")
     axes = figure.subplot_mosaic(
@@ -51,10 +53,13 @@ def goal_figure(goal: Goal, title: str = "") -> Figure:
     }
     for name, text in titles.items():
         ax = axes[name]
-        ax.set(xlim=(x0, x1), ylim=(y1, y0), xlabel="x (mm)")
+        ax.set(xlim=(x0, x1), ylim=(-y1, -y0), xlabel="x (mm)")
         ax.set_title(text, fontsize=11)
+        mark_unseen(ax, seen | ~bed.inside)
         ax.axhline(y[row], color="tab:green", linewidth=1.2, linestyle="--")
     axes["bed"].set_ylabel("y (mm)")
+    said = f"cut along the dashed line, y = {y[row]:.0f} mm; heights are stretched"
+    axes["cut"].set_title(said, fontsize=11, loc="left")
     _draw_cut(axes["cut"], goal, row, x, (x0, x1))
     if title:
         figure.suptitle(title)
@@ -64,20 +69,16 @@ def goal_figure(goal: Goal, title: str = "") -> Figure:
 def _draw_cut(ax: Axes, goal: Goal, row: int, x: np.ndarray, span: tuple[float, float]) -> None:
     """Bed, goal and what was asked for along one row of the map."""
     bed = goal.bed
-    at = np.flatnonzero(bed.seen[row])
-    x = x[at]
     now, then, asked = (
-        1e3 * k[row, at] for k in (bed.height, goal.height, bed.height + goal.wanted)
+        np.where(bed.seen[row], 1e3 * k[row], np.nan)
+        for k in (bed.height, goal.height, bed.height + goal.wanted)
     )
-    bottom = min(now.min(), then.min(), asked.min()) - 4.0
+    bottom = np.nanmin([now, then, asked]) - 4.0
     ax.fill_between(x, bottom, then, color="0.85", linewidth=0)
     ax.plot(x, asked, ":", color="tab:red", linewidth=1.3, label="asked for")
     ax.plot(x, now, color="0.45", linewidth=1.3, label="the bed now")
     ax.plot(x, then, color="tab:blue", linewidth=1.8, label="the goal")
-    top = max(now.max(), then.max(), asked.max()) + 3.0
+    top = np.nanmax([now, then, asked]) + 3.0
     ax.set(xlim=span, ylim=(bottom, top), xlabel="x (mm)", ylabel="height (mm)")
-    y = 1e3 * bed.axes()[1][row]
-    said = f"cut along the dashed line, y = {y:.0f} mm; heights are stretched"
-    ax.set_title(said, fontsize=11, loc="left")
     ax.grid(alpha=0.3)
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=9, frameon=False)

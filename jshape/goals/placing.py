@@ -88,7 +88,7 @@ def drawn_on_image(
         )
     u, v = bed.pixels()
     drawn = ndimage.map_coordinates(np.nan_to_num(image), [v, u], order=1, mode="nearest")
-    return np.where(bed.seen, drawn, 0.0).astype(np.float32)
+    return np.where(bed.inside, drawn, 0.0).astype(np.float32)
 
 
 def _along(bed: BedMap, at: Pixel | None, turn: float) -> tuple[np.ndarray, np.ndarray]:

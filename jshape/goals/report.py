@@ -17,6 +17,7 @@ LEAST_CM3 = 0.05
 EDGE = 0.02
 """Changes nearer to the view's edge than this, metres, are hardly met by any action."""
 WHY = {
+    "not seen": "lies where no camera saw the bed",
     "out of reach": "lies where the hand does not reach",
     "deeper than the material": "is deeper than the material",
     "beyond the camera's range": "is beyond the camera's depth range",

@@ -8,6 +8,7 @@ in `steps.jsonl` per action, all that happened in `log.jsonl`, and at the end pi
 import contextlib
 import hashlib
 import io
+import shlex
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -165,8 +166,9 @@ class Session:
             except BaseException as problem:
                 with uninterrupted():
                     self._aborted(problem, stop_arm(robot.guard))
-                what, folder = self.run.meta.get("what", "mold"), self.run.folder
-                problem.add_note(f"jshape {what} --resume --out {folder} goes on")
+                meta, out = self.run.meta, ["--resume", "--out", str(self.run.folder)]
+                words = ["jshape", meta.get("what", "mold"), *meta.get("words", []), *out]
+                problem.add_note(f"{shlex.join(words)} goes on")
                 raise
             self._draw(result, draw)
             return summary

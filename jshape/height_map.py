@@ -164,7 +164,8 @@ def check_map(found: HeightMap, where: str = "height map") -> HeightMap:
     """The map itself, if it can be one (host).
 
     Raises:
-      BadImage: no (R, C) array of numbers, a pitch that is none, or nothing seen.
+      BadImage: no (R, C) array of numbers, a pitch that is none, nothing seen, or seen where no
+        height is.
     """
     heights = np.asarray(found.heights)
     if heights.ndim != 2 or min(heights.shape) < 2 or heights.dtype.kind != "f":
@@ -184,6 +185,12 @@ def check_map(found: HeightMap, where: str = "height map") -> HeightMap:
         raise BadImage(
             f"{where}: seen has shape {np.shape(found.seen)}; the heights have {heights.shape}"
         )
+    if found.seen is not None:
+        unknown = int(np.sum(np.asarray(found.seen, bool) & ~np.isfinite(heights)))
+        if unknown:
+            raise BadImage(
+                f"{where}: seen is true at {unknown} nodes without a height; there it must be false"
+            )
     if not found.mask.any():
         raise BadImage(f"{where}: no height is known")
     relief = float(np.ptp(heights[found.mask]))

@@ -189,6 +189,19 @@ def test_a_plan_on_two_maps(folder, capsys):
         assert pink.mean() > 5e-4, "what was not seen is not shown as a height"
 
 
+def test_a_map_without_a_frame_is_taken_for_the_others_and_that_is_said(folder, capsys):
+    write_map("my now.npz", replace(bed(), frame=None))
+    write_map("wanted.npz", replace(bed(), frame=as_frame(np.eye(4))))
+    words = ("--max-steps", "1", "--positions", "2x2", "--strengths", "1", "--yaws", "1")
+    for path in ("my now.npz", "wanted.npz"):
+        assert main(["plan", path, "wanted.npz", *words]) == 0
+        said = "my now.npz: has no frame; that of the other map is taken for its own"
+        assert (said in capsys.readouterr().out) == (path == "my now.npz")
+    write_depth_png("a look.png", np.ones((9, 9)), UNIT)
+    makes = "jshape heightmap 'a look.png' --like 'my now.npz' --out MAP.npz makes one"
+    refused(capsys, makes, "plan", "my now.npz", "a look.png")
+
+
 def test_maps_and_frames_are_not_mixed(folder, tilted, capsys):
     write_map("now.npz", bed())
     write_depth_png("wanted.png", tilted[1], UNIT)

@@ -179,7 +179,7 @@ def test_an_arm_that_hangs_in_everything_does_not_keep_the_program(goal, tmp_pat
     assert program.returncode == 130
     assert "interrupted; the arm was told to stop" in said
     assert "simulated arm: did not stop: no answer for 2 s" in said
-    assert f"jshape mold --arm sim:3 --resume --out '{out}' goes on" in said
+    assert f"jshape mold --bank flour-robot --arm sim:3 --resume --out '{out}' goes on" in said
     assert "simulated arm: close has not ended after 5 s" in said
     assert json.loads((out / "summary.json").read_text())["state"] == "interrupted"
 

@@ -78,6 +78,10 @@ WRONG = {
     "no pitch at all": ({"pitch_m": np.nan}, "pitch_m is nan"),
     "all in mm": ({"height_m": np.arange(54.0).reshape(6, 9)}, "heights span .*; they are in metr"),
     "nothing seen": ({"seen": np.zeros((6, 9), bool)}, "no height is known"),
+    "seen unknown": (
+        {"height_m": np.full((6, 9), np.nan), "seen": np.ones((6, 9), bool)},
+        "seen is true at 54 nodes without a height",
+    ),
     "no rotation": ({"frame": 2 * np.eye(4)}, "frame is .*; it must be the 4x4 matrix of a rotati"),
     "frame of 3": ({"frame": np.eye(3)}, "frame is .*; it must be the 4x4"),
     "frame in mm": ({"frame": np.eye(4) + np.eye(4, k=3) * 300}, "frame moves by 300; .* in metre"),

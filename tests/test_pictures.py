@@ -11,8 +11,11 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from jshape import PAPER_BOX, Plan, Status
+from jshape import PAPER_BOX, HeightMap, Plan, Status
+from jshape.data.view import View
+from jshape.height_map import ABOVE, as_frame, looking_down
 from jshape.viz import pictures, style
+from jshape.viz.scale import span
 
 SMALL = PAPER_BOX.crop(100, 100, 60, 40)
 ROIS = {"press": (76, 132), "poke": (40, 45)}
@@ -76,6 +79,28 @@ def test_strengths_and_directions_are_said_and_drawn(plan):
     np.testing.assert_allclose(drawn[2].get_center(), plan.positions[2])
     without = pictures.overlay_figure(plan).axes[0].patches
     assert [box.get_width() for box in without if isinstance(box, Rectangle)][2] == 132
+
+
+def test_the_scale_of_a_map_is_that_of_its_bed_and_not_of_walls_at_its_rim(rng):
+    heights = rng.normal(0, 3, (120, 160)).astype(np.float32)
+    level = span([heights])
+    heights[:, :20] = np.nan
+    heights[:, 20:22] = 150  # a wall, 2 % of the bed
+    np.testing.assert_allclose(span([heights]), level, atol=3)
+    heights[60:63, 90:93] = -30  # a hole in the midst
+    assert span([heights])[0] == pytest.approx(-30, abs=1)
+
+
+def test_places_of_a_map_are_where_its_axes_say(plan):
+    bed = HeightMap(np.zeros((190, 200), np.float32), 2e-3, (-0.1, -0.12))
+    above, eye = bed.camera(), replace(PAPER_BOX, pose=as_frame(looking_down(ABOVE)))
+    seen = replace(plan, camera=above, view=View(eye, above), seen=np.ones((190, 200), bool),
+                   initial=np.full((190, 200), 0.5, np.float32), goal=None)  # fmt: skip
+    figure = pictures.overlay_figure(seen, rois=ROIS)
+    (u, v), (a, b) = seen.exact_positions[0], seen.camera_positions[0]
+    x, y = -100 + 2 * u, -120 + 2 * (189 - v)
+    title = figure.axes[0].get_title(loc="left")
+    assert f" 1 press at ({x:.0f}, {y:.0f}), pixel ({a}, {b})" in title and "pixels:" in title
 
 
 def test_names_in_the_strip(plan):

@@ -10,6 +10,7 @@ from benchmarks.experiments import pages
 from jshape.learn.report import markdown
 from jshape.robot.loop import Molding
 from jshape.viz import pictures
+from jshape.viz.scale import span
 from jshape.viz.style import Drawing
 
 FIGURES = ("robot.png", "curves.png")
@@ -101,7 +102,7 @@ def strips(outcomes: Sequence[Molding], names: Sequence[str]) -> Figure:
     figure = Figure(figsize=(9.4, 2.1 * len(outcomes)), layout="constrained")
     axes = figure.subplots(len(outcomes), 4, squeeze=False)
     every = [image for outcome in outcomes for image in (*outcome.images, outcome.goal)]
-    low, high = pictures.span([pictures.height_mm(image, camera) for image in every])
+    low, high = span([pictures.height_mm(image, camera) for image in every])
     for number, (line, outcome) in enumerate(zip(axes, outcomes, strict=True)):
         line[0].set_ylabel(names[number], fontsize=9)
         first = outcome.first_plan

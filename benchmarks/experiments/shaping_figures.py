@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from benchmarks.experiments.open_loop import Outcome
 from jshape.viz import pictures
+from jshape.viz.scale import span
 
 LINES = (("tab:blue", "o"), ("tab:orange", "^"), ("tab:green", "s"), ("tab:purple", "D"))
 """Of predictors in a plot of distances."""
@@ -75,7 +76,7 @@ def rows_figure(rows: Sequence[Row]) -> Figure:
     for line, row in zip(axes, rows, strict=True):
         camera = row.outcomes[0].plan.camera
         heights = [pictures.height_mm(np.asarray(i), camera) for i in row.images.values()]
-        low, high = pictures.span(heights)
+        low, high = span(heights)
         for ax, title, height in zip(line, row.images, heights, strict=False):
             ax.imshow(height, cmap="gray", vmin=low, vmax=high)
             ax.set(xticks=[], yticks=[])

@@ -71,6 +71,7 @@ def plan_maps(
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=contents)
     now, wanted = read_map(initial), read_map(desired)
+    frameless = [path for path, one in ((initial, now), (desired, wanted)) if one.frame is None]
     mask = options.reachable and read_mask(options.reachable, {"the map": now.mask.shape})
     found = plan(now, wanted, bank=bank, **keywords(search, reachable=mask))
     known = 1.0 if found.seen is None else float(found.seen.mean())
@@ -84,6 +85,8 @@ def plan_maps(
             files.write_atomic(options.out / file, picture)
         result["out"] = str(options.out)
     print(f"bank: {name}; on height maps: {initial}, {known:.1%} of it known in both")
+    if len(frameless) == 1:
+        warn(f"{frameless[0]}: has no frame; that of the other map is taken for its own")
     for note in found.notes:
         warn(note)
     _print(found, options.planner)

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from jshape.goals import Goal
 from jshape.viz.map_axes import mark_unseen
-from jshape.viz.pictures import span
+from jshape.viz.scale import span
 from jshape.viz.style import own_style
 
 CONTOURS = 1.0

@@ -117,7 +117,7 @@ def _check_replaceable(
     foreign = [meant[name] for name in meant if contents is not None and name not in contents]
     if not overwrite:
         why = "the folder exists and is not empty; choose another name, or replace it with "
-        why += "--overwrite (overwrite=True)"
+        why += "--overwrite"
     elif contents is not None and not (target / contents[0]).is_file():
         why = f"the folder holds no {contents[0]}, so it is not replaced; choose another name"
     elif foreign:

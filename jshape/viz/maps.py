@@ -7,7 +7,7 @@ from matplotlib.patches import Patch
 
 from jshape.height_map import HeightMap
 from jshape.viz.map_axes import UNSEEN, mark_unseen
-from jshape.viz.pictures import span
+from jshape.viz.scale import span
 from jshape.viz.style import own_style
 
 _LONG = 7.0
@@ -39,8 +39,7 @@ def draw_map(figure: Figure, ax: Axes, found: HeightMap) -> None:
     x, y = 1e3 * found.x, 1e3 * found.y
     half = 5e2 * float(found.pitch)
     heights = 1e3 * np.where(found.mask, np.asarray(found.heights), np.nan)
-    low, high = np.nanpercentile(heights, (1, 99))
-    low, high = span([np.array([low, high])])
+    low, high = span([heights])
     extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
     drawn = ax.imshow(heights, cmap="gray", vmin=low, vmax=high, origin="lower", extent=extent,
                       interpolation="nearest")  # fmt: skip

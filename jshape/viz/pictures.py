@@ -17,6 +17,7 @@ from jshape.errors import JShapeError
 from jshape.height_map import ABOVE, places_on
 from jshape.viz.labels import Room
 from jshape.viz.map_axes import in_mm, mark_unseen
+from jshape.viz.scale import extremes, span
 from jshape.viz.style import drawn, own_style
 
 COLOURS = {
@@ -27,9 +28,6 @@ COLOURS = {
     "poke": "tab:orange",
 }
 """Box colour of each action; others are grey."""
-
-LEAST_SPAN = 5.0
-"""Least range of heights on a grey scale, mm."""
 
 Rois = Mapping[str, tuple[int, int]]
 """(w, h) of the ROI that each action was trained with, pixels."""
@@ -91,7 +89,7 @@ def plan_figure(
     heights = [_shown(image, camera, plan.seen) for _, image in shown]
     wanted = heights[1]
     gaps = [h - wanted for k, h in enumerate(heights) if k != 1]
-    reach = max(float(np.nanpercentile(np.abs(gaps), 99.98)), 1.0)
+    reach = max(np.abs(extremes(gaps)).max(), 1.0)
 
     columns = len(shown)
     figure = Figure(figsize=(4.0 * columns, 6.6), layout="constrained")
@@ -104,7 +102,9 @@ def plan_figure(
         drawn = ax.imshow(gap, cmap="RdBu_r", vmin=-reach, vmax=reach)
         mark_unseen(ax, plan.seen)
         _bare(ax, name)
-    figure.colorbar(drawn, ax=list(axes[1]), label="too high: red, + (mm)", shrink=0.85)
+    ends = "neither" if plan.seen is None else "both"
+    label = "too high: red, + (mm)"
+    figure.colorbar(drawn, ax=list(axes[1]), label=label, shrink=0.85, extend=ends)
     draw_curve(axes[1][1], plan.distances_mm, obtained_mm)
     if title:
         figure.suptitle(title)
@@ -123,7 +123,8 @@ def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
     low, high = span([height])
     drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
     mark_unseen(ax, plan.seen)
-    figure.colorbar(drawn, ax=ax, label=_above(camera), shrink=0.85)
+    ends = "neither" if plan.seen is None else "both"
+    figure.colorbar(drawn, ax=ax, label=_above(camera), shrink=0.85, extend=ends)
     if camera.orthographic:
         in_mm(ax, camera)
     else:
@@ -143,15 +144,19 @@ def _is_own(plan: Plan) -> bool:
 def _in_words(plan: Plan) -> list[str]:
     """A heading, and what to do, line by line; a long list in two columns."""
     where = "" if _is_own(plan) else " in the camera's own pixels"
-    own = plan.camera_positions
-    if plan.camera.orthographic and plan.view is None:
+    places = [f"({u}, {v})" for u, v in plan.camera_positions]
+    if plan.camera.orthographic:  # as the axes are
         where = " at (x, y) in mm"
-        own = np.rint(1e3 * places_on(plan.camera, plan.exact_positions)).astype(int)
+        on_map = np.rint(1e3 * places_on(plan.camera, plan.exact_positions)).astype(int)
+        pixels, places = places, [f"({x}, {y})" for x, y in on_map]
+        if plan.view is not None:
+            where += ", and in the camera's own pixels"
+            places = [f"{p}, pixel {q}" for p, q in zip(places, pixels, strict=True)]
     many = "1 action" if len(plan) == 1 else f"{len(plan)} actions"
     steps = []
-    for k, (u, v) in enumerate(own):
+    for k, place in enumerate(places):
         turned = f" turned {np.degrees(plan.yaws[k]):.0f}°" if plan.yaws[k] else ""
-        steps.append(f"{k + 1:2d} {_doing(plan, k)} at ({u}, {v}){turned}")
+        steps.append(f"{k + 1:2d} {_doing(plan, k)} at {place}{turned}")
     if len(steps) > 8:
         half = -(-len(steps) // 2)
         wide = max(map(len, steps[:half])) + 3
@@ -171,17 +176,6 @@ def _strength(plan: Plan, k: int) -> str:
     """How deep an action goes, unless it is as deep as trained: " x0.5"."""
     rounded = f"{round(float(plan.strengths[k]), 2):g}"
     return "" if rounded == "1" else f" x{rounded}"
-
-
-def span(heights: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Black and white of a grey scale of heights, mm (NaN: not seen).
-
-    All are between them but single pixels; noise is no relief; and a bed without rims, which is
-    the highest there is, is light grey, not the white of the paper.
-    """
-    low, high = (float(q) for q in np.nanpercentile(np.stack(heights), (0.02, 99.98)))
-    more = max(LEAST_SPAN - (high - low), 0.0) / 2
-    return low - more, high + more + 0.2 * (high - low + 2 * more)
 
 
 @own_style()
@@ -230,7 +224,8 @@ def _draw_heights(
         drawn = ax.imshow(height, cmap="gray", vmin=low, vmax=high)
         mark_unseen(ax, seen)
         _bare(ax, name)
-    axes[0].figure.colorbar(drawn, ax=list(axes), label=label, shrink=shrink)
+    ends = "neither" if seen is None else "both"
+    axes[0].figure.colorbar(drawn, ax=list(axes), label=label, shrink=shrink, extend=ends)
 
 
 def draw_actions(ax: Axes, plan: Plan, rois: Rois | None = None, *, strengths: bool = True) -> None:

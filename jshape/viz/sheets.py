@@ -124,7 +124,7 @@ def contact_sheet(tiles: Sequence[Tile], *, colours: Sequence[str] = ()) -> Figu
             ax.plot(x + w // 2, y + h // 2, "+", color=colour, markersize=5)
         left.set_title(tile.title, fontsize=7, loc="left", pad=2)
     if drawn is not None:
-        label = "sunk by the action: red, + (mm)"
+        label = "sunk: red, + (mm)"  # one row of pairs is 2.2 inches high
         figure.colorbar(drawn, ax=axes, label=label, shrink=0.6, pad=0.01, extend="both")
     return figure
 

@@ -24,6 +24,8 @@ LENSES = {
     "rational": (0.3, -0.1, 1e-3, -5e-4, 0.02, 0.35, -0.05, 0.01),
 }
 SPAN = np.array([0.36, 0.5], np.float32)
+SIZE = 1.0, 0.9
+"""Of the beds, metres: no camera sees beyond them."""
 NEAR = 1e-6
 """Metres by which both may differ: 0.1 um is usual, float32 holds 0.03 um at 0.45 m."""
 
@@ -44,7 +46,7 @@ def tilted(tilt, lens="none", turn=0.0):
 
 
 def bed(std=0.008):
-    return sim.irregular_bed(jax.random.key(0), std)
+    return sim.irregular_bed(jax.random.key(0), std, size=SIZE)
 
 
 def both(depth, source, target, span=SPAN):
@@ -88,7 +90,7 @@ def test_a_target_with_a_lens_and_a_pose_of_its_own():
 
 def walled(height=0.04):
     """A level bed with a wall across, 10 mm thick, and its heights over the level."""
-    level = sim.flat_bed()
+    level = sim.flat_bed(size=SIZE)
     _, y = level.axes()
     rise = np.where(np.abs(np.asarray(y)) < 0.005, np.float32(height), np.float32(0.0))
     return sim.loose_bed(level.height + rise[:, None], level.cell)

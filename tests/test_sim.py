@@ -356,7 +356,8 @@ def test_a_pose_that_is_none_changes_nothing():
 
 def test_a_ray_that_meets_no_bed_reads_nothing():
     wide = Camera(9, 61, 20.0, 20.0, 4.0, 30.0, 0.2, 2.0)
-    image = np.asarray(render(flat_bed(), replace(wide, pose=aimed(60, 0.4))))
+    endless = flat_bed(size=(20, 20), cell=0.1)
+    image = np.asarray(render(endless, replace(wide, pose=aimed(60, 0.4))))
     down = np.cos(np.radians(60)) + (np.arange(61) - 30.0) / 20.0 * np.sin(np.radians(60))
     rays = np.abs(down) > 0.1  # but for those that all but graze
     assert (image[rays & (down < 0)] == 0).all() and (down < 0).sum() > 10
@@ -365,6 +366,17 @@ def test_a_ray_that_meets_no_bed_reads_nothing():
     buried = np.eye(4)
     buried[2, 3] = SURFACE + 0.01
     assert (np.asarray(render(flat_bed(), replace(wide, pose=as_frame(buried)))) == 0).all()
+
+
+@pytest.mark.parametrize("tilt", [0, 30])
+def test_the_bed_ends_at_the_walls_of_its_box(tilt):
+    camera = Camera(160, 120, 80.0, 80.0, 79.5, 59.5, 0.3, 0.9, pose=aimed(tilt, 0.6))
+    seen = np.asarray(render(flat_bed(), camera)) > 0
+    begin, along = (np.asarray(part) for part in camera.lines(np.array(camera.pose)))
+    x, y = (begin[k] + (SURFACE - begin[2]) / along[2] * along[k] for k in (0, 1))
+    off = np.maximum(np.abs(x) - 0.28, np.abs(y) - 0.23)  # from the walls, metres
+    assert seen[off < -1e-5].all() and not seen[off > 1e-5].any()
+    assert 0.05 < seen.mean() < 0.5
 
 
 def test_the_camera_sees_the_near_side_of_a_wall_first():

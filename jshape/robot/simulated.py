@@ -6,19 +6,21 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Array, Key
 from jshape.camera import PAPER_BOX, Camera
+from jshape.data.recording import LEVELLED_STD
 from jshape.data.simulate import look
 from jshape.errors import UnknownName
-
-HILLS = 0.003
-"""Standard deviation of a bed's surface, metres."""
 
 
 def bed_of(
     seed: int, size: tuple[float, float] = sim.SIZE
 ) -> tuple[sim.Bed, Key[Array, ""], Key[Array, ""]]:
-    """The uneven bed of a seed, and keys for its hand and its camera."""
+    """The levelled bed of a seed, and keys for its hand and its camera.
+
+    Cameras and arms of one seed are over the same bed: a goal that was made on a look of `sim:3`
+    is one for `--arm sim:3`.
+    """
     for_bed, for_world, for_eye = jax.random.split(jax.random.key(seed), 3)
-    return sim.irregular_bed(for_bed, std=HILLS, size=size), for_world, for_eye
+    return sim.irregular_bed(for_bed, std=LEVELLED_STD, size=size), for_world, for_eye
 
 
 class SimulatedWorld:

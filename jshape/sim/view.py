@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jshape._typing import Array, ArrayLike, Float, Key, Num
 from jshape.camera import Camera, single
 from jshape.sim.bed import DEPTH, Bed
+from jshape.sim.inputs import half_sides
 
 SURFACE = 0.45
 """Depth of the surface of a default flat bed, metres."""
@@ -43,8 +44,9 @@ def render(bed: Bed, camera: Camera, z_floor: float | Array = Z_FLOOR) -> Float[
     the steepest slope of this bed so that it cannot pass through anything, but at least `STRIDE`
     cells across the bed: a ray that grazes a crest may miss it by less than that.  False position
     inside the last step finishes, so that the result is always a point of the surface.  The number
-    of steps follows the bed (rough and steep ones take more).  Outside the box the bed goes on as
-    at its wall.  Rays that do not go down (`FLATTEST`), or begin in the bed, read 0.
+    of steps follows the bed (rough and steep ones take more).  The bed ends at the wall of the box:
+    rays that end beyond it read 0, as do those that do not go down (`FLATTEST`) or begin in the
+    bed.  What is hidden behind the wall is hidden by material as high as the bed at the wall.
     """
     begin, along = camera.lines(None if camera.pose is None else single(camera.pose))
     across = jnp.sqrt(along[0] ** 2 + along[1] ** 2)
@@ -85,8 +87,10 @@ def render(bed: Bed, camera: Camera, z_floor: float | Array = Z_FLOOR) -> Float[
     state = jax.lax.while_loop(lambda s: (s[3] > 0).any(), walk, (start, left, start, left))
     state = (*state, state[2], state[3], state[3] <= 0)
     depth = jax.lax.fori_loop(0, AIM, aim, state)[4]
-    outside = z_floor - _sample(bed, *begin[:2]) - begin[2] > 0
-    return jnp.where(outside & (depth > 0), depth, 0.0)
+    over = z_floor - _sample(bed, *begin[:2]) - begin[2] > 0
+    x, y = (abs(b + depth * a) for b, a in zip(begin[:2], along[:2], strict=True))
+    half_x, half_y = half_sides(bed)
+    return jnp.where(over & (depth > 0) & (x <= half_x) & (y <= half_y), depth, 0.0)
 
 
 def _sample(bed, x, y):

@@ -21,7 +21,10 @@ def height_at(height, cell, x, y):
 
 
 def render(height, cell, camera, z_floor, step=0.0005):
-    """Depth of the first surface that each pixel's ray meets, metres; no lens."""
+    """Depth of the first surface that each pixel's ray meets, metres; no lens.
+
+    The bed goes on as at its wall, so that it hides, but is not seen there.
+    """
     height = np.asarray(height, float)
     pose = np.eye(4) if camera.pose is None else np.array(camera.pose)
     depth = np.zeros((camera.height, camera.width))
@@ -45,5 +48,8 @@ def render(height, cell, camera, z_floor, step=0.0005):
             for _ in range(30):
                 middle = (low + high) / 2
                 low, high = (low, middle) if inside(middle) else (middle, high)
-            depth[v, u] = high
+            x, y, _, _ = begin + high * along
+            rows, columns = height.shape
+            if abs(x) <= columns * cell / 2 and abs(y) <= rows * cell / 2:
+                depth[v, u] = high
     return depth

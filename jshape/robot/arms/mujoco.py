@@ -283,7 +283,7 @@ def make_twin(
 
 
 def open_twin(address: str, settings: ArmSettings) -> OpenedArm:
-    """The twin over the uneven bed of a seed in the paper's box, and the camera on its wrist.
+    """The twin over the levelled bed of a seed in the paper's box, and the camera on its wrist.
 
     Raises:
       BadCamera: cameras that stand elsewhere.

@@ -1,5 +1,7 @@
 """An arm over the height-field bed: it moves at once, feels the material, and the bed gives way."""
 
+from collections.abc import Sequence
+
 import jax
 import numpy as np
 
@@ -14,11 +16,13 @@ from jshape.robot.arms.base import (
     Moved,
     NoHardware,
     OpenedArm,
+    PoseRefused,
 )
 from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.registry import seed_of
 from jshape.robot.rigid import Pose, yaw_of
 from jshape.robot.simulated import SimulatedWorld, bed_of
+from jshape.sim.inputs import half_sides
 
 TOUCH = 5.0
 """Effort at which the surface is felt, Nm."""
@@ -55,6 +59,17 @@ class SimulatedArm(NoHardware):
     def limit(self, *, effort: float, speed: float) -> None:
         """Stop at this effort; it has no speed."""
         self._hard = effort
+
+    def check(self, poses: Sequence[Pose], postures: Sequence[str], tool: Pose) -> None:
+        """Whether all of it is within the box."""
+        half = half_sides(self.world.bed)
+        for pose in poses:
+            x, y = np.asarray(pose)[:2, 3]
+            if abs(x) > half[0] or abs(y) > half[1]:
+                raise PoseRefused(
+                    f"({1e3 * x:.0f}, {1e3 * y:.0f}) mm is beyond the walls of the simulated box, "
+                    f"±{1e3 * half[0]:.0f} and ±{1e3 * half[1]:.0f} mm from its middle"
+                )
 
     def begin(self, doing: Doing, tool: Pose) -> None:
         """Remember what is being done; coming up, the bed changes."""
@@ -136,7 +151,7 @@ class SimulatedArm(NoHardware):
 
 
 def open_simulated(address: str, settings: ArmSettings) -> OpenedArm:
-    """An arm over the uneven bed of a seed, and the camera above it, or cameras from anywhere."""
+    """An arm over the levelled bed of a seed, and the camera above it, or cameras from anywhere."""
     bed, for_world, for_eye = bed_of(seed_of(address))
     world = SimulatedWorld(for_world, bed, material=settings.material, camera=settings.camera)
     cameras = settings.cameras or (settings.camera,)

@@ -8,12 +8,11 @@ import numpy as np
 from jshape import sim
 from jshape._typing import Array, Key
 from jshape.camera import Camera
-from jshape.data.recording import LEVELLED_STD
 from jshape.data.simulate import DEPTH_UNIT
 from jshape.robot.cameras.base import CameraSettings
 from jshape.robot.cameras.played import Played
 from jshape.robot.registry import seed_of
-from jshape.robot.simulated import SimulatedWorld
+from jshape.robot.simulated import SimulatedWorld, bed_of
 
 NOISE = 0.00045
 """Standard deviation of one frame at 0.45 m, metres."""
@@ -57,8 +56,8 @@ def open_simulated(address: str, settings: CameraSettings) -> Played:
 
 def levelled_world(seed: int = 0) -> SimulatedWorld:
     """A world whose bed somebody has just levelled by hand."""
-    for_bed, for_world = jax.random.split(jax.random.key(seed))
-    return SimulatedWorld(for_world, sim.irregular_bed(for_bed, LEVELLED_STD))
+    bed, for_world, _ = bed_of(seed)
+    return SimulatedWorld(for_world, bed)
 
 
 def _frames(

@@ -70,7 +70,7 @@ def test_the_largest_count_is_no_reading(tmp_path, watched, rng, capsys):
     frames[:, :12, :] = 65535
     watched(iter(frames))
     code, out, _ = run(capsys, "setup", "watched", "--frames", 6)
-    assert code == 0 and "BAD 75.0% of the bed's pixels have a reading" in out
+    assert code == 1 and "BAD 75.0% of the bed's pixels have a reading" in out
     assert "pixels without depth in all frames: 4608 (of them 4,608 at 65535 (the largest" in out
     watched(iter(frames))
     code, out, _ = run(capsys, "record", "watched", "--out", tmp_path / "rec")
@@ -265,7 +265,7 @@ def test_too_many_missing_readings_are_said(watched, tmp_path, capsys, rng):
     assert code == 0 and "40.6% of the pixels have a reading; too few: see jshape setup" in out
     watched(iter(frames))
     code, out, _ = run(capsys, "setup", "it")
-    assert code == 0 and "BAD 40.6% of the bed's pixels have a reading" in out
+    assert code == 1 and "BAD 40.6% of the bed's pixels have a reading" in out
 
 
 def test_setup_of_what_is_not_there(capsys):

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, JShapeError, load_bank, metric, plan_depth, sim
+from jshape.cli.execute import OTHER, _compare
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadImage, MissingDepth, UnknownName
+from jshape.planning.api import rollout
 from jshape.planning.maps import bank_for
 from jshape.robot.loop import Stop, World, mold
 from jshape.robot.simulated import SimulatedWorld
@@ -58,6 +60,20 @@ def test_the_loop_reaches_a_goal_that_the_bank_can_make(bank, molded):
     obtained = [s.obtained_mm for s in result.steps]
     np.testing.assert_allclose(result.distances_mm[1:], obtained, atol=1e-5)
     assert (np.diff(result.distances_mm) < 0).all()
+
+
+def test_a_bed_that_is_not_the_plans_is_told(bank, molded, capsys):
+    now, goal, _ = molded
+    first = rollout(now, goal, ["knock"], PLACES[:1], bank=bank)
+    off = []
+    for image in (now, goal):
+        how = {"first": first, "replan": False, "confirm": lambda _: False}
+        mold(Obedient(bank, image), goal, bank, on_start=off.append, **how)
+    assert off[0] < 0.1 and off[1] == pytest.approx(first.distances_mm[0], rel=0.1)
+    _compare(0.88, OTHER * 0.446)  # single frames at 0.45 m: 0.55 mm; another seed's bed: 1.86
+    assert capsys.readouterr().out == ""
+    _compare(1.86, OTHER * 0.446)
+    assert "lies 1.86 mm from the one that the plan was made for" in capsys.readouterr().out
 
 
 def test_looking_again_corrects_a_weak_hand(bank, molded):

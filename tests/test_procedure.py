@@ -4,11 +4,23 @@ import numpy as np
 import pytest
 import yaml
 
+from jshape.camera import PAPER_BOX
 from jshape.errors import BadFile
 from jshape.robot.arms.base import Arm, ArmError, EffortLimit, Moved, PoseRefused
 from jshape.robot.arms.dry_run import DryRun
+from jshape.robot.arms.names import open_arm
 from jshape.robot.arms.simulated import SimulatedArm
-from jshape.robot.procedure import NAMES, ArmLimits, Operation, Procedure, perform, pose_of, turned
+from jshape.robot.cameras.simulated import levelled_world
+from jshape.robot.procedure import (
+    NAMES,
+    ArmLimits,
+    Operation,
+    Procedure,
+    perform,
+    pose_of,
+    prepare,
+    turned,
+)
 from jshape.robot.procedure_file import load_hand, read_procedure
 from jshape.robot.simulated import SimulatedWorld
 
@@ -127,9 +139,22 @@ def test_a_stroke_ends_above_the_floor():
 
 def test_a_dry_run_says_every_operation(hand):
     lines = []
-    perform(DryRun(lines.append), hand, "grasp", POINT, HERE)
+    arm = DryRun(lines.append)
+    perform(arm, hand, "grasp", POINT, HERE)
+    arm.stop()
+    arm.stop()
+    assert lines.count("  stop") == 1
     assert isinstance(DryRun(), Arm) and sum(line.startswith("grasp") for line in lines) == 6
     assert any("tool to (30.0, -20.0, 330.0) mm" in line for line in lines)
+
+
+def test_the_simulated_arm_refuses_what_lies_beyond_its_box(hand):
+    seeds = open_arm("sim:3", PAPER_BOX).arm, levelled_world(3)
+    np.testing.assert_array_equal(seeds[0].world.bed.height, seeds[1].bed.height)  # one bed
+    for x, y in ((0.29, 0.0), (0.0, -0.24)):
+        with pytest.raises(PoseRefused, match="beyond the walls of the simulated box, ±280 and"):
+            prepare(seeds[0], hand, "knock", np.array([x, y, 0.45]), HERE)
+    prepare(seeds[0], hand, "knock", np.array([0.27, 0.22, 0.45]), HERE)
 
 
 @pytest.fixture

@@ -10,12 +10,17 @@ from jshape.camera import differing
 from jshape.cli.names import Bank
 from jshape.cli.options import Share, plan_file
 from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of, tell
+from jshape.cli.tables import say
 from jshape.data.view import View, above
 from jshape.errors import BadFile
 from jshape.io import banks
 from jshape.planning.maps import bank_for
 from jshape.planning.options import DEFAULT_BANK, Constraints, StopCriteria
 from jshape.planning.plan import Plan
+
+OTHER = 2.0
+"""Times a frame's noise by which two looks at one bed differ at most: 1.4 where each is one frame,
+and as much again for what seeing it from above adds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,5 +65,16 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
         stop = StopCriteria(max_steps=max(len(made), 1))
         constraints = Constraints(max_missing=options.max_missing)
         how = {"plan": made, "confirm": confirm, "stop": stop, "constraints": constraints}
+        if not options.resume:
+            how["on_start"] = lambda off_mm: _compare(off_mm, OTHER * robot.noise_mm)
         summary = molded(session, robot, bank, options, **how)
     return tell(summary)
+
+
+def _compare(off_mm: float, most: float) -> None:
+    """Warn of a bed that is not the plan's."""
+    if off_mm > most:
+        say(
+            f"warning: the bed lies {off_mm:.2f} mm from the one that the plan was made for; two "
+            f"looks at one bed differ by at most {most:.2f} mm: is it another, or was it changed?"
+        )

@@ -1,6 +1,7 @@
 """`jshape setup CAMERA --out camera.json`: how a camera stands over its bed, and its file."""
 
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -36,6 +37,10 @@ class SetupOptions(LooksOnce, Writes):
     """Pose of the camera from `jshape calibrate`, to keep in its file: for two cameras."""
     frames: PositiveCount = 30
     """Number of frames to look at."""
+
+    def exit_code(self, result: Mapping[str, Any]) -> int:
+        """1 where something is to be mended."""
+        return int(not result["good"])
 
 
 def setup(

@@ -130,6 +130,7 @@ def mold(
     afresh: bool = False,
     watch: bool = False,
     confirm: Callable[[Plan], bool] | None = None,
+    on_start: Callable[[float], None] | None = None,
     on_step: Callable[[Step, np.ndarray], None] | None = None,
 ) -> Molding:
     """Mold the world towards a goal, looking again after every action.
@@ -160,6 +161,7 @@ def mold(
       watch: stop where the bed changed beside an action.
       confirm: called before each action with what is left of the plan, the action first; False ends
         the loop.
+      on_start: called with how far the first look is from the image that `first` begins with, mm.
       on_step: called after each action with what it did and the depth (H, W) seen after it.
 
     Raises:
@@ -197,6 +199,10 @@ def mold(
     ahead = first
     if ahead is None:
         ahead = plan(now, constraints=constraints.of_images(), stop=stop)
+    elif on_start is not None:
+        both = now.seen if now.seen is None or ahead.seen is None else now.seen & ahead.seen
+        off = metric.distance(now.image, ahead.images[0], both)
+        on_start(float(metric.to_mm(off, bank.camera)))
     if afresh:
         ahead = _seen_anew(ahead, now, bank)
     whole = goal if wanted is None else np.where(wanted, goal, now.image)

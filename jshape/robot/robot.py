@@ -7,7 +7,8 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
-from jshape.data.missing import fill_missing
+from jshape.data.fusion import NOISE
+from jshape.data.missing import fill_missing, median_of
 from jshape.data.view import View, cut_of, look_of
 from jshape.errors import BadCamera, JShapeError
 from jshape.robot.arms.base import Arm, stop_arm
@@ -76,6 +77,8 @@ class Robot(AbstractContextManager):
         """Called after each operation of an action."""
         self.on_look = on_look
         """Called with each look."""
+        self.noise_mm = float("nan")
+        """Of a D435's frame from where the farthest camera was in the last look."""
         self.view: View | None = None
         """How looks become those of the bank's camera; None: they hold its image."""
         self._seen: np.ndarray | None = None  # (H, W) the last look
@@ -118,6 +121,10 @@ class Robot(AbstractContextManager):
             self.view = View(source, self.camera, cut_of(source, self.camera))
         others = [look_of(look(eye, self._frames), eye.camera) for eye in self._eyes[1:]]
         seen = self.view.depth(depth, self.eyes, others)
+        farthest = max(
+            median_of(np.where(d > 0, d, np.nan)) for d in (depth, *(o.depth for o in others))
+        )
+        self.noise_mm = 1e3 * NOISE * farthest**2
         check_clear(seen, self.camera, self.eyes)
         self._whole = None
         self._seen = seen

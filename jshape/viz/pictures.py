@@ -58,7 +58,7 @@ def _shown(image: np.ndarray, camera: Camera, seen: np.ndarray | None) -> np.nda
 def plan_figure(
     plan: Plan,
     *,
-    obtained: np.ndarray | None = None,
+    looks: Sequence[np.ndarray] = (),
     obtained_mm: ArrayLike | None = None,
     rois: Rois | None = None,
     title: str = "",
@@ -70,7 +70,7 @@ def plan_figure(
 
     Args:
       plan: with its images and its goal.
-      obtained: (H, W) the image that really came out.
+      looks: (H, W) each, images of a run: the first is shown as now, the last as obtained.
       obtained_mm: measured distances at the start and after each action.
       rois: trained ROIs, for the boxes of turned hands.
       title: above all.
@@ -81,11 +81,11 @@ def plan_figure(
     camera, goal = plan.camera, plan.goal
     if goal is None:
         raise JShapeError("this plan was stored without its images")
-    shown = [("now, with the plan", plan.images[0]), ("goal", goal)]
+    shown = [("now, with the plan", looks[0] if looks else plan.images[0]), ("goal", goal)]
     shown.append((f"predicted: {plan.distances_mm[-1]:.2f} mm", plan.images[-1]))
-    if obtained is not None:
-        d_mm = float(metric.to_mm(metric.distance(obtained, goal, plan.seen), camera))
-        shown.append((f"obtained: {d_mm:.2f} mm", obtained))
+    if looks:
+        d_mm = float(metric.to_mm(metric.distance(looks[-1], goal, plan.seen), camera))
+        shown.append((f"obtained: {d_mm:.2f} mm", looks[-1]))
     heights = [_shown(image, camera, plan.seen) for _, image in shown]
     wanted = heights[1]
     gaps = [h - wanted for k, h in enumerate(heights) if k != 1]
@@ -301,7 +301,7 @@ def molding_pictures(rois: Rois) -> Callable[[Any], dict[str, bytes]]:
         made = {"steps.png": partial(strip_figure, images, [*names, "goal"], first.camera)}
         if first.initial is not None:
             made["result.png"] = partial(
-                plan_figure, first, obtained=result.images[-1], obtained_mm=result.distances_mm,
+                plan_figure, first, looks=result.images, obtained_mm=result.distances_mm,
                 rois=dict(rois), title="the first plan, and what was obtained",
             )  # fmt: skip
         return drawn(made)

@@ -19,7 +19,7 @@ class DryRun(NoHardware):
 
     def __init__(self, say: Callable[[str], object] = print):
         """`say` is given each line."""
-        self._say, self._pose = say, np.eye(4)
+        self._tell, self._pose, self._stands = say, np.eye(4), True
 
     def begin(self, doing: Doing, tool: Pose) -> None:
         """Say what comes."""
@@ -56,9 +56,15 @@ class DryRun(NoHardware):
         return self._pose.copy()
 
     def stop(self) -> None:
-        """Say so, if anybody still listens."""
+        """Say so once after anything else, if anybody still listens."""
         with suppress(OSError):
-            self._say("  stop")
+            if not self._stands:
+                self._say("  stop")
+                self._stands = True
+
+    def _say(self, line: str) -> None:
+        self._stands = False
+        self._tell(line)
 
 
 def open_dry_run(address: str, settings: ArmSettings) -> OpenedArm:

@@ -29,7 +29,7 @@ def extremes(fields: Sequence[np.ndarray]) -> tuple[float, float]:
     values = []
     for field in fields:
         known = np.isfinite(field)
-        inner = np.asarray(binary_erosion(known, iterations=RIM, border_value=1))
-        values.append(field[inner if inner.any() else known])
+        inner = np.array(binary_erosion(known, iterations=RIM, border_value=1), bool)
+        values.append(np.asarray(field)[inner if inner.any() else known])
     low, high = np.percentile(np.concatenate(values), (0.02, 99.98))
     return float(low), float(high)

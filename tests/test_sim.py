@@ -356,7 +356,7 @@ def test_a_pose_that_is_none_changes_nothing():
 
 def test_a_ray_that_meets_no_bed_reads_nothing():
     wide = Camera(9, 61, 20.0, 20.0, 4.0, 30.0, 0.2, 2.0)
-    endless = flat_bed(size=(20, 20), cell=0.1)
+    endless = flat_bed(size=(20.0, 20.0), cell=0.1)
     image = np.asarray(render(endless, replace(wide, pose=aimed(60, 0.4))))
     down = np.cos(np.radians(60)) + (np.arange(61) - 30.0) / 20.0 * np.sin(np.radians(60))
     rays = np.abs(down) > 0.1  # but for those that all but graze

@@ -261,7 +261,7 @@ BAD_SETTINGS = {
     "no such mask": (None, ["--reachable", "no-mask.png"], "no-mask.png"),
     "a mask of nothing": (
         lambda f: _png("mask.png", np.zeros(BOX, np.uint8)), ["--reachable", "mask.png"],
-        "leaves no pixel where the hand may be placed",
+        "mask.png: is 0 everywhere; other numbers mark where the hand may be placed",
     ),
     "a small mask": (
         lambda f: _png("mask.png", np.ones((40, 50), np.uint8)), ["--reachable", "mask.png"],

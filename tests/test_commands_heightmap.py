@@ -92,6 +92,26 @@ def test_frames_of_a_resting_bed_are_averaged(folder, tilted, capsys, rng):
     np.testing.assert_array_equal(read_map("all.npz").heights, read_map("same.npz").heights)
 
 
+def test_what_is_odd_is_named(folder, tilted, capsys):
+    """Among several frames and files; a wall; maps in two frames; a mask of nothing."""
+    written("right", *tilted, pose=False)
+    written("left", *tilted)
+    both = ("heightmap", "left.png", "right.png", "--out", "x.npz", "--camera-file")
+    both = (*both, "left.json", "right.json")
+    refused(capsys, "right.png of right.json: has no", *both)
+    steep = standing(60)
+    written("steep", steep, seen_by(steep))
+    assert main(["heightmap", "steep.png", "--camera-file", "steep.json", "--out", "b.npz"]) == 0
+    assert "steep.png: the bed is seen 60 degrees from straight above" in capsys.readouterr().out
+    write_map("level.npz", replace(bed(), frame=as_frame(np.eye(4))))
+    write_map("b.npz", replace(bed(), frame=as_frame(np.diag([-1.0, -1.0, 1.0, 1.0]))))
+    said = "level.npz and b.npz: the maps lie in different frames; make the second one like the "
+    refused(capsys, said, "plan", "level.npz", "b.npz")
+    cv2.imwrite("none.png", np.zeros(bed().mask.shape, np.uint8))
+    words = ("plan", "level.npz", "level.npz", "--reachable", "none.png")
+    refused(capsys, "none.png: is 0 everywhere;", *words)
+
+
 @pytest.mark.full
 def test_two_cameras_see_more_and_err_less(folder, tilted, capsys):
     written("left", *tilted)
@@ -112,7 +132,7 @@ def test_two_cameras_see_more_and_err_less(folder, tilted, capsys):
         capsys, "is the pose of one wrong, or did it move?", "heightmap", *both, "--out", "x.npz"
     )
     write_camera("right.json", replace(right, pose=None), UNIT)
-    refused(capsys, "of camera 2: has no pose;", "heightmap", *both, "--out", "x.npz")
+    refused(capsys, "right.png of right.json: has no pose;", "heightmap", *both, "--out", "x.npz")
 
 
 def test_the_pitch_and_the_window_are_as_asked(folder, tilted, capsys):

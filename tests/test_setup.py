@@ -106,6 +106,7 @@ def good():
     [
         ({"valid": 0.7}, "at least 90% are needed: look for glare, things too near, dark material"),
         ({"valid": 0.7, "missing_at": "left"}, "most are missing at the left side: shade it"),
+        ({"noise_mm": 3.1, "expected_mm": 3.0}, "at most 3 mm: move it nearer"),
         ({"noise_mm": 1.2}, "turn the camera away from the window, give more even light or textu"),
         ({"flat": 0.3}, "is no level bed: level it, or cut it out with --window"),
         ({"residual_mm": 4.0}, "at most 3 mm: level it"),

@@ -10,9 +10,10 @@ from cyclopts import Parameter
 
 from jshape.cli.names import Preset
 from jshape.cli.options import File, Positive, Window, Writes
-from jshape.cli.tables import print_table
+from jshape.cli.tables import print_table, warn
 from jshape.data.looks import check_still, taken, together
 from jshape.data.map_report import MapReport, map_report
+from jshape.data.set_up import STEEPEST_DEG
 from jshape.errors import BadFile
 from jshape.height_map import HeightMap
 from jshape.io import files
@@ -57,10 +58,11 @@ def heightmap(frame: Path, /, *frames: Path, options: HeightmapOptions) -> dict[
         options.refuse(("pitch_mm",), ": the map of --like has its own")
     like = None if options.like is None else read_map(options.like)
     cameras = read_looks((frame, *frames), options.camera_file or (), options.depth_unit)
-    depths, where = [one.depths for one in cameras], cameras[0].name
+    depths, where = [one.depths for one in cameras], cameras[0].named
+    names = [f"{one.named} of {one.said}" for one in cameras]
     pitch = None if options.pitch_mm is None else options.pitch_mm / 1e3
     of = [one.camera for one in cameras]
-    looks = taken(depths, of, window=options.window, where=where)
+    looks = taken(depths, of, window=options.window, where=where, names=names)
     bed = read_bed(cameras[0].said) if like is None else None
     found = together(looks, like=like, frame=bed, pitch=pitch, where=where,
                      before=str(options.like))  # fmt: skip
@@ -69,6 +71,12 @@ def heightmap(frame: Path, /, *frames: Path, options: HeightmapOptions) -> dict[
         check_still(found, level, where, f"{cameras[0].said} (bed)")
     report = map_report(looks, [len(one.depths) for one in cameras], found)
     write_map(options.out, found)
+    for one, stand in zip(cameras, report.cameras, strict=True):
+        if stand.tilt_deg > STEEPEST_DEG:
+            warn(
+                f"{one.named}: the bed is seen {stand.tilt_deg:.0f} degrees from straight above; "
+                f"maps were measured up to {STEEPEST_DEG:g}: is it the bed, and no wall?"
+            )
     result = _fields(found, report, cameras) | {"out": str(options.out)}
     _print(found, report, cameras)
     from jshape.viz.maps import map_figure
@@ -102,10 +110,9 @@ def _print(found: HeightMap, report: MapReport, cameras: list[CameraFrames]) -> 
     head = ("frames", "camera", "tilt (°)", "distance (mm)", "sees (%)", "noise (mm)")
     rows = []
     for one, stand in zip(cameras, report.cameras, strict=True):
-        more = f" and {stand.frames - 1} more" if stand.frames > 1 else ""
         rows.append(
             (
-                one.name + more,
+                one.named,
                 one.said,
                 f"{stand.tilt_deg:.1f}",
                 f"{1e3 * stand.distance:.0f}",

@@ -17,7 +17,7 @@ from jshape.io import banks, files, folders
 from jshape.io.maps import SUFFIX, read_map
 from jshape.planning import plan_file as plans
 from jshape.planning.api import plan
-from jshape.planning.maps import bank_for
+from jshape.planning.maps import bank_for, check_frames
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
 from jshape.planning.plan import Plan
@@ -72,6 +72,8 @@ def plan_maps(
         folders.check_target(options.out, options.overwrite, contents=contents)
     now, wanted = read_map(initial), read_map(desired)
     frameless = [path for path, one in ((initial, now), (desired, wanted)) if one.frame is None]
+    how = f"jshape heightmap FRAME --like {shlex.quote(str(initial))}"
+    check_frames(now, wanted, f"{initial} and {desired}", how)
     mask = options.reachable and read_mask(options.reachable, {"the map": now.mask.shape})
     found = plan(now, wanted, bank=bank, **keywords(search, reachable=mask))
     known = 1.0 if found.seen is None else float(found.seen.mean())

@@ -136,7 +136,10 @@ def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> np.ndarra
         raise BadImage(f"{path}: has {mask.shape} (rows, columns); {made}")
     if mask.dtype.kind == "f" and not np.isfinite(mask).all():
         raise BadImage(f"{path}: has pixels that are NaN or infinite")
-    return np.ma.filled(mask, 0) != 0
+    drawn = np.ma.filled(mask, 0) != 0
+    if not drawn.any():
+        raise BadImage(f"{path}: is 0 everywhere; other numbers mark where the hand may be placed")
+    return drawn
 
 
 def _seen(mask: np.ndarray, view: View, frame: np.ndarray | None) -> np.ndarray:

@@ -84,8 +84,11 @@ def taken(
     depth_unit: float = 0.001,
     window: tuple[int, int, int, int] | None = None,
     where: str = "depth",
+    names: Sequence[str] = (),
 ) -> list[Look]:
     """The looks of cameras, checked; frames of a resting bed are averaged.
+
+    Errors name the frames of each of several cameras by `names`, if they are given.
 
     Raises:
       BadImage, BadCamera: as for `heightmap`.
@@ -98,6 +101,7 @@ def taken(
     looks = []
     for number, (raw, camera) in enumerate(zip(frames, every, strict=True)):
         name = where if len(every) == 1 else f"{where} of camera {number + 1}"
+        name = names[number] if len(every) > 1 and names else name
         if not isinstance(camera, Camera):
             raise BadCamera(f"{name}: camera is {quoted(camera)}; expected a Camera")
         check_camera(camera, name)
@@ -112,7 +116,8 @@ def taken(
             raise BadImage(wrong_shape(name, stack.shape[-2:] or stack.shape, camera))
         depth = stack[0] if len(stack) == 1 else _mean(stack)
         if not np.isfinite(depth).any():
-            raise BadImage(f"{name}: no pixel has a reading")
+            away = "; does the camera's pose look away from the bed?" if camera.pose else ""
+            raise BadImage(f"{name}: no pixel has a reading{away}")
         unit = depth_unit if np.asarray(raw).dtype.kind == "u" else None
         check_unit(depth, camera, name, unit)
         if window is not None and number == 0:

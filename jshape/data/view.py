@@ -245,6 +245,7 @@ def image_of_depth(
         if known.mean() < LEAST_SEEN:
             raise MissingDepth(
                 f"{where}: {known.mean():.1%} of the bed is seen; at least {LEAST_SEEN:.0%} must be"
+                "; do camera and goal lie in one frame?"
             )
         max_missing = 1.0
     metres, filled = fill_missing(metres, limit=max_missing, where=where)

@@ -25,6 +25,11 @@ class CameraFrames(NamedTuple):
     said: str
     """How the camera is known, for people."""
 
+    @property
+    def named(self) -> str:
+        """All frames, for people."""
+        return self.name + (f" and {len(self.depths) - 1} more" if len(self.depths) > 1 else "")
+
 
 def read_looks(
     paths: Sequence[Path], camera_files: Sequence[str] = (), depth_unit: float | None = None

@@ -143,18 +143,26 @@ def outside_domain(now: Any, wanted: Any, camera: Camera, seen: np.ndarray) -> t
     return tuple(said)
 
 
+def check_frames(like: HeightMap, other: HeightMap, names: str, how: str) -> None:
+    """Refuse two maps, `names`, in different frames; `how` the second is made like the first.
+
+    Raises:
+      BadImage: they are.
+    """
+    frames = [matrix(m.frame) for m in (like, other)]
+    if like.frame is not None and other.frame is not None and not np.allclose(*frames, atol=1e-4):
+        raise BadImage(
+            f"{names}: the maps lie in different frames; make the second one like the first ({how})"
+        )
+
+
 def on_grid_of(like: HeightMap, other: HeightMap) -> HeightMap:
     """Another map of the same bed on the grid of the first; NaN where it does not reach.
 
     Raises:
       BadImage: maps in different frames.
     """
-    frames = [matrix(m.frame) for m in (like, other)]
-    if like.frame is not None and other.frame is not None and not np.allclose(*frames, atol=1e-4):
-        raise BadImage(
-            "I0 and Istar: the maps lie in different frames; make the second one like the first "
-            "(heightmap(..., like=first))"
-        )
+    check_frames(like, other, "I0 and Istar", "heightmap(..., like=first)")
     rows = (like.y - other.origin[1]) / float(other.pitch)
     columns = (like.x - other.origin[0]) / float(other.pitch)
     shape = np.shape(other.heights)

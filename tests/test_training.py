@@ -364,7 +364,8 @@ def test_errors_are_of_the_bank_that_was_trained(tmp_path):
 
     holed = pairs.posterior.copy()
     for k, (u, v) in enumerate(pairs.centre):
-        holed[k, v, u : u + 6] *= np.arange(6) == k  # each has seen what no other has
+        # Each has seen an eighth that no other has: a tenth would be filled.
+        holed[k, v - 8 : v + 8, u - 6 : u + 6] *= np.arange(12) // 2 == k
     alone = replace(pairs, posterior=holed)
     assert validate(fit(alone), alone) == []
 

@@ -192,7 +192,12 @@ def test_a_hostile_run_is_shown_as_text_and_no_face_crosses_a_gap(
     run = runs.Run.create(tmp_path / "run", {"what": EVIL[2], "bank": str(tmp_path / "bank")})
     made = plan(now, goal, bank=hostile, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
     made.to_json(run.folder / "plan.json")
-    doing = {"action": first, "position": [91, 92], "why": EVIL[4], "operations": [{"operation": EVIL[3]}]}
+    doing = {
+        "action": first,
+        "position": [91, 92],
+        "why": EVIL[4],
+        "operations": [{"operation": EVIL[3]}],
+    }
     journal.note(run.folder / journal.NAME, {"event": "planned", "time": EVIL[3], **doing})
     journal.note(run.folder / journal.NAME, {"event": "acting", "why": EVIL[4]})
     depth = np.full(PAPER_BOX.shape, 0.45)

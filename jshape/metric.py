@@ -124,15 +124,14 @@ def distance(
         )
     if np.iscomplexobj(a) or np.iscomplexobj(b):
         raise BadImage("distance of complex numbers: images are real")
-    if seen is None:
-        counted, share = (a, b), 1.0
-    else:  # what was not seen is the same in both, whatever it is
-        to = np if all(map(_in_memory, (a, b, seen))) else jnp
-        counted = tuple(to.where(to.asarray(seen, bool), x, 0.0) for x in (a, b))
-        share = to.asarray(seen, bool).mean()
+    share = 1.0
+    if seen is not None:  # what was not seen is the same in both, whatever it is
+        to: Any = np if all(map(_in_memory, (a, b, seen))) else jnp
+        seen = to.asarray(seen, bool)
+        a, b = (to.where(seen, x, 0.0) for x in (a, b))
+        share = to.mean(seen)
         if to is np and not share:
             raise BadImage("distance of images of which no pixel was seen")
-    a, b = counted
     if _in_memory(a) and _in_memory(b):
         # At once: what JAX computes later, it would read from arrays that their owner may change.
         d = _distance_in_memory(np.asarray(a), np.asarray(b)) / np.float32(share)

@@ -295,6 +295,6 @@ def test_cameras_and_their_files_go_in_pairs(goal, tmp_path, capsys):
         main([*words, *two, *("--camera-file", str(files[0]), "--camera-file", str(files[1]))]) == 2
     )
     said = capsys.readouterr().err
-    assert "simulated camera: has no pose; several cameras need one each, in one frame" in said
+    assert "right.json: has no pose; several cameras need one each, in one frame" in said
     assert main([*words, "--arm", "mujoco", "--camera-file", str(files[0])]) == 2
     assert "sees through the camera on its wrist" in capsys.readouterr().err

@@ -91,15 +91,15 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
         whole = (*runs.CONTENTS, *CONTENTS)
         folders.check_target(out, run is not None and run.overwrite, contents=whole)
     hand, material = load_hand(options.hand), material_of(options.material)
-    for file in options.camera_file or ():
-        if len(options.camera_file) > 1 and read_camera(file, 1.0)[0].pose is None:
+    described = options.camera_file or ()
+    for file in described if len(described) > 1 else ():
+        if read_camera(file, 1.0)[0].pose is None:
             raise BadCamera(f"{file}: has no pose; several cameras need one each, in one frame")
     base_camera = options.base and read_base_camera(options.base, options.gripper)
     with ExitStack() as stack:
         stack.enter_context(interruptible())
         eyes = [_guarded(stack, one) for one in _eyes(options)]
-        files = () if eyes else options.camera_file or ()
-        cameras = [read_camera(one, 1.0)[0] for one in files]
+        cameras = [] if eyes else [read_camera(one, 1.0)[0] for one in described]
         opened = open_arm(options.arm, bank.camera, material=material, say=say, cameras=cameras)
         arm = GuardedArm(opened.arm)
         stack.callback(_let_go, arm)

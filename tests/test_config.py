@@ -35,7 +35,7 @@ def asked(monkeypatch):
         def without_work(words):
             asked = parse(words)
             seen.append(SimpleNamespace(**vars(asked.options), values=asked.values))
-            return asked._replace(run=lambda *values, options: {})
+            return asked._replace(run=lambda *values, options: {"good": True})
 
         monkeypatch.setattr("jshape.cli.parser.parse", without_work)
         assert main(list(words)) == 0

@@ -101,7 +101,7 @@ def test_a_window_leaves_the_surroundings_out(hills):
     whole = heightmap(depth, camera)
     part = heightmap(depth, camera, window=(140, 80, 140, 80))
     sides = [np.array(np.shape(m.heights)) * m.pitch for m in (whole, part)]
-    assert (sides[1] < 0.5 * sides[0]).all()
+    assert (sides[1] < 0.6 * sides[0]).all()  # the whole is the box: 0.45 by 0.56 m
     np.testing.assert_allclose(sides[1], (0.18, 0.29), rtol=0.15)  # of 80 by 140 pixels
 
 

@@ -26,6 +26,8 @@ CAMERA = replace(D435_BAZAR, z_min=0.25, z_max=0.85)
 """The camera that looks: a depth range wide enough for every view."""
 WIDE = replace(CAMERA, width=1100, height=900, u0=549.5, v0=449.5)
 """Sees all that a turned `CAMERA` sees: turning about the centre hides and shows nothing."""
+BEYOND = 0.4
+"""Metres that beds go on beyond their walls, so that `WIDE` sees no end of them."""
 PATCH = 0.06
 """Half a side of the patch, metres."""
 APART = 0.01
@@ -121,10 +123,11 @@ def measure(rendered: list[np.ndarray], view: View) -> dict[str, Any]:
 
 def _moved(bed: sim.Bed, shift: float) -> sim.Bed:
     """The bed below a camera that was moved along x by whole cells; it goes on as at its wall."""
-    cells = round(shift / bed.cell)
+    cells, beyond = round(shift / bed.cell), round(BEYOND / bed.cell)
     height = np.asarray(bed.height)
-    column = np.clip(np.arange(height.shape[1]) + cells, 0, height.shape[1] - 1)
-    return sim.loose_bed(height[:, column], bed.cell)
+    rows, columns = (np.arange(-beyond, count + beyond) for count in height.shape)
+    at = np.clip(rows, 0, height.shape[0] - 1), np.clip(columns + cells, 0, height.shape[1] - 1)
+    return sim.loose_bed(height[np.ix_(*at)], bed.cell)
 
 
 def surfaces(seed: int) -> dict[str, tuple[sim.Bed, sim.Bed]]:
@@ -286,7 +289,7 @@ def _pictures(pair: tuple[sim.Bed, sim.Bed]) -> Figure:
     figure = Figure(figsize=(9.2, 2.5), layout="constrained")
     axes = figure.subplots(1, len(shown))
     for ax, (title, view) in zip(axes, shown.items(), strict=True):
-        depth, points = seen_from(np.asarray(sim.render(pair[1], WIDE)), view)
+        depth, points = seen_from(np.asarray(sim.render(_moved(pair[1], 0.0), WIDE)), view)
         ax.imshow(1e3 * depth, cmap="gray_r", vmin=340, vmax=620)
         inside = (np.abs(points[..., :2]) < PATCH).all(-1)
         ax.contour(inside, [0.5], colors="tab:red", linewidths=1.5)

@@ -89,7 +89,7 @@ def render(bed: Bed, camera: Camera, z_floor: float | Array = Z_FLOOR) -> Float[
     depth = jax.lax.fori_loop(0, AIM, aim, state)[4]
     over = z_floor - _sample(bed, *begin[:2]) - begin[2] > 0
     x, y = (abs(b + depth * a) for b, a in zip(begin[:2], along[:2], strict=True))
-    half_x, half_y = half_sides(bed)
+    half_x, half_y = half_sides(bed).tolist()  # weakly typed, also under 64 bits
     return jnp.where(over & (depth > 0) & (x <= half_x) & (y <= half_y), depth, 0.0)
 
 

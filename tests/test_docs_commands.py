@@ -44,6 +44,8 @@ NEEDS = {
 }
 """The package without which a command with that word cannot run."""
 PARSED = {
+    "jshape mold wanted.npz --arm dry --camera realsense:LEFT": "needs two cameras of the SDK",
+    "jshape mold wanted.npz --arm sim:3 --camera-file": "a goal over sim:3: test_several_cameras",
     "python -m benchmarks.grid train pairs --kinds CR DCR --out": "needs a cluster of Ray",
 }
 """Commands that are only parsed, by how they begin, and why."""

@@ -130,8 +130,3 @@ def off_plane(
 
 def _rays(camera: Camera) -> list[np.ndarray]:
     return [np.broadcast_to(ray.astype(float), camera.shape) for ray in camera.rays()]
-
-
-def tilt_deg_of(plane: np.ndarray) -> float:
-    """The angle of a plane against the image plane, degrees."""
-    return float(np.degrees(np.arccos(np.clip(plane[2] / np.linalg.norm(plane), -1.0, 1.0))))

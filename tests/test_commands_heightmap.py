@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -231,3 +232,33 @@ def test_maps_and_frames_are_not_mixed(folder, tilted, capsys):
     write_depth_png("mask.png", tilted[1], UNIT)
     words = ("plan", "now.npz", "now.npz", "--reachable", "mask.png")
     refused(capsys, "has (120, 160) (rows, columns); the map makes (121, 161)", *words)
+
+
+def test_where_the_hand_may_go_is_said_in_metres(folder, monkeypatch, capsys):
+    """Of the map, and of the base that the map's cameras stand in; every odd file is one line."""
+    frame = np.diag([-1.0, -1.0, 1.0, 1.0])  # the map lies the other way round in the base
+    frame[:3, 3] = 0.5, 0.1, 0.02
+    write_map("now.npz", replace(bed(), frame=as_frame(frame)))
+    write_map("own.npz", replace(bed(), frame=None))
+    given = {}
+    triangle = np.array([[-0.021, -0.011], [0.021, -0.011], [0, 0.031]])
+    with monkeypatch.context() as patch:
+        patch.setattr("jshape.cli.plan_maps.plan", lambda *_, **words: given.update(words) or 1 / 0)
+        for name, area in (("map", (0.03, -0.03) + triangle), ("base", (0.47, 0.13) - triangle)):
+            corners = area.tolist()
+            Path(f"{name}.json").write_text(json.dumps({"frame": name, "polygon_m": corners}))
+            with pytest.raises(ZeroDivisionError):
+                main(["plan", "now.npz", "now.npz", "--reachable", f"{name}.json"])
+            x, y = np.meshgrid(bed().x - 0.03, bed().y + 0.03)
+            inside = (y > -0.011) & (y < 0.031 - 2 * np.abs(x))
+            np.testing.assert_array_equal(given["constraints"].reachable[::-1], inside)
+    for content, said in (
+        ({"frame": "world", "polygon_m": corners}, "frame is 'world'; allowed: base, map"),
+        ({"frame": "map", "polygon_m": corners}, "in frame map it is x -0.160 to 0.160, y -0.120"),
+        ({"frame": "map", "polygon_m": corners[:2]}, "polygon_m has 2 corners; an area has 3"),
+        ({"frame": "map"}, "area.json: missing polygon_m"),
+    ):
+        Path("area.json").write_text(json.dumps(content))
+        refused(capsys, said, "plan", "now.npz", "now.npz", "--reachable", "area.json")
+    said = "base.json: frame is 'base', and nothing says where the arm's base is"
+    refused(capsys, said, "plan", "own.npz", "own.npz", "--reachable", "base.json")

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 import pytest
 
-from jshape import load_bank, metric
+from jshape import load_bank, metric, sim
 from jshape.camera import PAPER_BOX
 from jshape.cli.main import main
 from jshape.cli.mold import MoldOptions, goal_of, keep_on, restored
@@ -111,6 +111,22 @@ def test_a_plan_is_carried_out(goal, tmp_path, capsys):
     assert main(["execute", plan, "--arm", "dry", "--camera", str(start), *dry]) == 0
     said = capsys.readouterr().out
     assert "knock x1.00: contact" in said and "tool to (" in said and "  home" in said
+
+
+def test_where_the_hand_may_go_lies_on_the_bed_as_it_is(goal, tmp_path, monkeypatch):
+    """A rectangle in metres of the arm's base: of `sim` that is the frame of its camera."""
+    given, corners = {}, [[-0.06, -0.02], [0.1, -0.02], [0.1, 0.08], [-0.06, 0.08]]
+    (tmp_path / "area.json").write_text(json.dumps({"frame": "base", "polygon_m": corners}))
+    (tmp_path / "jshape.toml").write_text('reachable = "area.json"')
+    monkeypatch.setattr("jshape.cli.mold.molded", lambda *_, **words: given.update(words) or 1 / 0)
+    words = ["mold", str(goal), "--arm", "sim:3", "--yes", "--out", str(tmp_path / "run"), *QUICK]
+    with pytest.raises(ZeroDivisionError):
+        main([*words, "--config", str(tmp_path / "jshape.toml")])
+    depth = np.asarray(sim.render(bed_of(3)[0], PAPER_BOX))
+    x, y = PAPER_BOX.rays(depth)
+    off = np.maximum(np.abs(x - 0.02) - 0.08, np.abs(y - 0.03) - 0.05)  # from its edge
+    wrong = given["constraints"].reachable != (off < 0)
+    assert np.ptp(depth) > 0.01 and np.abs(off[wrong]).max(initial=0.0) < 5e-4
 
 
 @pytest.mark.parametrize(

@@ -112,13 +112,15 @@ def test_data_and_measurements_read_only_their_own_table(asked):
 
 def test_files_are_relative_to_the_file(asked, here, monkeypatch):
     (here / "set-up" / "my-bank").mkdir(parents=True)
-    (here / "set-up" / "film.db3").touch()
-    write('bank = "my-bank"\nbase = "base.json"\ncamera = "realsense:film.db3"\n[plan]\n'
-          'positions = "9x7"\n', "set-up/lab.toml")  # fmt: skip
+    for name in ("film.db3", "area.json"):
+        (here / "set-up" / name).touch()
+    write('bank = "my-bank"\nbase = "base.json"\ncamera = "realsense:film.db3"\n'
+          'reachable = "area.json"\n[plan]\npositions = "9x7"\n', "set-up/lab.toml")  # fmt: skip
     where = ("--config", "set-up/lab.toml")
     assert asked(*where, *PLAN).bank == "set-up/my-bank"
     assert asked(*PLAN, *where).positions == "9x7", "a grid is not a file"
     assert str(asked(*MOLD, *where).base) == "set-up/base.json"
+    assert asked(*MOLD, *where).reachable == "set-up/area.json"
     assert asked(*MOLD, *where).camera == ["realsense:set-up/film.db3"]
     monkeypatch.setenv(settings.VARIABLE, str(here / "set-up" / "lab.toml"))
     assert asked(*PLAN).bank == str(here / "set-up" / "my-bank")

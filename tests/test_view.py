@@ -1,5 +1,6 @@
 """A bed that other cameras see from anywhere, as a bank's own camera or a map would see it."""
 
+import json
 from dataclasses import replace
 
 import cv2
@@ -8,14 +9,14 @@ import numpy as np
 import pytest
 
 from jshape import D435_BAZAR, PAPER_BOX, Camera, metric, plan_depth, sim
-from jshape.cli.search_options import reachable
+from jshape.cli.reachable import reachable
 from jshape.data.view import View, cut_of, cut_out, image_of_depth, view_above, view_like
 from jshape.errors import BadCamera, BadImage, MissingDepth
 from jshape.height_map import ABOVE, as_frame
 from jshape.io.banks import load_bank
-from jshape.models.bank import Bank
 from jshape.planning.maps import over_bed, over_beds
 from jshape.reproject import between, reproject
+from jshape.robot.rigid import pose_at
 from tests.conftest import paper
 
 OTHER = Camera(640, 480, 500.0, 505.0, 325.0, 238.0, 0.3, 1.0, bits=16)
@@ -88,13 +89,25 @@ def test_a_mask_of_own_pixels_lies_on_the_surface(tmp_path):
         FLOOR - (np.stack([x, y, frame, np.ones_like(frame)], -1) @ np.array(aslant.pose).T)[..., 2]
     )
     cv2.imwrite(str(tmp_path / "mask.png"), 255 * ((height > 0.02) & (frame > 0)).astype(np.uint8))
-    bank = Bank(PAPER_BOX, (), ())
-    free = reachable(str(tmp_path / "mask.png"), aslant.shape, bank, view, frame)
+    seen = view.depth(frame, "frame")
+    free = reachable(tmp_path / "mask.png", view, lambda: seen, None)
     away = np.abs(mound - 0.02)
     assert (free == (mound > 0.02))[away > 2e-3].all()
-    clear = np.isfinite(view.depth(frame, "frame")) & (away > 2e-3)
-    flat = reachable(str(tmp_path / "mask.png"), aslant.shape, bank, view)
+    clear = np.isfinite(seen) & (away > 2e-3)
+    flat = view.drawing(cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED)) > 0
     assert ((flat != (mound > 0.02)) & clear).sum() > 0.05 * free.sum()  # it lies 12 mm beside
+
+    # The same in metres of an arm's base, which is turned and stands beside it.
+    base = pose_at(np.array([0.5, -0.1, 0.4]), np.array([np.cos(0.3), np.sin(0.3), 0, 0]))
+    area = {"frame": "base", "polygon_m": [[0.44, -0.15], [0.6, -0.1], [0.52, -0.1], [0.5, 0.05]]}
+    (tmp_path / "area.json").write_text(json.dumps(area))
+    free = reachable(tmp_path / "area.json", view, lambda: seen, base @ np.array(aslant.pose))
+    x, y = PAPER_BOX.at(u, v, FLOOR - mound)
+    points = np.stack([x, y, FLOOR - mound, np.ones_like(x)], -1)[::6, ::6].reshape(-1, 4) @ base.T
+    outline = np.float32(area["polygon_m"])
+    inside = np.array([cv2.pointPolygonTest(outline, point, True) for point in points[:, :2]])
+    sure = np.abs(inside) > 2e-3
+    assert (free[::6, ::6].ravel() == (inside > 0))[sure].all() and (inside > 2e-3).sum() > 100
 
 
 def test_a_plan_from_a_larger_frame_is_the_same_plan(bank, molded):

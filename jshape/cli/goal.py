@@ -3,7 +3,6 @@
 import math
 import shlex
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,11 @@ from jshape.cli.goal_frame import GoalFrame, frame_to_change
 from jshape.cli.goal_options import GoalOptions
 from jshape.cli.goal_sources import NAMES, wanted_of
 from jshape.cli.options import spelled
-from jshape.cli.search_options import read_mask
+from jshape.cli.reachable import base_of, reachable
 from jshape.data.missing import missing
 from jshape.data.missing import said as said_of
 from jshape.data.simulate import DEPTH_UNIT
-from jshape.data.view import above, tilt_deg
+from jshape.data.view import View, above, tilt_deg
 from jshape.errors import JShapeError
 from jshape.goals import Goal, Limits, bed_map, make_goal, report
 from jshape.height_map import ABOVE
@@ -57,7 +56,8 @@ def goal(bed: str, /, options: GoalOptions = GoalOptions()) -> dict[str, Any]:
         where=bed,
     )
     wanted = wanted_of(options, bed, surface, now, bank)
-    mask = options.reachable and _mask(options.reachable, now)
+    view = now.view or View(now.camera, now.camera, (0, 0))
+    mask = reachable(options.reachable, view, lambda: now.depth, base_of(view.source))
     limits = Limits(
         steepest=_steepest(options, material, wanted.stands),
         floor=options.floor_mm / 1e3,
@@ -107,14 +107,6 @@ def _steepest(options: GoalOptions, material: Material, stands: bool) -> float:
     if options.slope is not None:
         return math.tan(math.radians(options.slope))
     return float(material.steepest) if stands else math.tan(float(material.repose))
-
-
-def _mask(path: str | Path, now: GoalFrame) -> np.ndarray:
-    """Pixels of the frame that the hand can reach."""
-    shapes = {"the camera": now.camera.shape}
-    if now.view is not None:
-        shapes = {"the camera": now.view.source.shape, "the bed from above": now.camera.shape}
-    return now.drawing(read_mask(path, shapes)) == 1
 
 
 def _write(

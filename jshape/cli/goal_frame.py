@@ -60,13 +60,7 @@ class GoalFrame:
         if self.view is None or drawn.shape != self.view.source.shape:
             return drawn
         whole, _ = fill_missing(self.depth, limit=1.0, where="the bed")
-        v, u = (at.reshape(-1) for at in np.indices(whole.shape))
-        at = self.view.pixels(np.stack([u, v], 1), whole[v, u])
-        rows, columns = drawn.shape
-        inside = np.all((at >= 0) & (at < np.array([columns, rows])), axis=1)
-        at = np.where(inside[:, None], at, 0)
-        found = np.where(inside, drawn[at[:, 1], at[:, 0]].astype(float), np.nan)
-        return found.reshape(whole.shape).astype(np.float32)
+        return self.view.drawing(drawn, whole)
 
 
 def frame_to_change(bed: str, options: GoalOptions, bank: Bank) -> GoalFrame:

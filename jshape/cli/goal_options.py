@@ -79,7 +79,8 @@ class GoalOptions(Part, Writes):
     """Keep the volume: spread the rest around the relief (the default of --balance alone), or move
     the bed's level."""
     reachable: Annotated[Path | None, Parameter(metavar="MASK")] = None
-    """Mask image, not 0 where the bed may change (default: everywhere)."""
+    """Mask image, not 0 where the bed may change, or JSON: an area in metres of the arm's base or
+    the map (default: everywhere)."""
     camera_file: Annotated[Preset | None, CameraFile] = None
     """camera.json, or a preset's name (default: camera.json beside BED, else the bank's)."""
     depth_unit: Positive | None = None

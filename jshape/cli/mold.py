@@ -14,17 +14,18 @@ from jshape.cli.commands import build_app, leaf_of
 from jshape.cli.names import Uses
 from jshape.cli.options import Positive
 from jshape.cli.parser import value_of
+from jshape.cli.reachable import base_of, reachable
 from jshape.cli.robot import (
     Runs,
     asking,
-    first_look,
+    at_home,
     molded,
     new_session,
     resumed,
     robot_of,
     tell,
 )
-from jshape.cli.search_options import KEPT, Searches, kept_of, reachable, search_of
+from jshape.cli.search_options import KEPT, Searches, kept_of, search_of
 from jshape.cli.tables import say
 from jshape.data.intrinsics import within
 from jshape.data.view import View, image_of_depth, view_like
@@ -66,17 +67,18 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
     bank = banks.load_bank(bank_name)
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
+        ready = partial(at_home, robot, options)
         if session is None:
             assert desired is not None
-            look = partial(first_look, robot, options)
-            goal, bank, known = goal_of(desired, robot, bank, options, look)
+            goal, bank, known = goal_of(desired, robot, bank, options, lambda: ready().frame())
             meta = {"what": "mold", "bank": str(bank_name), "goal": str(desired)}
             session = new_session(options, goal, robot, **meta, **kept_of(options), **known)
         else:
             bank = restored(session.run.meta, robot, bank)
         eye = robot.depth_camera.camera
         seen = robot.view or View(eye, bank.camera, window_of(bank.camera, eye))
-        mask = reachable(options.reachable, eye.shape, bank, seen)
+        base = base_of(eye) if robot.base_camera is None else robot.base_camera
+        mask = reachable(options.reachable, seen, lambda: ready().look(), base)
         how = keywords(search_of(options), reachable=mask)
         summary = molded(session, robot, bank, options, confirm=confirm, **how)
     return tell(summary)

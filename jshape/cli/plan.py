@@ -11,7 +11,8 @@ import numpy as np
 from jshape.cli.names import Preset, Uses
 from jshape.cli.options import CameraFile, Part, Positive, Writes
 from jshape.cli.plan_maps import are_maps, plan_maps
-from jshape.cli.search_options import Searches, reachable, search_of
+from jshape.cli.reachable import base_of, reachable
+from jshape.cli.search_options import Searches, search_of
 from jshape.cli.tables import print_table
 from jshape.data.missing import said as said_of
 from jshape.io import banks, files, folders, formats
@@ -75,7 +76,8 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
             goal = part_of(goal, *part, wanted.camera)
     names, cameras = (str(initial), str(desired)), (source.camera, wanted.camera)
     view, beside, bank = over_beds(bank, cameras, (first, goal), names, again=any(part))
-    mask = reachable(options.reachable, source.camera.shape, bank, view, first)
+    surface = partial(view.depth, first, names[0])
+    mask = reachable(options.reachable, view, surface, base_of(source.camera))
     found = plan_views(
         bank, (first, goal), (view, beside), names, **keywords(search, reachable=mask)
     )

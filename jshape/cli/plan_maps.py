@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from jshape.cli.options import spelled
-from jshape.cli.search_options import read_mask, search_of
+from jshape.cli.reachable import base_of, reachable
+from jshape.cli.search_options import search_of
 from jshape.cli.tables import print_table, warn
+from jshape.data.view import View
 from jshape.errors import BadFile, JShapeError
 from jshape.height_map import places_on
 from jshape.io import banks, files, folders
@@ -74,7 +76,9 @@ def plan_maps(
     frameless = [path for path, one in ((initial, now), (desired, wanted)) if one.frame is None]
     how = f"jshape heightmap FRAME --like {shlex.quote(str(initial))}"
     check_frames(now, wanted, f"{initial} and {desired}", how)
-    mask = options.reachable and read_mask(options.reachable, {"the map": now.mask.shape})
+    above = now.camera()
+    base, surface = base_of(above) if now.frame else None, partial(now.depth, above)
+    mask = reachable(options.reachable, View(above, above, (0, 0)), surface, base)
     found = plan(now, wanted, bank=bank, **keywords(search, reachable=mask))
     known = 1.0 if found.seen is None else float(found.seen.mean())
     said = {"bank": str(name), "source": str(initial), "planner": options.planner, "known": known}

@@ -14,6 +14,7 @@ from jshape.cli.cameras import CAMERA_HELP, Camera, Looks, looking
 from jshape.cli.names import Simulates
 from jshape.cli.options import File, PositiveCount, Writes
 from jshape.cli.tables import say
+from jshape.data.fusion import check_poses
 from jshape.errors import BadCamera, JShapeError, one_line
 from jshape.io import folders, runs
 from jshape.io.cameras import read_camera
@@ -91,15 +92,14 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
         whole = (*runs.CONTENTS, *CONTENTS)
         folders.check_target(out, run is not None and run.overwrite, contents=whole)
     hand, material = load_hand(options.hand), material_of(options.material)
-    described = options.camera_file or ()
-    for file in described if len(described) > 1 else ():
-        if read_camera(file, 1.0)[0].pose is None:
-            raise BadCamera(f"{file}: has no pose; several cameras need one each, in one frame")
+    files = [str(file) for file in options.camera_file or ()]
+    described = [read_camera(file, 1.0)[0] for file in files]
+    check_poses(described, files)
     base_camera = options.base and read_base_camera(options.base, options.gripper)
     with ExitStack() as stack:
         stack.enter_context(interruptible())
         eyes = [_guarded(stack, one) for one in _eyes(options)]
-        cameras = [] if eyes else [read_camera(one, 1.0)[0] for one in described]
+        cameras = [] if eyes else described
         opened = open_arm(options.arm, bank.camera, material=material, say=say, cameras=cameras)
         arm = GuardedArm(opened.arm)
         stack.callback(_let_go, arm)
@@ -185,28 +185,27 @@ def _offer_home(robot: Robot, run: Runs | None, problem: BaseException, broken: 
         print(f"not at home: {str(more) or 'interrupted'}", file=sys.stderr)
 
 
-def may_move(options: Runs) -> None:
-    """Ask whether the arm may go home, out of the camera's view, before the first look.
+def at_home(robot: Robot, options: Runs) -> Robot:
+    """The robot, its arm at home and out of the camera's view; people are asked before it moves.
+
+    Raises:
+      JShapeError: it may not; as `Robot.home`.
+    """
+    may_move(robot, options)
+    robot.home()
+    return robot
+
+
+def may_move(robot: Robot, options: Runs) -> None:
+    """Ask, unless it moved before, whether the arm may go home before the first look.
 
     Raises:
       JShapeError: it may not.
     """
-    if (
-        not options.yes
-        and _asked("the arm goes home, out of the camera's view. go? [y/N] ") not in YES
-    ):
+    if robot.moved or options.yes:
+        return
+    if _asked("the arm goes home, out of the camera's view. go? [y/N] ") not in YES:
         raise JShapeError("the arm must be out of the camera's view before the first look")
-
-
-def first_look(robot: Robot, options: Runs) -> np.ndarray:
-    """What the (first) camera sees of the bed, metres, once the arm is at home.
-
-    Raises:
-      JShapeError: the arm may not move; as `Robot.home` and `Robot.frame`.
-    """
-    may_move(options)
-    robot.home()
-    return robot.frame()
 
 
 AGAIN = ("bank", "arm", "camera", "camera_file", "base", "gripper", "hand", "material")
@@ -283,8 +282,7 @@ def molded(
     session: Session, robot: Robot, bank: Bank, options: Runs, /, **how: Any
 ) -> dict[str, Any]:
     """Go on with a run to its end."""
-    if not robot.moved:
-        may_move(options)
+    may_move(robot, options)
     say(HEAD)
     draw = molding_pictures(bank.rois)
     return session.mold(robot, bank, blind=options.arm == "dry", draw=draw, **how)

@@ -19,12 +19,9 @@ from jshape.cli.options import (
     Share,
     Use,
 )
-from jshape.data.missing import missing
-from jshape.data.view import View, middle_of
-from jshape.errors import BadImage, BadPosition
-from jshape.io import drawings, files
+from jshape.errors import BadPosition
+from jshape.io import files
 from jshape.io.records import Range, read_value
-from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
 from jshape.planning.options import (
     GROUPS,
@@ -56,8 +53,8 @@ class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
     out_of_bounds: Literal["refuse", "shift", "drop"] = "refuse"
     """Treatment of given positions whose ROI leaves the image."""
     reachable: Annotated[str | None, Parameter(metavar="MASK")] = None
-    """Mask image of the frames' size or the bank's, not 0 where the hand may be placed (default:
-    everywhere)."""
+    """Mask image of the frames' size or the bank's, not 0 where the hand may be placed, or JSON: an
+    area in metres of the arm's base or the map (default: everywhere)."""
     clearance_mm: Nonnegative = Constraints.clearance_mm
     max_uses: list[Use] | None = None
     """Action and how often it may be used at most; repeat the option for others."""
@@ -101,60 +98,6 @@ def kept_of(given: Searches) -> dict[str, Any]:
     if given.max_uses:
         found["max_uses"] = [f"{name}={count}" for name, count in given.max_uses]
     return found
-
-
-def reachable(
-    path: str | None,
-    shape: tuple[int, int],
-    bank: Bank,
-    view: View,
-    frame: np.ndarray | None = None,
-) -> np.ndarray | None:
-    """Pixels of the bank's image that the hand can reach, from a file; None: all.
-
-    Args:
-      path: of the mask; None is none.
-      shape: of the camera's frames: a mask of this size is seen as they are.
-      bank: whose image another mask must fit.
-      view: how the frames become the bank's image.
-      frame: (H, W) metres of the bed; None: as high as the middle of the bank camera's range.
-
-    Raises:
-      BadImage: the mask has another size, or readings that are none.
-    """
-    if path is None:
-        return None
-    free = read_mask(path, {"the camera": shape, "the bank's": bank.camera.shape})
-    return _seen(free, view, frame) if free.shape == shape else free
-
-
-def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> np.ndarray:
-    """Where a drawing is not 0; it must have one of the shapes."""
-    mask = drawings.read_drawing(Path(path))
-    if mask.shape not in shapes.values():
-        made = ", ".join(f"{whose} makes {shape}" for whose, shape in shapes.items())
-        raise BadImage(f"{path}: has {mask.shape} (rows, columns); {made}")
-    if mask.dtype.kind == "f" and not np.isfinite(mask).all():
-        raise BadImage(f"{path}: has pixels that are NaN or infinite")
-    drawn = np.ma.filled(mask, 0) != 0
-    if not drawn.any():
-        raise BadImage(f"{path}: is 0 everywhere; other numbers mark where the hand may be placed")
-    return drawn
-
-
-def _seen(mask: np.ndarray, view: View, frame: np.ndarray | None) -> np.ndarray:
-    """A mask of the source's image (H, W) in the target's (h, w); nothing is beyond its edge."""
-    (height, width), (rows, columns) = view.source.shape, view.target.shape
-    pixels = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2)
-    depth = None
-    if frame is not None:
-        surface = view.depth(frame, "frame")
-        depth = np.where(missing(surface), middle_of(view.target), surface).ravel()
-    u, v = view.pixels(pixels, depth).T
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    free = np.zeros(rows * columns, bool)
-    free[inside] = mask[v[inside], u[inside]]
-    return free.reshape(rows, columns)
 
 
 def _positions(text: str) -> np.ndarray | str:

@@ -25,7 +25,7 @@ OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "goal", "heightmap
 """Options that say how to look through a camera, and commands that take frames which may be cut
 already: they read these only from tables of their own."""
 CAMERA_FILE = "camera-file"
-NAMES_OR_FILES = ("bank", "camera", CAMERA_FILE, "positions", "start")
+NAMES_OR_FILES = ("bank", "camera", CAMERA_FILE, "positions", "reachable", "start")
 """Options that take the name of something, or a file or folder."""
 
 

@@ -39,6 +39,20 @@ class Look(NamedTuple):
         return matrix(self.camera.pose)
 
 
+def check_poses(cameras: Sequence[Camera], names: Sequence[str]) -> None:
+    """Refuse several cameras of which one, called by its name, has no pose.
+
+    Raises:
+      BadCamera: there is one.
+    """
+    for camera, name in zip(cameras, names, strict=True):
+        if len(cameras) > 1 and camera.pose is None:
+            raise BadCamera(
+                f"{name}: has no pose; several cameras need one each, in one frame, best the arm's "
+                "base (jshape calibrate finds it, jshape setup --base keeps it)"
+            )
+
+
 def some_of(look: Look) -> tuple[np.ndarray, Camera]:
     """About `POINTS` pixels of a look, and the camera that has only those."""
     step, camera = max(1, int(np.sqrt(look.depth.size / POINTS))), look.camera

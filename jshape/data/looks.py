@@ -7,7 +7,7 @@ import numpy as np
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera, check_camera, check_pose
 from jshape.data.depth import check_unit, to_metres, wrong_shape
-from jshape.data.fusion import RELIEF, Look, points_of, seen_from, some_of
+from jshape.data.fusion import RELIEF, Look, check_poses, points_of, seen_from, some_of
 from jshape.data.moved import GRAIN, averaged, moved
 from jshape.data.planes import LEAST_SURFACE, NEAR, bed_in, fit_plane, off_plane
 from jshape.errors import BadCamera, BadImage, JShapeError, quoted
@@ -98,18 +98,15 @@ def taken(
     frames: list[ArrayLike] = list(depths) if several else [depths]  # type: ignore[arg-type]
     if not every or len(frames) != len(every):
         raise BadCamera(f"{where}: {len(frames)} looks of {len(every)} cameras; one each is needed")
-    looks = []
-    for number, (raw, camera) in enumerate(zip(frames, every, strict=True)):
-        name = where if len(every) == 1 else f"{where} of camera {number + 1}"
-        name = names[number] if len(every) > 1 and names else name
+    names = names or [f"{where} of camera {k}" for k in range(1, len(every) + 1)]
+    names = names if len(every) > 1 else [where]
+    for camera, name in zip(every, names, strict=True):
         if not isinstance(camera, Camera):
             raise BadCamera(f"{name}: camera is {quoted(camera)}; expected a Camera")
         check_camera(camera, name)
-        if len(every) > 1 and camera.pose is None:
-            raise BadCamera(
-                f"{name}: has no pose; several cameras need one each, in one common frame (jshape "
-                "calibrate finds it)"
-            )
+    check_poses(every, names)
+    looks = []
+    for raw, camera, name in zip(frames, every, names, strict=True):
         stack = to_metres(raw, depth_unit, name)
         stack = stack[None] if stack.ndim == 2 else stack
         if stack.ndim != 3 or stack.shape[1:] != camera.shape:
@@ -120,7 +117,7 @@ def taken(
             raise BadImage(f"{name}: no pixel has a reading{away}")
         unit = depth_unit if np.asarray(raw).dtype.kind == "u" else None
         check_unit(depth, camera, name, unit)
-        if window is not None and number == 0:
+        if window is not None and not looks:  # the first
             camera.crop(*window)  # refuses what leaves the image
             left, top, width, height = window
             outside = np.ones(depth.shape, bool)

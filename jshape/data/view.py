@@ -84,6 +84,18 @@ class View:
         points = np.stack(np.broadcast_arrays(x, y, z, 1.0), -1) @ self.to_source.T
         return np.rint(np.stack(self.source.pixel(*points[:, :3].T), -1)).astype(int)
 
+    def drawing(
+        self, drawn: np.ndarray, depth: np.ndarray | None = None
+    ) -> Float[np.ndarray, "h w"]:
+        """A drawing on the source's image (H, W) as it lies at the target's depth; NaN: beside."""
+        v, u = (at.reshape(-1) for at in np.indices(self.target.shape))
+        at = self.pixels(np.stack([u, v], 1), None if depth is None else depth.reshape(-1))
+        rows, columns = drawn.shape
+        inside = np.all((at >= 0) & (at < np.array([columns, rows])), axis=1)
+        at = np.where(inside[:, None], at, 0)
+        found = np.where(inside, drawn[at[:, 1], at[:, 0]].astype(float), np.nan)
+        return found.reshape(self.target.shape).astype(np.float32)
+
     def positions(self, pixels: np.ndarray, depth: ArrayLike) -> Float[np.ndarray, "N 2"]:
         """Where pixels (N, 2) of the source are in the target's image, not rounded.
 

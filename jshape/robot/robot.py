@@ -7,10 +7,10 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
-from jshape.data.fusion import NOISE
+from jshape.data.fusion import NOISE, check_poses
 from jshape.data.missing import fill_missing, median_of
 from jshape.data.view import View, cut_of, look_of
-from jshape.errors import BadCamera, JShapeError
+from jshape.errors import JShapeError
 from jshape.robot.arms.base import Arm, stop_arm
 from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import FRAMES, DepthCamera, look
@@ -60,16 +60,12 @@ class Robot(AbstractContextManager):
         ]
         self.depth_camera = self._eyes[0].inside
         """The (first) camera, for what it says of itself."""
-        for eye in self._eyes if others else ():
-            if eye.camera.pose is None:
-                raise BadCamera(
-                    f"{eye.name}: has no pose; several cameras need one each, in one frame, such "
-                    "as the arm's base (pose in camera.json; jshape calibrate finds it)"
-                )
+        check_poses([eye.camera for eye in self._eyes], [eye.name for eye in self._eyes])
         self.guard = arm if isinstance(arm, GuardedArm) else GuardedArm(arm)
         """The way to the arm: every call goes through it, STOP too."""
         self._hand = hand
-        self._base_camera = np.eye(4) if base_camera is None else np.asarray(base_camera)
+        self.base_camera = None if base_camera is None else np.asarray(base_camera)
+        """Pose of the (first) camera in the arm's base frame; None: nobody said it."""
         self.moved = False
         """The arm was told to move."""
         self._frames = frames
@@ -154,7 +150,8 @@ class Robot(AbstractContextManager):
     @property
     def _base_bank(self) -> Float[np.ndarray, "4 4"]:
         """The pose of the bank's camera in the arm's base frame."""
-        return self._base_camera if self.view is None else self._base_camera @ self.view.to_source
+        base_camera = np.eye(4) if self.base_camera is None else self.base_camera
+        return base_camera if self.view is None else base_camera @ self.view.to_source
 
     def check(
         self,

@@ -82,7 +82,14 @@ def seen_from(
       BadImage: nothing of it.
       BadCamera: looks that do not agree.
     """
-    seen = _fused(looks, [reprojected(look, target) for look in looks], target, where)
+    return fused(looks, [reprojected(look, target) for look in looks], target, where)
+
+
+def fused(
+    looks: Sequence[Look], each: Sequence[np.ndarray], target: Camera, where: str = "depth"
+) -> Float[np.ndarray, "h w"]:
+    """As `seen_from`, of looks that `each` are reprojected already."""
+    seen = _mean_of(looks, each, target, where)
     middle = (float(target.z_min) + float(target.z_max)) / 2
     found = _without_gaps(seen, float(target.scale(middle)[0]))
     if not np.isfinite(found).any():
@@ -119,7 +126,7 @@ def noise_of(look: Look, target: Camera, depth: np.ndarray) -> Float[np.ndarray,
     return (NOISE * own**2 * away / np.maximum(np.abs(depth - centre[2]), 1e-3)).astype(np.float32)
 
 
-def _fused(
+def _mean_of(
     looks: Sequence[Look], seen: Sequence[np.ndarray], target: Camera, where: str
 ) -> Float[np.ndarray, "h w"]:
     """One image of several: each pixel the mean, weighted by 1 / noise^2.

@@ -7,7 +7,7 @@ import numpy as np
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera, check_camera, check_pose
 from jshape.data.depth import check_unit, to_metres, wrong_shape
-from jshape.data.fusion import RELIEF, Look, check_poses, points_of, seen_from, some_of
+from jshape.data.fusion import RELIEF, Look, check_poses, fused, points_of, reprojected, some_of
 from jshape.data.moved import GRAIN, averaged, moved
 from jshape.data.planes import LEAST_SURFACE, NEAR, bed_in, fit_plane, off_plane
 from jshape.errors import BadCamera, BadImage, JShapeError, quoted
@@ -55,7 +55,7 @@ def heightmap(
       BadCamera: cameras without a pose, or poses that do not agree.
     """
     looks = taken(depths, cameras, depth_unit, window, where)
-    return together(looks, like=like, frame=frame, pitch=pitch, where=where)
+    return together(looks, like=like, frame=frame, pitch=pitch, where=where)[0]
 
 
 def together(
@@ -66,16 +66,20 @@ def together(
     pitch: float | None = None,
     where: str = "depth",
     before: str = "the look before",
-) -> HeightMap:
-    """The height map of looks that were taken: see `heightmap`; `before` names `like` in errors."""
+) -> tuple[HeightMap, Camera, list[np.ndarray]]:
+    """The height map of looks that were taken, its camera, and what that sees of each look.
+
+    See `heightmap`; `before` names `like` in errors.
+    """
     if like is None:
-        target, frame = camera_over(looks, frame, pitch, where)
-        return map_of(seen_from(looks, target, where), target, frame)
-    check_map(like, "like")
-    target = like.camera()
-    found = map_of(seen_from(looks, target, where), target, like.frame)
-    check_still(found, like, where, before)
-    return found
+        target, of = camera_over(looks, frame, pitch, where)
+    else:
+        target, of = check_map(like, "like").camera(), like.frame
+    each = [reprojected(look, target) for look in looks]
+    found = map_of(fused(looks, each, target, where), target, of)
+    if like is not None:
+        check_still(found, like, where, before)
+    return found, target, each
 
 
 def taken(

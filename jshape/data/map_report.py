@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jshape.camera import matrix
-from jshape.data.fusion import Look, noise_of, reprojected
+from jshape.camera import Camera, matrix
+from jshape.data.fusion import Look, noise_of
 from jshape.height_map import HeightMap
 
 
@@ -37,7 +37,13 @@ class MapReport(NamedTuple):
     """Heights that all but one node in 100 lie above, and below."""
 
 
-def map_report(looks: Sequence[Look], frames: Sequence[int], found: HeightMap) -> MapReport:
+def map_report(
+    looks: Sequence[Look],
+    frames: Sequence[int],
+    found: HeightMap,
+    target: Camera,
+    each: Sequence[np.ndarray],
+) -> MapReport:
     """The report on a map.
 
     The mean of n frames is taken to have a noise of 1/sqrt(n): what comes anew with each.  What a
@@ -47,12 +53,12 @@ def map_report(looks: Sequence[Look], frames: Sequence[int], found: HeightMap) -
       looks: that the map was made of.
       frames: how many each is the mean of.
       found: the map.
+      target: its camera.
+      each: what that sees of each look: see `together`.
     """
-    target = found.camera()
     frame = matrix(found.frame)
     stands, precision = [], np.zeros(target.shape)
-    for look, count in zip(looks, frames, strict=True):
-        depth = reprojected(look, target)
+    for look, count, depth in zip(looks, frames, each, strict=True):
         there = np.isfinite(depth)
         noise = noise_of(look, target, np.nan_to_num(depth, nan=1.0)) / np.sqrt(count)
         precision += np.where(there, noise.astype(float) ** -2, 0.0)

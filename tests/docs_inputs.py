@@ -27,11 +27,13 @@ from jshape.data.simulate import DEPTH_UNIT, look, simulate_pairs, together
 from jshape.height_map import as_frame
 from jshape.io.cameras import write_camera
 from jshape.io.images import write_depth_png
+from jshape.io.maps import write_map
 from jshape.reproject import reproject
+from jshape.robot.cameras.names import open_camera
 from jshape.robot.cameras.played import Played
 from jshape.viz.style import png
 from tests.conftest import ROOT, SHARED
-from tests.seen_beds import seen_by, standing
+from tests.seen_beds import above_simulated, dug_simulated, seen_by, standing
 
 APPLIED = (("knock", (130, 110)), ("poke", (330, 280)))
 FAR = Camera(640, 530, 780.0, 780.0, 319.5, 264.5, 0.4, 0.9)
@@ -189,8 +191,16 @@ def sdk(folder: Path) -> None:
     record(folder / "session.db3", PAPER_BOX, DEPTH_UNIT, shots)
 
 
-def camera(count: int | None) -> Played:
-    """The D435 that is plugged in; somebody presses Ctrl-C after `count` frames."""
+def camera(serial: str | None, count: int | None) -> Played:
+    """The D435 that is plugged in; somebody presses Ctrl-C after `count` frames.
+
+    One of a serial number sees what `--camera sim:3` sees with the camera file of that name.
+    """
+    if serial is not None:
+        file = f"{serial.lower()}.json"
+        found = open_camera("sim:3", camera=file)
+        assert isinstance(found, Played)
+        return found
     depth = np.asarray(sim.render(sim.flat_bed(), D435_BAZAR))
     rng = np.random.default_rng(5)
 
@@ -215,7 +225,17 @@ def maps(folder: Path) -> None:
         like = ["--like", str(folder / "now.npz")]
 
 
+def over_simulated(folder: Path) -> None:
+    """Two cameras over the bed of `sim:3`, and a map of that bed as it is wanted."""
+    write_map(folder / "wanted.npz", dug_simulated(3))
+    for name, tilt in (("left", -30), ("right", 30)):
+        write_camera(folder / f"{name}.json", above_simulated(tilt), DEPTH_UNIT)
+
+
 INPUTS = {
+    "robot: wanted.npz": over_simulated,
+    "robot: left.json": over_simulated,
+    "robot: right.json": over_simulated,
     "now.png": samples,
     "wanted.png": samples,
     "camera.json": samples,
@@ -261,7 +281,7 @@ INPUTS = {
     "spatula.toml": own,
     "session.db3": sdk,
 }
-"""By the name that the pages give it, how it is made."""
+"""By the name that the pages give it, or that one page does, how it is made."""
 
 
 def input_of(word: str) -> str | None:

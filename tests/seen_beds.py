@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from jshape import Camera, HeightMap, sim
-from jshape.height_map import as_frame, looking_down
+from jshape.height_map import as_frame, looking_down, map_of
 from jshape.reproject import reproject
+from jshape.robot.simulated import bed_of
 
 SMALL = Camera(160, 120, 140.0, 140.0, 79.5, 59.5, 0.3, 0.7, bits=16)
 """It sees 510 x 380 mm from 0.45 m: the bed and no surroundings."""
@@ -62,3 +63,12 @@ def above_simulated(tilt_deg) -> Camera:
     wide = replace(SMALL, width=240, height=180, fx=210.0, fy=210.0, u0=119.5, v0=89.5)
     camera = standing(tilt_deg, 0.5, camera=wide)
     return replace(camera, pose=as_frame(STRAIGHT @ np.array(camera.pose)))
+
+
+def dug_simulated(seed=3) -> HeightMap:
+    """The bed of `sim:SEED`, 6 mm of it dug in the middle, in the frame of `above_simulated`."""
+    target = bed(0.003, (0.14, 0.1)).camera()
+    target = replace(target, pose=as_frame(STRAIGHT @ np.array(target.pose)))
+    depth = np.asarray(sim.render(bed_of(seed)[0], target)).copy()
+    depth[26:45, 26:53] += 0.006
+    return map_of(depth, target)

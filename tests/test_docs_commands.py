@@ -44,8 +44,6 @@ NEEDS = {
 }
 """The package without which a command with that word cannot run."""
 PARSED = {
-    "jshape mold wanted.npz --arm dry --camera realsense:LEFT": "needs two cameras of the SDK",
-    "jshape mold wanted.npz --arm sim:3 --camera-file": "a goal over sim:3: test_several_cameras",
     "python -m benchmarks.grid train pairs --kinds CR DCR --out": "needs a cluster of Ray",
 }
 """Commands that are only parsed, by how they begin, and why."""
@@ -58,6 +56,8 @@ SLOW = {
     "jshape mold wanted.png --arm sim:3": "--max-steps 2",
     "jshape mold wanted.png --arm mujoco:3": "--max-steps 1",
     "jshape mold wanted.png --arm dry": "",
+    "jshape mold wanted.npz --arm sim:3": "--max-steps 1",
+    "jshape mold wanted.npz --arm dry": "--max-steps 1",
     "jshape demo": "",
     "jshape evaluate PAIRS --kinds C CR DC DCR": QUICK_NETWORKS,
     "jshape evaluate PAIRS --kinds D P --sizes": "",
@@ -159,11 +159,11 @@ def reader(tmp_path, monkeypatch, kept):
     monkeypatch.setattr(sys, "stdin", Person())
     under_way = _stand_ins(monkeypatch)
 
-    def supply(name):
-        """Make an input unless it is there."""
+    def supply(name, page):
+        """Make an input, a page's own if it has one, unless it is there."""
         if Path(name).exists():
             return
-        make = INPUTS[name]
+        make = INPUTS.get(f"{page}: {name}") or INPUTS[name]
         made = kept / str(list(INPUTS.values()).index(make))
         if not made.exists():
             fresh = made.with_suffix(".new")
@@ -172,7 +172,7 @@ def reader(tmp_path, monkeypatch, kept):
             fresh.rename(made)  # whole
         shutil.copytree(made, ".", symlinks=True, dirs_exist_ok=True)  # with what belongs to it
 
-    def carry_out(command, more="", supplied=True):
+    def carry_out(command, more="", supplied=True, page=""):
         main, parsed = PROGRAMS[_begins(command, PROGRAMS)]
         words = _words(command, more)
         named = [word.removeprefix("realsense:") for word in words]
@@ -188,7 +188,7 @@ def reader(tmp_path, monkeypatch, kept):
         out = getattr(options, "out", None)
         for name in [input_of(word) for word in words if word != str(out)]:
             if name is not None and supplied:
-                supply(name)
+                supply(name, page)
         again = out is not None and out.exists()
         if again and getattr(options, "overwrite", None) is False:
             words.append("--overwrite")
@@ -217,7 +217,7 @@ def _stand_ins(monkeypatch):
     def plugged(serial=None, *, file=None, **options):
         if file is not None:
             return real(serial, file=file, **options)
-        return docs_inputs.camera(20 if words[0] == "record" else None)
+        return docs_inputs.camera(serial, 20 if words[0] == "record" else None)
 
     monkeypatch.setattr(realsense, "realsense_camera", plugged)
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
@@ -242,7 +242,7 @@ def _run_all(page, carry_out, slow):
     for command in (one for path, one in _carried_out(slow) if path == page):
         key = _begins(command, SLOW)
         begun = time.process_time()
-        package = carry_out(command, SLOW[key] if key else "")
+        package = carry_out(command, SLOW[key] if key else "", page=page.stem)
         print(f"{time.process_time() - begun:5.1f} s of a core: {command}")  # with pytest -rA
         missing += [package] if package else []
     if missing:

@@ -13,7 +13,7 @@ from jshape.app.view.read import read_episode
 from jshape.cli.main import main
 from jshape.data.view import View, image_of_depth
 from jshape.errors import BadCamera
-from jshape.height_map import as_frame, map_of, places_on
+from jshape.height_map import as_frame, places_on
 from jshape.io.cameras import write_camera
 from jshape.io.maps import write_map
 from jshape.planning.maps import bank_for
@@ -26,9 +26,17 @@ from jshape.robot.loop import mold
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.rigid import pose_at
 from jshape.robot.robot import Robot
-from jshape.robot.simulated import SimulatedWorld, bed_of
+from jshape.robot.simulated import SimulatedWorld
 from jshape.robot.waypoints import waypoints_of
-from tests.seen_beds import STRAIGHT, above_simulated, bed, heights, seen_by, standing
+from tests.seen_beds import (
+    STRAIGHT,
+    above_simulated,
+    bed,
+    dug_simulated,
+    heights,
+    seen_by,
+    standing,
+)
 
 HAND = load_hand()
 
@@ -199,11 +207,8 @@ def test_two_cameras_at_30_degrees_mold_a_letter_as_one_from_above_does(molded_f
 @pytest.mark.full
 def test_a_run_of_two_cameras_goes_on_after_one_of_them_fell_out(tmp_path, capsys, monkeypatch):
     """A height map is wanted; what the fused looks were is on disk, and is shown."""
-    target = bed(0.003, (0.14, 0.1)).camera()
-    target = replace(target, pose=as_frame(STRAIGHT @ np.array(target.pose)))
-    wanted = np.asarray(sim.render(bed_of(3)[0], target)).copy()
-    wanted[26:45, 26:53] += 0.006
-    write_map(tmp_path / "wanted.npz", map_of(wanted, target))
+    wanted = dug_simulated(3)
+    write_map(tmp_path / "wanted.npz", wanted)
     words = ["mold", "--arm", "sim:3", "--yes", "--out", str(tmp_path / "run"), "--frames", "3"]
     for name, tilt in (("left", -30), ("right", 30)):
         write_camera(tmp_path / f"{name}.json", above_simulated(tilt), 1e-4)
@@ -233,4 +238,4 @@ def test_a_run_of_two_cameras_goes_on_after_one_of_them_fell_out(tmp_path, capsy
     assert summary["state"] == "finished" and len(summary["steps"]) == 1
     assert summary["steps"][0]["obtained_mm"] < summary["steps"][0]["before_mm"]
     after = read_episode(tmp_path / "run")
-    assert after.goal is not None and after.steps[-1].bed.shape == target.shape
+    assert after.goal is not None and after.steps[-1].bed.shape == wanted.mask.shape

@@ -65,11 +65,11 @@ def heightmap(frame: Path, /, *frames: Path, options: HeightmapOptions) -> dict[
     looks = taken(depths, of, window=options.window, where=where, names=names)
     bed = read_bed(cameras[0].said) if like is None else None
     how = {"like": like, "frame": bed, "pitch": pitch, "where": where, "before": str(options.like)}
-    found, *seen = together(looks, **how)
+    found, target, each = together(looks, **how)
     if bed is not None:
         level = replace(found, heights=np.zeros_like(found.heights), seen=None)
         check_still(found, level, where, f"{cameras[0].said} (bed)")
-    report = map_report(looks, [len(one.depths) for one in cameras], found, *seen)
+    report = map_report(looks, [len(one.depths) for one in cameras], found, target, each)
     write_map(options.out, found)
     for one, stand in zip(cameras, report.cameras, strict=True):
         if stand.tilt_deg > STEEPEST_DEG:

@@ -108,8 +108,8 @@ def measure(
       BadImage: frames of another size or unit, no plane in them, or a camera or bed that moved.
     """
     (look,) = taken(stack, camera, depth_unit, window, where)
-    found, *seen = together([look], where=where)
-    (stand,) = map_report([look], [len(stack)], found, *seen).cameras
+    found, target, each = together([look], where=where)
+    (stand,) = map_report([look], [len(stack)], found, target, each).cameras
     to_map = np.linalg.inv(matrix(found.frame)) @ look.to_common
     begin, along = camera.lines(to_map)
     plane = np.broadcast_to(-begin[2] / along[2], camera.shape)

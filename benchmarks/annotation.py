@@ -20,6 +20,7 @@ from jshape import load_pairs, sim
 from jshape.camera import PAPER_BOX
 from jshape.data import segment as cutting
 from jshape.data.annotate import find_effect, place_boxes
+from jshape.data.changes import average_segment, averaged_frames, compare
 from jshape.data.pairs import Pairs
 from jshape.data.recording import changed_box, simulate_recording
 from jshape.data.simulate import DEPTH_UNIT, ROIS, look, random_bed
@@ -132,14 +133,10 @@ def recordings(count: int) -> None:
             ]
             hidden = [any(s.start < b and a < s.stop for a, b in truth.still) for s in found.open]
             still = np.add(still, (len(good), sum(good), len(hidden) - sum(hidden)))
-            parts = [
-                cutting.average_segment(s, kept[cutting.averaged_frames(s)], DEPTH_UNIT)
-                for s in found.open
-            ]
+            parts = [average_segment(s, kept[averaged_frames(s)], DEPTH_UNIT) for s in found.open]
             level = float(np.median([part.noise_mm for part in parts]))
             changes = [
-                cutting.compare(a, b, DEPTH_UNIT, level)
-                for a, b in zip(parts, parts[1:], strict=False)
+                compare(a, b, DEPTH_UNIT, level) for a, b in zip(parts, parts[1:], strict=False)
             ]
             right = np.add(right, (sum(c["kind"] == "action" for c in truth.changes), 0, 0))
             if len(changes) != len(truth.changes):

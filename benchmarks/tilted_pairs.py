@@ -1,10 +1,11 @@
-"""Pairs cut from recordings of a tilted camera, against the same actions from straight above.
+"""Pairs cut from recordings at an angle, by one camera or two at once, against straight above.
 
     python -m benchmarks.tilted_pairs --count 6
 
-Each row is one recording (simulated, with noise) as `jshape dataset segment` and `annotate` make
-pairs of it: the overlap of found boxes with what changed by 0.5 mm without noise, and how far a
-bank of kind P that is fitted to them is off on other pairs, seen from straight above.
+Each row is one recording of the same actions (simulated, with noise) as `jshape dataset segment`
+and `annotate` make pairs of it: the overlap of found boxes with what changed by 0.5 mm without
+noise, and how far a bank of kind P that is fitted to them is off on other pairs, seen from straight
+above.
 """
 
 import argparse
@@ -24,7 +25,7 @@ from jshape import sim
 from jshape.camera import PAPER_BOX, Camera
 from jshape.cli.main import main as jshape
 from jshape.data.pairs import Pairs
-from jshape.data.recording import changed_box, simulate_recording
+from jshape.data.recording import Truth, changed_box, simulate_recording
 from jshape.data.simulate import DEPTH_UNIT, simulate_pairs, together
 from jshape.errors import BadDataset
 from jshape.io.datasets import load_pairs
@@ -34,16 +35,19 @@ from jshape.learn.scores import roi_errors_mm
 
 
 def recorded(
-    folder: Path, camera: Camera, actions: Sequence[str], seed: int, **settings: Any
+    folder: Path, cameras: Sequence[Camera], actions: Sequence[str], seed: int, **settings: Any
 ) -> tuple[Pairs, list[tuple[int, int, int, int]]]:
-    """The pairs that the commands make of a recording, and the true boxes in their frames."""
-    truth, frames = simulate_recording(jax.random.key(seed), actions, camera=camera, **settings)
-    with recording_writer(folder / "recording", camera, DEPTH_UNIT) as add:
-        for counts in frames:
-            add(counts)
-        add.labels = actions
-    cut, found = folder / "cut", folder / "pairs"
-    said = ("--labels", folder / "recording/labels.csv", "--agent", "robot", "--material", "flour")
+    """The pairs that the commands make of a recording by cameras, and the true boxes in them."""
+    key, truth = jax.random.key(seed), Truth()
+    for number, camera in enumerate(cameras):
+        truth, frames = simulate_recording(key, actions, camera=camera, **settings)
+        own = folder / "recording" / (str(number) if len(cameras) > 1 else "")
+        with recording_writer(own, camera, DEPTH_UNIT) as add:
+            for counts in frames:
+                add(counts)
+    cut, found, labels = folder / "cut", folder / "pairs", folder / "labels.csv"
+    labels.write_text("\n".join(["action", *actions]))
+    said = ("--labels", labels, "--agent", "robot", "--material", "flour")
     with redirect_stdout(StringIO()):
         for command in (("segment", folder / "recording", cut, *said), ("annotate", cut, found)):
             if jshape(["dataset", *map(str, command)]):
@@ -86,16 +90,19 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--tilts", type=float, nargs="+", default=[30.0])
     parser.add_argument("--away", type=float, default=0.6, help="metres")
     asked = parser.parse_args(words)
-    views = {"from above, 0.45 m": PAPER_BOX}
-    views |= {f"{t:g} degrees, {asked.away:g} m": posed(t, asked.away) for t in asked.tilts}
+    views = {"from above, 0.45 m": [PAPER_BOX]}
+    for tilt in asked.tilts:
+        left, right = (posed(each, asked.away) for each in (tilt, -tilt))
+        views[f"{tilt:g} degrees, {asked.away:g} m"] = [left]
+        views[f"+-{tilt:g} degrees, {asked.away:g} m"] = [left, right]
     other = simulate_pairs(
         jax.random.key(99), 6, actions=asked.actions, beds=(asked.bed,), frames=10
     )
     others = together(other)
-    for name, camera in views.items():
+    for name, cameras in views.items():
         with TemporaryDirectory() as folder:
             pairs, true = recorded(
-                Path(folder), camera, asked.actions * asked.count, 1, bed=asked.bed, agent="robot"
+                Path(folder), cameras, asked.actions * asked.count, 1, bed=asked.bed, agent="robot"
             )
         overlap = overlaps(pairs, true)
         for action in asked.actions:
@@ -106,7 +113,7 @@ def main(words: Sequence[str] | None = None) -> int:
                 said += f"; f_P off by {off:.2f} of {change:.2f} mm"
             except BadDataset as problem:
                 said += f"; {problem}"
-            print(f"{name:20} {action:6} {said}", flush=True)
+            print(f"{name:21} {action:6} {said}", flush=True)
     return 0
 
 

@@ -13,14 +13,18 @@ import pytest
 from jshape import PAPER_BOX, Camera
 from jshape.cli import cameras
 from jshape.cli.main import main
+from jshape.data.looks import together
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT
+from jshape.data.view import look_of
 from jshape.errors import BadCamera, BadFile
+from jshape.io.at_once import open_at_once
 from jshape.io.banks import load_bank
 from jshape.io.cameras import described, write_camera
 from jshape.io.recordings import open_recording, recording_writer
 from jshape.robot.cameras.base import CameraLost
 from jshape.robot.cameras.played import Played
+from tests.seen_beds import above_simulated
 
 SMALL = Camera(64, 48, 60.0, 61.0, 31.0, 24.0, 0.42, 0.47)
 
@@ -43,7 +47,7 @@ def watched(monkeypatch):
 
     def put(frames, **options):
         camera = Played("watched", SMALL, 1e-4, frames, **options)
-        monkeypatch.setattr(cameras, "opened", lambda *_: camera)
+        monkeypatch.setattr(cameras, "looking", lambda *_: camera)
         return camera
 
     return put
@@ -115,6 +119,30 @@ def test_frames_windows_and_json(folder, tmp_path, capsys):
     recording = open_recording(tmp_path / "rec")
     assert recording.camera.shape == (25, 30) and recording.camera.u0 == 21.0
     assert (recording.camera.z_min, recording.camera.z_max) == (0.3, 1.0)
+
+
+def test_several_cameras_are_recorded_at_once(tmp_path, capsys):
+    """Simulated ones, of one bed; a folder of each, whose frames match."""
+    files = []
+    for name, tilt in (("left", 30), ("right", -30)):
+        files += ["--camera-file", tmp_path / f"{name}.json"]
+        write_camera(files[-1], above_simulated(tilt), 1e-4)
+    words = ("record", "sim", "sim", "--out", tmp_path / "rec", "--frames", 2)
+    assert run(capsys, *words, *files)[0] == 0
+    code, out, _ = run(capsys, *words, *files, "--overwrite", "--json")
+    said = json.loads(out)
+    assert code == 0 and [one["out"] for one in (said, *said["others"])] == [
+        str(tmp_path / "rec" / name) for name in "12"
+    ]
+    parts = open_at_once(tmp_path / "rec")
+    assert [(len(one), one.camera.pose) for one in parts] == [
+        (2, above_simulated(tilt).pose) for tilt in (30, -30)
+    ]
+    looks = [look_of(1e-4 * np.float32(one.frame(0)), one.camera) for one in parts]
+    one, both = (together(looks[:n]).mask.mean() for n in (1, 2))
+    assert both >= one > 0.9
+    code, _, err = run(capsys, *words, *files[:2], "--overwrite")
+    assert code == 2 and "2 cameras and 1 camera files; give one --camera-file for each" in err
 
 
 def test_a_simulated_camera_is_recorded_for_a_time(tmp_path, capsys):

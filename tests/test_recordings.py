@@ -1,6 +1,7 @@
 """Recordings: simulated with a hand in the way, written, read again, and every damage named."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import jax
@@ -9,7 +10,11 @@ import pytest
 
 from jshape import PAPER_BOX, Camera
 from jshape.data.recording import changed_box, simulate_recording
-from jshape.errors import BadDataset, BadFile, UnknownName
+from jshape.errors import BadCamera, BadDataset, BadFile, UnknownName
+from jshape.height_map import as_frame
+from jshape.io.at_once import open_at_once
+from jshape.io.cameras import write_camera
+from jshape.io.images import write_counts_png
 from jshape.io.recordings import (
     Label,
     by_number,
@@ -309,3 +314,57 @@ def test_labels_with_columns_and_names(tmp_path):
     path.write_text("name,action\nb,poke\nb,knock\n")
     with pytest.raises(BadDataset, match="'b' is there twice"):
         read_labels(path, "human", "sand", named=True)
+
+
+def at_once(tmp_path, *names, pose=True):
+    """What several cameras recorded, whose frames have these names."""
+    for number, each in enumerate(names):
+        own = tmp_path / "rec" / str(number)
+        camera = replace(SMALL, pose=as_frame(np.eye(4)) if pose else None)
+        write_camera(own / "camera.json", camera, 1e-4)
+        for name in each:
+            write_counts_png(own / f"{name}.png", np.full(SMALL.shape, 4500, np.uint16))
+    return tmp_path / "rec"
+
+
+def test_frames_of_several_cameras_match_by_number(tmp_path):
+    rec = at_once(tmp_path, ("07", "08", "09"), ("07", "08", "09"), ("08", "09", "10"))
+    with pytest.raises(BadDataset) as info:
+        open_at_once(rec)
+    assert str(info.value).startswith(
+        f"{rec}/2 has 3 frames (8 to 10) and {rec}/0 has 3 frames (7 to 9): frames of several "
+    )
+    parts = open_at_once(rec, allow_gaps=True)
+    assert [[int(n) for n in one.numbers] for one in parts] == [[8, 9]] * 3
+    assert [path.name for path in parts[2].files] == ["08.png", "09.png"]
+
+
+def test_frames_of_several_cameras_match_by_time(tmp_path):
+    first = [f"{100 + k / 30:.6f}" for k in range(8)]
+    # It starts two frames later, lacks one, and is up to 6 ms late.
+    second = [f"{100 + k / 30 + 0.002 * (k % 4):.6f}" for k in (2, 3, 4, 6, 7, 8)]
+    parts = open_at_once(at_once(tmp_path, first, second))
+    assert [path.stem for path in parts[0].files] == [first[k] for k in (2, 3, 4, 6, 7)]
+    assert [path.stem for path in parts[1].files] == second[:5]
+
+
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [
+        ([f"{100 + k / 15:.6f}" for k in range(4)], "a frame every 0.066667, in {}/0 every 0.033"),
+        ([f"{900 + k / 30:.6f}" for k in range(8)], "within 0.0166665 of each other (by their"),
+        ([f"{k}" for k in range(8)], "named by number in {0}/1 and by time in {0}/0; one of the"),
+    ],
+    ids=["rate", "clock", "names"],
+)
+def test_recordings_that_do_not_match_are_refused(second, said, tmp_path):
+    rec = at_once(tmp_path, [f"{100 + k / 30:.6f}" for k in range(8)], second)
+    with pytest.raises(BadDataset) as info:
+        open_at_once(rec)
+    assert said.format(rec) in str(info.value) and "\n" not in str(info.value)
+
+
+def test_one_of_several_cameras_without_a_pose_is_refused(tmp_path):
+    rec = at_once(tmp_path, ("1", "2"), ("1", "2"), pose=False)
+    with pytest.raises(BadCamera, match="0/camera.json: has no pose; several cameras need one"):
+        open_at_once(rec)

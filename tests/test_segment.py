@@ -9,9 +9,16 @@ import pytest
 
 from jshape import PAPER_BOX
 from jshape.cli.main import main
-from jshape.data import segment as cutting
+from jshape.data.changes import (
+    MOST_FRAMES,
+    Averaged,
+    average,
+    average_segment,
+    averaged_frames,
+    compare,
+)
 from jshape.data.recording import simulate_recording
-from jshape.data.segment import Averaged, Segment, average, compare, cut, thumbnail
+from jshape.data.segment import Segment, cut, thumbnail
 from jshape.io.datasets import load_pairs
 from jshape.io.recordings import recording_writer
 
@@ -58,7 +65,7 @@ def test_every_still_segment_is_found_and_no_hand_is_in_it(recorded):
 def test_changes_are_told_apart(recorded):
     truth, frames = recorded
     found = cut(np.stack([thumbnail(f) for f in frames]), UNIT)
-    parts = [cutting.average_segment(s, frames[s.start : s.stop], UNIT) for s in found.open]
+    parts = [average_segment(s, frames[s.start : s.stop], UNIT) for s in found.open]
     assert all(0.02 < part.noise_mm < 0.25 for part in parts)
     changes = [compare(a, b, UNIT, 0.15) for a, b in zip(parts, parts[1:], strict=False)]
     kinds = {"idle": "none", "action": "action", "level": "reset"}
@@ -167,9 +174,9 @@ def test_two_places_far_apart_are_no_action(rng):
 
 
 def test_at_most_sixty_frames_are_averaged():
-    frames = cutting.averaged_frames(Segment(100, 4000, "open"))
-    assert len(frames) == cutting.MOST_FRAMES and (frames[0], frames[-1]) == (100, 3999)
-    assert cutting.averaged_frames(Segment(3, 6, "open")) == [3, 4, 5]
+    frames = averaged_frames(Segment(100, 4000, "open"))
+    assert len(frames) == MOST_FRAMES and (frames[0], frames[-1]) == (100, 3999)
+    assert averaged_frames(Segment(3, 6, "open")) == [3, 4, 5]
 
 
 SAID = ["--agent", "human", "--material", "flour"]

@@ -1,13 +1,14 @@
 """What commands that look through a camera share: its options, and opening it."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from jshape.cli.options import CameraFile, Part, Positive
-from jshape.errors import JShapeError
+from jshape.errors import BadCamera, JShapeError
 from jshape.robot.cameras import names
 from jshape.robot.cameras.base import DepthCamera
 from jshape.robot.cameras.files import FILES
@@ -15,6 +16,7 @@ from jshape.robot.registry import usage
 
 CAMERA_HELP = ", ".join([*usage(names.CAMERAS), *(format.help for format in FILES)])
 """All that opens as a camera."""
+_WHICH = "which camera? name one, or set camera in jshape.toml"
 
 
 if TYPE_CHECKING:
@@ -45,10 +47,33 @@ class LooksOnce(Looks):
     """Metres per count of a bag's or picture's frames (default: as it says)."""
 
 
+def every(
+    names: Sequence[str], options: Any, depth_unit: float | None = None
+) -> Iterator[DepthCamera]:
+    """Cameras by their names, each started when it is asked for.
+
+    The window is of the first one's frames.
+
+    Raises:
+      JShapeError: no name; a camera cannot be opened.
+      BadCamera: a `camera_file` for some of them only.
+    """
+    files = options.camera_file or []
+    if not names:
+        raise JShapeError(_WHICH)
+    if files and len(files) != len(names):
+        raise BadCamera(
+            f"{len(names)} cameras and {len(files)} camera files; give one --camera-file for each "
+            "camera, in their order"
+        )
+    for k, (name, file) in enumerate(zip(names, files or [None] * len(names), strict=True)):
+        yield looking(name, options, file, depth_unit, None if k else options.window)
+
+
 def opened(camera: str | None, options: LooksOnce) -> DepthCamera:
     """The camera that a command is about, started."""
     if camera is None:
-        raise JShapeError("which camera? name one, or set camera in jshape.toml")
+        raise JShapeError(_WHICH)
     return looking(camera, options, options.camera_file, options.depth_unit, options.window)
 
 

@@ -1,5 +1,6 @@
 """`jshape dataset simulate-recording` and `jshape dataset segment`."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -22,10 +23,19 @@ from jshape.cli.options import (
 from jshape.cli.tables import print_table, progress, warn
 from jshape.data import segment as cutting
 from jshape.data.annotate import provisional_box
-from jshape.data.moved import TURNED_DEG, Displaced, moved
+from jshape.data.changes import (
+    RESET_SHARE,
+    Averaged,
+    Change,
+    average_segment,
+    averaged_frames,
+    compare,
+)
+from jshape.data.moved import TURNED_DEG, moved
 from jshape.data.pair_view import PairView, pair_view
 from jshape.errors import BadDataset
 from jshape.io import annotations, folders, recordings
+from jshape.io.at_once import open_at_once
 from jshape.io.recordings import LABELS, LEAVE_OUT, Label, Recording
 from jshape.io.simulated import material_of
 from jshape.viz import sheets
@@ -67,7 +77,7 @@ class Segmented(Labelled):
     """Least length of a still segment, frames."""
     near_mm: Positive = cutting.NEAR_MM
     """Height above the bed from which something is a hand or an arm, mm."""
-    reset_share: Share = cutting.RESET_SHARE
+    reset_share: Share = RESET_SHARE
     """Share of the bed, 0 to 1, above which a change is levelling and makes no pair."""
     allow_gaps: bool = False
     """Accept a recording in which frame numbers are missing."""
@@ -114,39 +124,41 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     """`jshape dataset segment RECORDING OUT`.
 
     Args:
-      folder: camera.json and numbered frames.
+      folder: camera.json and numbered frames; of several cameras at once, a folder of each in it.
       out: Folder of the new data set.
     """
     folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
-    recording = recordings.open_recording(folder, allow_gaps=options.allow_gaps)
+    parts = open_at_once(folder, allow_gaps=options.allow_gaps)
     file = str(folder / LABELS) if (folder / LABELS).is_file() else "FILE with one row per change"
     labels = labels_of(options, file)
-    thumbs = np.stack([
-        cutting.thumbnail(counts)
-        for counts in progress(recording.frames(), len(recording), "reading")
-    ])  # fmt: skip
-    cut = cutting.cut(
-        thumbs, recording.depth_unit, near_mm=options.near_mm, min_frames=options.min_frames
-    )
-    elsewhere = _moved(recording, cut, thumbs)
-    _check(recording, cut, options.min_frames)
-    averages = _averages(recording, cut)
-    first = f"{folder}: frames {cut.open[0]}"
-    seen = pair_view(
-        recording.camera, recording.depth_unit, averages[0].counts, first, like_of(options)
-    )
-    if elsewhere:
-        _tell(recording, seen, *elsewhere)
+    thumbs = [
+        np.stack([cutting.thumbnail(c) for c in progress(one.frames(), len(one), "reading")])
+        for one in parts
+    ]
+    how = {"near_mm": options.near_mm, "min_frames": options.min_frames}
+    cuts = [cutting.cut(t, one.depth_unit, **how) for t, one in zip(thumbs, parts, strict=True)]
+    cut = cutting.cut_at_once(cuts, [str(one.folder) for one in parts], options.min_frames)
+    count = len(parts[0])
+    _check(f"{folder}: {count} frames", cut, options.min_frames)
+    means = _averages(parts, cut)
+    sources = [(one.camera, one.depth_unit) for one in parts]
+    wheres = [f"{folder}: frames {segment}" for segment in cut.open]
+    seen = pair_view(sources, [one.counts for one in means[0]], wheres[0], like_of(options))
+    for one, thumb in zip(parts, thumbs, strict=True):
+        _check_still(one, cut, thumb, seen)
     averages = [
-        replace(one, counts=seen.counts(one.counts, f"{folder}: frames {one.segment}"))
-        for one in averages
+        replace(
+            max(several, key=lambda one: one.noise_mm),
+            counts=seen.counts([one.counts for one in several], where),
+        )
+        for several, where in zip(means, wheres, strict=True)
     ]
     noise = float(np.median([a.noise_mm for a in averages]))
     pairs = list(zip(averages, averages[1:], strict=False))
-    how = {"reset_share": options.reset_share, "hidden": seen.camera.orthographic}
-    changes = [cutting.compare(a, b, seen.depth_unit, noise, **how) for a, b in pairs]
+    compared = {"reset_share": options.reset_share, "hidden": seen.camera.orthographic}
+    changes = [compare(a, b, seen.depth_unit, noise, **compared) for a, b in pairs]
     actions = [change for change in changes if change.kind == "action"]
-    named = _match(options, recording, labels, changes)
+    named = _match(options, folder, labels, changes)
     kept = [(c, label) for c, label in zip(actions, named, strict=True) if label is not None]
     if not kept:
         raise BadDataset(f"{folder}: no pair is left of {len(changes)} changes: {_story(changes)}")
@@ -174,7 +186,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     rows = [(f"{c.before.segment} / {c.after.segment}", text, c.why) for c, text in told]
     hidden = sum(s.state == "occluded" for s in cut.segments)
     print(
-        f"{len(recording)} frames: {len(cut.open)} segments with the open bed at rest, "
+        f"{count} frames: {len(cut.open)} segments with the open bed at rest, "
         f"{hidden} at rest but hidden; noise {noise:.2f} mm after averaging"
     )
     if seen.said:
@@ -183,7 +195,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     print(f"{len(kept)} pairs, and {annotations.TIMELINE} to check: {out}")
     return {
         "out": str(out),
-        "frames": len(recording),
+        "frames": count,
         "segments": [[s.start, s.stop, s.state] for s in cut.segments],
         "changes": [
             {"before": c.between[0] - 1, "after": c.between[1], "what": text, "why": c.why}
@@ -195,45 +207,43 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     }
 
 
-def _averages(recording: Recording, cut: cutting.Cut) -> list[cutting.Averaged]:
-    found = []
-    for part in progress(cut.open, len(cut.open), "averaging"):
-        stack = np.stack(list(recording.frames(cutting.averaged_frames(part))))
-        found.append(cutting.average_segment(part, stack, recording.depth_unit))
-    return found
+def _averages(parts: Sequence[Recording], cut: cutting.Cut) -> list[list[Averaged]]:
+    """Of every open segment the mean of each camera's frames."""
+    return [
+        [
+            average_segment(
+                segment, np.stack(list(one.frames(averaged_frames(segment)))), one.depth_unit
+            )
+            for one in parts
+        ]
+        for segment in progress(cut.open, len(cut.open), "averaging")
+    ]
 
 
-def _moved(
-    recording: Recording, cut: cutting.Cut, thumbs: np.ndarray
-) -> tuple[cutting.Segment, cutting.Segment, Displaced] | None:
-    """A still segment, the first later one from which the bed lies elsewhere, and how."""
-    still = [s for s in cut.segments if s.state != "short"]
-    means = [cutting.mean_of(thumbs[s.start : s.stop], recording.depth_unit) for s in still]
-    for part, mean in zip(still[1:], means[1:], strict=True):
-        if found := moved(means[0], mean, recording.camera, cutting.BLOCK):
-            return still[0], part, found
-    return None
-
-
-def _tell(
-    recording: Recording,
-    seen: PairView,
-    first: cutting.Segment,
-    later: cutting.Segment,
-    how: Displaced,
+def _check_still(
+    recording: Recording, cut: cutting.Cut, thumbs: np.ndarray, seen: PairView
 ) -> None:
     """Warn of a camera that moved; refuse what it then sees aslant, if it is seen from above."""
-    said = f"{recording.folder}: frames {later}: {how.said(f'frames {first}')}: "
-    if seen.view is not None and how.turned_deg > TURNED_DEG:
-        raise BadDataset(f"{said}the camera moved; what comes from there on is another recording")
-    warn(f"{said}did the camera move, or was material added?")
+    still = [s for s in cut.segments if s.state != "short"]
+    means = [cutting.mean_of(thumbs[s.start : s.stop], recording.depth_unit) for s in still]
+    for later, mean in zip(still[1:], means[1:], strict=True):
+        how = moved(means[0], mean, recording.camera, cutting.BLOCK)
+        if how is None:
+            continue
+        said = f"{recording.folder}: frames {later}: {how.said(f'frames {still[0]}')}: "
+        if seen.view is not None and how.turned_deg > TURNED_DEG:
+            raise BadDataset(
+                f"{said}the camera moved; what comes from there on is another recording"
+            )
+        warn(f"{said}did the camera move, or was material added?")
+        return
 
 
-def _check(recording: Recording, cut: cutting.Cut, least: int) -> None:
+def _check(what: str, cut: cutting.Cut, least: int) -> None:
     """Refuse a recording without two looks at the open bed; say what was seen instead."""
     if len(cut.open) >= 2:
         return
-    where = f"{recording.folder}: {len(recording)} frames: the open bed is"
+    where = f"{what}: the open bed is"
     if cut.open:
         raise BadDataset(
             f"{where} at rest once only (frames {cut.open[0]}); a pair needs it before and after "
@@ -250,9 +260,9 @@ def _check(recording: Recording, cut: cutting.Cut, least: int) -> None:
 
 def _match(
     options: Segmented,
-    recording: Recording,
+    folder: Path,
     labels: dict[str, Label] | Label,
-    changes: list[cutting.Change],
+    changes: list[Change],
 ) -> list[Label | None]:
     """A label, or None to leave it out, for every change that is an action."""
     actions = [c for c in changes if c.kind == "action"]
@@ -260,13 +270,13 @@ def _match(
         return [labels] * len(actions)
     if len(labels) != len(actions):
         raise BadDataset(
-            f"{options.labels}: has {len(labels)} rows; {recording.folder} shows "
+            f"{options.labels}: has {len(labels)} rows; {folder} shows "
             f"{len(actions)} actions: {_story(changes)} (a row '{LEAVE_OUT}' leaves one out)"
         )
     return [None if label.action == LEAVE_OUT else label for label in labels.values()]
 
 
-def _story(changes: list[cutting.Change]) -> str:
+def _story(changes: list[Change]) -> str:
     """What was found between which frames, in one line."""
     parts = [f"{c.kind} at {c.between[0]}-{c.between[1] - 1}" for c in changes]
     return ", ".join(parts[:20]) + (f" and {len(parts) - 20} more" if len(parts) > 20 else "")

@@ -1,9 +1,9 @@
-"""`jshape record CAMERA --out DIR`: depth frames for `jshape dataset segment`."""
+"""`jshape record CAMERA [CAMERA ...] --out DIR`: depth frames for `jshape dataset segment`."""
 
 import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,15 +13,17 @@ from cyclopts import Parameter
 
 from jshape.cli import cameras
 from jshape.cli.cameras import CAMERA_HELP, Camera, LooksOnce
-from jshape.cli.options import Duration, PositiveCount, Writes
+from jshape.cli.options import Duration, File, PositiveCount, Writes
 from jshape.cli.tables import progress
 from jshape.data.depth import check_unit
 from jshape.data.missing import only_readings
 from jshape.data.missing import said as said_of
 from jshape.data.set_up import VALID_LEAST
 from jshape.errors import JShapeError
-from jshape.io import folders, recordings
+from jshape.io import at_once, folders, recordings
 from jshape.robot.cameras.base import FRAMES, CameraLost, DepthCamera, EndOfFrames, traits_of
+
+_CAMERAS = f"{CAMERA_HELP}; several record one bed at once"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +31,10 @@ class RecordOptions(LooksOnce, Writes):
     """Of `jshape record`."""
 
     out: Path
-    """Folder for the recording."""
+    """Folder for the recording; of several cameras for that of each: OUT/1, OUT/2 ..."""
+    camera_file: Annotated[list[Path] | None, File] = None
+    """camera.json to use instead of what the camera says of itself; of several cameras one for
+    each, with a pose."""
     frames: PositiveCount | None = None
     """Number of frames (default: until Ctrl-C)."""
     seconds: Duration | None = None
@@ -39,30 +44,37 @@ class RecordOptions(LooksOnce, Writes):
 
 
 def record(
-    camera: Annotated[Camera | None, Parameter(help=CAMERA_HELP)] = None,
+    camera: Annotated[list[Camera] | None, Parameter(help=_CAMERAS)] = None,
     /,
     *,
     options: RecordOptions,
 ) -> dict[str, Any]:
     """Record until as many frames or seconds as asked, the end of what is played, or Ctrl-C."""
-    folders.check_target(options.out, options.overwrite, contents=recordings.CONTENTS)
+    named = camera or []
+    contents = recordings.CONTENTS if len(named) < 2 else at_once.CONTENTS
+    folders.check_target(options.out, options.overwrite, contents=contents)
     problem: JShapeError | None = None
-    valid, left_out = 0.0, Counter()
+    valid = [0.0 for _ in named]
+    left_out = [Counter() for _ in named]
     why = "as many as asked"
-    with closing(cameras.opened(camera, options)) as device:
-        asked, frames = _frames(device, options)
+    with ExitStack() as stack:
+        opened = cameras.every(named, options, options.depth_unit)
+        devices = [stack.enter_context(closing(one)) for one in opened]
+        asked, frames = _frames(devices, options)
         started = time.monotonic()
-        with recordings.recording_writer(
-            options.out, device.camera, device.depth_unit, overwrite=options.overwrite
-        ) as add:
+        sources = [(one.camera, one.depth_unit) for one in devices]
+        with at_once.writers(options.out, sources, overwrite=options.overwrite) as adders:
+            add = adders[-1]  # the last to write a frame
             try:
-                for counts in progress(frames, asked or 0, "recording"):
-                    seen = only_readings(counts, left_out)
-                    valid += float((seen > 0).mean())
-                    if not add.count:
-                        depth = np.float32(device.depth_unit) * seen
-                        check_unit(depth, device.camera, device.name, device.depth_unit)
-                    add(counts)  # as it came
+                for shots in progress(frames, asked or 0, "recording"):
+                    for k, (device, counts) in enumerate(zip(devices, shots, strict=True)):
+                        seen = only_readings(counts, left_out[k])
+                        valid[k] += float((seen > 0).mean())
+                        if not adders[k].count:
+                            depth = np.float32(device.depth_unit) * seen
+                            check_unit(depth, device.camera, device.name, device.depth_unit)
+                    for adder, counts in zip(adders, shots, strict=True):
+                        adder(counts)  # as it came
             except EndOfFrames:
                 why = "the end of the recording"
             except KeyboardInterrupt:
@@ -74,23 +86,29 @@ def record(
                 if not add.count:  # nothing to keep
                     raise
         took = time.monotonic() - started
-    count, share = add.count, valid / add.count
+    count = add.count
     if problem is not None:
         raise CameraLost(
             f"{problem}; what came before, {count} frame{'s' * (count > 1)}, is kept in "
             f"{options.out}"
         )
-    if not valid:
-        raise JShapeError(
-            f"{device.name}: no pixel has a reading in {count} frame{'s' * (count > 1)}, kept in "
-            f"{options.out} all the same; jshape setup says more"
-        )
-    result = {
-        "out": str(options.out), "camera": device.name, "frames": count, "valid_share": share,
-        "seconds": took, "stopped": why, "left_out": left_out,
-    }  # fmt: skip
-    _print(result, device)
-    return result
+    for device, share in zip(devices, valid, strict=True):
+        if not share:
+            raise JShapeError(
+                f"{device.name}: no pixel has a reading in {count} frame{'s' * (count > 1)}, kept "
+                f"in {options.out} all the same; jshape setup says more"
+            )
+    names = [str(k + 1) for k in range(len(devices))] if len(devices) > 1 else [""]
+    results = [
+        {
+            "out": str(options.out / name), "camera": device.name, "frames": count,
+            "valid_share": share / count, "seconds": took, "stopped": why, "left_out": gaps,
+        }
+        for name, device, share, gaps in zip(names, devices, valid, left_out, strict=True)
+    ]  # fmt: skip
+    for result, device in zip(results, devices, strict=True):
+        _print(result, device)
+    return results[0] | ({"others": results[1:]} if results[1:] else {})
 
 
 def _print(result: dict[str, Any], camera: DepthCamera) -> None:
@@ -103,46 +121,54 @@ def _print(result: dict[str, Any], camera: DepthCamera) -> None:
     print("" if share >= VALID_LEAST else "; too few: see jshape setup")
 
 
-def _frames(camera: DepthCamera, options: RecordOptions) -> tuple[int | None, Iterator[np.ndarray]]:
-    """How many frames there will be, if that is known; and the frames."""
-    live, still, _ = traits_of(camera)
-    if not live and (options.seconds or options.every):
-        raise JShapeError(
-            f"{camera.name}: --seconds and --every are for live cameras; "
-            "of a recording, --frames says how many"
-        )
+def _frames(
+    cameras: Sequence[DepthCamera], options: RecordOptions
+) -> tuple[int | None, Iterator[list[np.ndarray]]]:
+    """How many frames there will be, if that is known; and the frames, one of each camera."""
+    for camera in cameras:
+        if not traits_of(camera).live and (options.seconds or options.every):
+            raise JShapeError(
+                f"{camera.name}: --seconds and --every are for live cameras; "
+                "of a recording, --frames says how many"
+            )
+    still = all(traits_of(camera).still for camera in cameras)
     asked = options.frames
     if asked is None and still and not options.seconds:
         asked = 1  # it would go on for ever, all the same
     count = options.frames or (asked if still else None)
-    return asked, _take(camera, count, options)
+    return asked, _take(cameras, count, options)
 
 
-def _take(camera: DepthCamera, count: int | None, options: RecordOptions) -> Iterator[np.ndarray]:
-    """The frames to keep.
+def _take(
+    cameras: Sequence[DepthCamera], count: int | None, options: RecordOptions
+) -> Iterator[list[np.ndarray]]:
+    """The frames to keep: the next of each camera, which are at most one frame's time apart.
 
     Raises:
       CameraLost: as many frames as a look has were the same to the bit.
       EndOfFrames: before there were as many as asked.
     """
-    taken = same = 0
-    before: np.ndarray | None = None
+    taken, same = 0, [0 for _ in cameras]
+    before: list[np.ndarray] = []
     start = due = 0.0
     while count is None or taken < count:
-        counts = camera.frame()
+        shots = [camera.frame() for camera in cameras]
         now = time.monotonic()
-        if before is None:  # the first may take a while to come
+        if not before:  # the first may take a while to come
             start = due = now
         if options.seconds is not None and now - start > options.seconds:
             return
-        alike = not (before is None or traits_of(camera).still) and np.array_equal(counts, before)
-        same = same + 1 if alike and counts.any() else 0
-        before = counts
-        if same + 1 >= FRAMES:
-            raise CameraLost(f"{camera.name}: {FRAMES} frames are the same to the bit: it is stuck")
+        for k, (camera, last) in enumerate(zip(cameras, before, strict=False)):
+            alike = not traits_of(camera).still and np.array_equal(shots[k], last)
+            same[k] = same[k] + 1 if alike and shots[k].any() else 0
+            if same[k] + 1 >= FRAMES:
+                raise CameraLost(
+                    f"{camera.name}: {FRAMES} frames are the same to the bit: it is stuck"
+                )
+        before = shots
         if options.every is not None:
             if now < due:  # it is read all the same, so that the frame that counts is a new one
                 continue
             due = max(due + options.every, now)
         taken += 1
-        yield counts
+        yield shots

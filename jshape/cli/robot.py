@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from jshape.cli.cameras import CAMERA_HELP, Camera, Looks, looking
+from jshape.cli.cameras import CAMERA_HELP, Camera, Looks, every
 from jshape.cli.names import Simulates
 from jshape.cli.options import File, PositiveCount, Writes
 from jshape.cli.tables import say
 from jshape.data.fusion import check_poses
-from jshape.errors import BadCamera, JShapeError, one_line
+from jshape.errors import JShapeError, one_line
 from jshape.io import folders, runs
 from jshape.io.cameras import read_camera
 from jshape.io.simulated import material_of
@@ -135,19 +135,11 @@ def _eyes(options: Robots) -> Iterator[DepthCamera]:
       JShapeError: options that say how to look through a camera, and there is none; files for
         some of the cameras only.
     """
-    names, files = options.camera or [], options.camera_file or []
-    if not names:
+    if not options.camera:
         looks = "topic", "window", "depth_range", "fill_holes"
         options.refuse(looks, ": only with --camera; the arm's own camera takes none")
         return
-    if files and len(files) != len(names):
-        raise BadCamera(
-            f"{len(names)} cameras and {len(files)} camera files; give one --camera-file for each "
-            "--camera, in their order"
-        )
-    for k, (name, file) in enumerate(zip(names, files or [None] * len(names), strict=True)):
-        window = None if k else options.window
-        yield looking(name, options, file, window=window)
+    yield from every(options.camera, options)
 
 
 def _guarded(stack: ExitStack, eye: DepthCamera) -> GuardedCamera:

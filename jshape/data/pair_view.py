@@ -1,14 +1,16 @@
-"""Frames of a camera that does not look straight down as pairs: seen from above, as banks learn.
+"""Frames of cameras that do not look straight down as pairs: seen from above, as banks learn.
 
 What a camera straight above records stays as it is, to the bit.  Frames are (H, W), `[v, u]`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jshape.camera import Camera
 from jshape.data.depth import outside_range, to_metres
+from jshape.data.fusion import Look
 from jshape.data.intrinsics import counts_of
 from jshape.data.looks import bed_of
 from jshape.data.view import (
@@ -31,11 +33,10 @@ and so is what lies between pixels."""
 
 @dataclass(frozen=True)
 class PairView:
-    """How the frames of a camera become those of a data set."""
+    """How the frames of a camera, or of several at once, become those of a data set."""
 
-    source: Camera
-    unit: float
-    """Metres per count of its frames."""
+    sources: Sequence[tuple[Camera, float]]
+    """The cameras, and metres per count of their frames."""
     view: View | None = None
     """None: they stay as they are."""
     depth_unit: float = 0.0
@@ -46,7 +47,7 @@ class PairView:
     @property
     def camera(self) -> Camera:
         """The data set's."""
-        return self.source if self.view is None else self.view.target
+        return self.sources[0][0] if self.view is None else self.view.target
 
     @property
     def said(self) -> str:
@@ -60,46 +61,54 @@ class PairView:
             f"{1e3 / float(camera.scale(z)[0]):.2f} mm"
         )
 
-    def counts(self, counts: np.ndarray, where: str) -> np.ndarray:
-        """A frame (H, W) uint16 as the data set's camera sees it; 0 where nothing is known.
+    def counts(self, frames: Sequence[np.ndarray], where: str) -> np.ndarray:
+        """Frames (H, W) uint16, one of each camera, as the data set's camera sees the bed.
 
-        Raises BadImage: nothing of the bed is in it.
+        Where several see it, by the noise of each; 0 where none does.
+
+        Raises:
+          BadImage: nothing of the bed is in them.
+          BadCamera: they do not agree.
         """
         if self.view is None:
-            return counts
-        depth = self.view.depth(to_metres(counts, self.unit, where), where)
-        return counts_of(depth, self.depth_unit)
+            return frames[0]
+        first, *others = _looks(self.sources, frames, where)
+        return counts_of(self.view.depth(first.depth, where, others), self.depth_unit)
+
+
+def _looks(
+    sources: Sequence[tuple[Camera, float]], frames: Sequence[np.ndarray], where: str
+) -> list[Look]:
+    depths = [to_metres(f, unit, where) for f, (_, unit) in zip(frames, sources, strict=True)]
+    return [look_of(depth, camera) for depth, (camera, _) in zip(depths, sources, strict=True)]
 
 
 def pair_view(
-    camera: Camera,
-    unit: float,
-    first: np.ndarray,
+    sources: Sequence[tuple[Camera, float]],
+    frames: Sequence[np.ndarray],
     where: str,
     like: tuple[Camera, float] | None = None,
 ) -> PairView:
     """The view of frames that pairs are made of.
 
     Args:
-      camera: that took them.
-      unit: metres per count.
-      first: the bed at rest, (H, W) counts: its plane is found in it.
+      sources: the cameras, several each with a pose, and metres per count of their frames.
+      frames: the bed at rest, (H, W) counts of each: its plane is found in the first.
       where: what to call it in errors.
       like: camera and depth unit of a data set that the new one is to be merged with.
 
     Raises:
       BadImage: no bed is found, by a camera that does not see it from above or in its range.
     """
-    depth = to_metres(first, unit, where)
-    if like is not None and like != (camera, unit):
-        target, theirs = like
-        return PairView(camera, unit, view_like(View(target, target), camera, depth, where), theirs,
-                        "as in the other data set")  # fmt: skip
-    why = not_from_above(camera, depth)
+    (depth, camera), *others = _looks(sources, frames, where)
+    if like is not None and like != sources[0]:
+        view = view_like(View(like[0], like[0]), camera, depth, where)
+        return PairView(sources, view, like[1], "as in the other data set")
+    why = f"by {len(sources)} cameras" if others else not_from_above(camera, depth)
     if not why:
-        return PairView(camera, unit, None, unit)
-    view = view_above(camera, depth, where=where)
-    return PairView(camera, unit, view, min(unit, FINEST), why)
+        return PairView(sources, None, sources[0][1])
+    view = view_above(camera, depth, where=where, others=others)
+    return PairView(sources, view, min(FINEST, *(unit for _, unit in sources)), why)
 
 
 def not_from_above(camera: Camera, depth: np.ndarray) -> str:

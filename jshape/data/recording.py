@@ -5,6 +5,7 @@ them.  Frames are `[v, u]`, uint16 counts of `DEPTH_UNIT` metres, 0 = no reading
 `(left, top, width, height)` in pixels; frame ranges are `[start, stop)`.
 """
 
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -67,7 +68,7 @@ def simulate_recording(
     """Frames of a bed on which actions are applied one after another, each at a random place.
 
     Args:
-      key: consumed.
+      key: consumed; cameras of one key, each with a pose, record one bed at once.
       actions: names of simulated actions, in order.
       agent: whose hand.
       material: a simulated material, or its name.
@@ -96,6 +97,7 @@ def simulate_recording(
             raise UnknownName(what, name, allowed)
     material = sim.read_material(material)
     straight = camera if camera.pose is None else PAPER_BOX
+    own = zlib.crc32(np.array(camera.pose or (), np.float64).tobytes())
     for_bed, key = jax.random.split(key)
     start = random_bed(for_bed, bed)
     visits = ["idle"] * bool(idle)
@@ -115,6 +117,8 @@ def simulate_recording(
         def shot(hand: np.ndarray | None) -> np.ndarray:
             nonlocal key, count
             key, for_rim, for_sensor = jax.random.split(key, 3)
+            if camera.pose is not None:  # cameras of one key see one bed, each with its own noise
+                for_sensor = jax.random.fold_in(for_sensor, own)
             count += 1
             seen = depth if hand is None else _with_hand(for_rim, depth, hand, camera)
             return np.asarray(sim.to_uint16(sim.sensor(for_sensor, seen, noise, holes), DEPTH_UNIT))
@@ -239,11 +243,11 @@ def _capsules(camera: Camera, start, stop, radius):
 
 def _with_hand(key, bed: np.ndarray, hand: np.ndarray, camera: Camera) -> np.ndarray:
     """The bed with a hand before it: flying pixels at its rim, a strip without depth beside it."""
-    covered = hand < bed
+    covered = hand < np.where(bed > 0, bed, np.inf)  # beyond the box's walls it has no depth
     if not covered.any():
         return bed
     seen = np.where(covered, hand, bed)
-    gap = 1.0 / float(np.median(hand[covered])) - 1.0 / float(np.median(bed))
+    gap = 1.0 / float(np.median(hand[covered])) - 1.0 / float(np.median(bed[bed > 0]))
     hidden = covered.copy()
     for shift in range(1, max(1, round(_BASELINE * float(camera.fx) * gap)) + 1):
         hidden[:, :-shift] |= covered[:, shift:]
@@ -252,7 +256,7 @@ def _with_hand(key, bed: np.ndarray, hand: np.ndarray, camera: Camera) -> np.nda
     for axis in (0, 1):
         edge = np.diff(covered, axis=axis, append=covered.take([-1], axis)).astype(bool)
         rim |= edge | np.roll(edge, 1, axis) | np.roll(edge, -1, axis)
-    flies = rim & (rng.random(bed.shape) < 0.3)
+    flies = rim & (bed > 0) & (rng.random(bed.shape) < 0.3)
     nearest = np.where(covered, hand, np.median(hand[covered]))
     share = rng.random(bed.shape).astype(np.float32)
     seen = np.where(flies, share * nearest + (1 - share) * bed, seen)

@@ -153,7 +153,11 @@ def cut_out(source: Camera, target: Camera, frame: np.ndarray) -> View | None:
 
 
 def view_above(
-    source: Camera, frame: np.ndarray, target: Camera | None = None, where: str = "frame"
+    source: Camera,
+    frame: np.ndarray,
+    target: Camera | None = None,
+    where: str = "frame",
+    others: Sequence[Look] = (),
 ) -> View:
     """The view from straight above a bed that a camera sees from anywhere.
 
@@ -163,6 +167,7 @@ def view_above(
       target: to look through, at the middle of its range over the bed; None: parallel rays, one
         pixel of the source a pixel, as far as the bed reaches.
       where: what to call the frame in errors.
+      others: looks of more cameras, whose bed parallel rays reach too.
 
     Raises:
       BadCamera: a camera that makes no sense.
@@ -173,7 +178,7 @@ def view_above(
         raise BadImage(wrong_shape(where, frame.shape, source))
     look = look_of(frame, source)
     if target is None:
-        whole, _ = camera_over([look], where=where)
+        whole, _ = camera_over([look, *others], where=where)
         return View(source, whole)
     above = plane_frame(look, where) @ looking_down(middle_of(target))
     return View(source, replace(target, pose=as_frame(above)))

@@ -112,7 +112,7 @@ def before_after_view(
     """
     found, unit = before_after_camera(source, camera)
     first = next(iter(files.values()))[0]
-    return pair_view(found, unit, _counts(first, found, unit, None), str(first), like)
+    return pair_view([(found, unit)], [_counts(first, found, unit, None)], str(first), like)
 
 
 def before_after_pairs(
@@ -127,17 +127,18 @@ def before_after_pairs(
         a camera that moved, unless it looks straight down.
     """
     camera, first = seen.camera, None
+    ((source, unit),) = seen.sources
     for name, paths in files.items():
-        own = [_counts(path, seen.source, seen.unit, left_out) for path in paths]
+        own = [_counts(path, source, unit, left_out) for path in paths]
         if seen.view is not None:
             for path, counts in zip(paths, own, strict=True):
-                depth = to_metres(thumbnail(counts), seen.unit, str(path))
+                depth = to_metres(thumbnail(counts), unit, str(path))
                 first = depth if first is None else first
-                how = moved(first, depth, seen.source, BLOCK)
+                how = moved(first, depth, source, BLOCK)
                 if how and how.turned_deg > TURNED_DEG:
                     raise BadDataset(f"{path}: {how.said('the first frame')}: the camera moved")
         prior, posterior = (
-            seen.counts(counts, str(path)) for counts, path in zip(own, paths, strict=True)
+            seen.counts([counts], str(path)) for counts, path in zip(own, paths, strict=True)
         )
         effect = find_effect(prior, posterior, seen.depth_unit, hidden=seen.camera.orthographic)
         box = provisional_box(effect, camera.shape) if effect.box else None

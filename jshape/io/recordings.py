@@ -65,6 +65,13 @@ class Recording:
     """Metres per count."""
     files: tuple[Path, ...]
     """In the order of their numbers."""
+    numbers: tuple[Decimal, ...]
+
+    @property
+    def counted(self) -> bool:
+        """Whether the numbers count the frames; else they are times."""
+        whole = all(number == number.to_integral_value() for number in self.numbers)
+        return whole and self.numbers[-1] < _COUNTED
 
     def __len__(self) -> int:
         return len(self.files)
@@ -109,16 +116,15 @@ def open_recording(folder: str | os.PathLike, *, allow_gaps: bool = False) -> Re
             f"{within}: holds no frames{ends}; expected numbered 16-bit depth images like "
             "000000.png"
         )
-    numbers = list(found)
-    counted = numbers[-1] < _COUNTED and all(n == n.to_integral_value() for n in numbers)
-    gaps = [(int(a) + 1, int(b) - 1) for a, b in pairwise(numbers) if counted and b > a + 1]
+    recording = Recording(folder, camera, depth_unit, tuple(found.values()), tuple(found))
+    between = pairwise(found) if recording.counted else ()
+    gaps = [(int(a) + 1, int(b) - 1) for a, b in between if b > a + 1]
     if gaps and not allow_gaps:
         text = ", ".join(str(a) if a == b else f"{a} to {b}" for a, b in gaps[:5])
         more = f" and {len(gaps) - 5} more gaps" if len(gaps) > 5 else ""
         raise BadDataset(
             f"{within}: missing frames: {text}{more}; --allow-gaps takes the others all the same"
         )
-    recording = Recording(folder, camera, depth_unit, tuple(found.values()))
     with as_error(BadDataset):
         counts, where = recording.frame(0), str(recording.files[0])
         check_unit(to_metres(counts, depth_unit, where), camera, where, depth_unit)

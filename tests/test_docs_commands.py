@@ -44,6 +44,7 @@ NEEDS = {
 }
 """The package without which a command with that word cannot run."""
 PARSED = {
+    "jshape record realsense:LEFT": "needs two cameras of the SDK",
     "python -m benchmarks.grid train pairs --kinds CR DCR --out": "needs a cluster of Ray",
 }
 """Commands that are only parsed, by how they begin, and why."""

@@ -55,6 +55,8 @@ jshape evaluate pairs --kinds D P --out scores  # kinds side by side
 jshape evaluate pairs --bank my-bank  # a bank on data that it has not seen
 jshape evaluate pairs --start pressed-flour-human --few 5 10  # adapted with few
 jshape record realsense --out recording  # until Ctrl-C
+jshape record realsense:LEFT realsense:RIGHT --camera-file left.json \
+--camera-file right.json --out both  # two cameras at once, each with a pose
 jshape record sim --frames 3 --out simulated  # without a camera
 jshape record field.bag --topic /camera/depth --window 181,46,480x395 \
 --out recording  # a part of a ROS bag

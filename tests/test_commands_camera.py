@@ -139,7 +139,7 @@ def test_several_cameras_are_recorded_at_once(tmp_path, capsys):
         (2, above_simulated(tilt).pose) for tilt in (30, -30)
     ]
     looks = [look_of(1e-4 * np.float32(one.frame(0)), one.camera) for one in parts]
-    one, both = (together(looks[:n]).mask.mean() for n in (1, 2))
+    one, both = (together(looks[:n])[0].mask.mean() for n in (1, 2))
     assert both >= one > 0.9
     code, _, err = run(capsys, *words, *files[:2], "--overwrite")
     assert code == 2 and "2 cameras and 1 camera files; give one --camera-file for each" in err

@@ -12,10 +12,10 @@ from jaxtyping import install_import_hook
 
 _hook = install_import_hook("jshape", "beartype.beartype")
 
-# Commands compile once what many of them run, and leave the user's folders alone.  Each worker has
-# its own folder: JAX does not write its files at once, and another process could read a half.
-_compiled = tempfile.TemporaryDirectory(prefix="jshape-tests-", ignore_cleanup_errors=True)
-os.environ["JSHAPE_CACHE"] = _compiled.name
+# Workers and commands compile once what many of them run, and leave the user's folders alone.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    _compiled = tempfile.TemporaryDirectory(prefix="jshape-tests-", ignore_cleanup_errors=True)
+    os.environ["JSHAPE_CACHE"] = _compiled.name
 os.environ.setdefault("JSHAPE_CONFIG", "off")
 
 ROOT = Path(__file__).resolve().parents[1]

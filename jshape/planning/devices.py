@@ -41,6 +41,11 @@ def mesh_of(count: int, axis: str) -> Mesh | None:
     return Mesh(np.array(devices), (axis,)) if len(devices) > 1 else None
 
 
+CACHE_BYTES = 2**30
+"""Most that compiled code takes on disk; what was used longest ago goes first.  All commands of the
+documentation take about 60 MB."""
+
+
 def remember_compiled(folder: str | os.PathLike | None = None) -> Path | None:
     """Keep compiled code on disk, so that the next process does not compile it again.
 
@@ -69,6 +74,8 @@ def remember_compiled(folder: str | os.PathLike | None = None) -> Path | None:
         return None
     jax.config.update("jax_compilation_cache_dir", str(path))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    # A bound makes JAX lock the folder: of two commands at once neither reads the other's half file.
+    jax.config.update("jax_compilation_cache_max_size", CACHE_BYTES)
     return path
 
 

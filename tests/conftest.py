@@ -1,5 +1,6 @@
 """Shared fixtures.  Every annotated shape in jshape is checked while the tests run."""
 
+import gc
 import os
 import tempfile
 from pathlib import Path
@@ -13,7 +14,8 @@ from jaxtyping import install_import_hook
 _hook = install_import_hook("jshape", "beartype.beartype")
 
 # Workers and commands compile once what many of them run, and leave the user's folders alone.
-if "PYTEST_XDIST_WORKER" not in os.environ:
+# Workers have the variable from the process that starts them; CI sets it, for both sets of tests.
+if "JSHAPE_CACHE" not in os.environ:
     _compiled = tempfile.TemporaryDirectory(prefix="jshape-tests-", ignore_cleanup_errors=True)
     os.environ["JSHAPE_CACHE"] = _compiled.name
 os.environ.setdefault("JSHAPE_CONFIG", "off")
@@ -22,9 +24,24 @@ ROOT = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("JSHAPE_SHARED", ROOT.parent / "shared"))
 
 jax.config.update("jax_debug_key_reuse", True)
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+from jshape.planning.devices import remember_compiled  # noqa: E402
+
+remember_compiled()
 
 settings.register_profile("shared", deadline=None)  # other programs may hold the processor
 settings.load_profile("shared")
+
+
+def pytest_runtest_teardown(nextitem):
+    """Let go of compiled code before the system does: Linux gives a process 65,530 memory maps, each
+    compiled function takes several, and a process that ran all tests crashed in LLVM at the end."""
+    maps = Path("/proc/self/maps")
+    if nextitem and maps.exists() and maps.read_bytes().count(b"\n") > 30_000:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture

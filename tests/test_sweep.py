@@ -113,7 +113,9 @@ def test_what_a_window_touches_is_stale(problem):
     rng, touched = np.random.default_rng(7), []
     for _ in range(30):
         first, shape = rng.integers(0, [12, 16], 2), rng.integers(1, 7, 2)
-        cache = touch(fresh, candidates, state, jnp.asarray(first), jnp.asarray(shape))
+        cache = touch(
+            fresh, candidates, state, jnp.asarray(first, jnp.int32), jnp.asarray(shape, jnp.int32)
+        )
         changed = np.zeros(CAMERA.shape, bool)
         changed[first[0] : first[0] + shape[0], first[1] : first[1] + shape[1]] = True
         assert not cache.stale[sum(COUNTS) :].any()

@@ -321,7 +321,8 @@ def _descend(
         slope = jax.grad(lambda shift: loss(moved(shift), some))(shift)
         if free is not None:
             slope = {name: free[name] * part for name, part in slope.items()}
-        updates, memory = adam.update(slope, memory)
+        with jax.numpy_dtype_promotion("standard"):  # optax's Adam counts in int32
+            updates, memory = adam.update(slope, memory)
         length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * jnp.float32(number) / steps))
         return jax.tree.map(lambda x, dx: x - length * dx, shift, updates), memory
 

@@ -135,7 +135,7 @@ def _sample(
     if xp is np:
         left = np.minimum(columns.astype(np.int32), max(m - 2, 0))
         right = np.minimum(left + 1, m - 1)
-        share = columns - left.astype(np.float32)
+        share = (columns - left.astype(np.float32)).reshape(*[1] * (surface.ndim - 1), -1)
         return (1.0 - share) * between[..., left] + share * between[..., right]
     node = np.arange(m, dtype=np.float32)[:, None]
     hats = xp.maximum(1.0 - xp.abs(node - columns[None, :]), 0.0)

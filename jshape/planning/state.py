@@ -110,7 +110,9 @@ class SearchState:
             return lax.dynamic_update_slice(now, after, first - before)
 
         strength = jnp.asarray(strength, jnp.float32)
-        return self.with_kernel(number, one, now, jnp.asarray(first), strength, apply=True)
+        return self.with_kernel(
+            number, one, now, jnp.asarray(first, jnp.int32), strength, apply=True
+        )
 
     def seen(self, window: Float[Array, "*B n m"]) -> Float[Array, "*B n m"]:
         """A window limited to what the camera can see."""

@@ -36,8 +36,8 @@ settings.load_profile("shared")
 
 
 def pytest_runtest_teardown(nextitem):
-    """Let go of compiled code before the system does: Linux gives a process 65,530 memory maps, each
-    compiled function takes several, and a process that ran all tests crashed in LLVM at the end."""
+    """Let go of compiled code in time: Linux gives a process 65,530 memory maps, each compiled
+    function takes several, and a process that ran all tests crashed in LLVM at the end."""
     maps = Path("/proc/self/maps")
     if nextitem and maps.exists() and maps.read_bytes().count(b"\n") > 30_000:
         jax.clear_caches()

@@ -74,7 +74,7 @@ def remember_compiled(folder: str | os.PathLike | None = None) -> Path | None:
         return None
     jax.config.update("jax_compilation_cache_dir", str(path))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-    # A bound makes JAX lock the folder: of two commands at once neither reads the other's half file.
+    # With a bound JAX locks the folder: of two commands neither reads the other's half file.
     jax.config.update("jax_compilation_cache_max_size", CACHE_BYTES)
     return path
 

@@ -35,11 +35,12 @@ settings.register_profile("shared", deadline=None)  # other programs may hold th
 settings.load_profile("shared")
 
 
-def pytest_runtest_teardown(nextitem):
+@pytest.fixture(autouse=True, scope="module")
+def room_for_compiled_code():
     """Let go of compiled code in time: Linux gives a process 65,530 memory maps, each compiled
     function takes several, and a process that ran all tests crashed in LLVM at the end."""
     maps = Path("/proc/self/maps")
-    if nextitem and maps.exists() and maps.read_bytes().count(b"\n") > 30_000:
+    if maps.exists() and maps.read_bytes().count(b"\n") > 30_000:
         jax.clear_caches()
         gc.collect()
 

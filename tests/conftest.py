@@ -5,20 +5,22 @@ import os
 import tempfile
 from pathlib import Path
 
-import jax
-import numpy as np
-import pytest
-from hypothesis import settings
-from jaxtyping import install_import_hook
+# All processes of the tests compile once what many of them run, and leave the user's folders alone.
+# Workers have the variables from the process that starts them; CI sets the folder for all sets.
+_compiled = tempfile.TemporaryDirectory(prefix="jshape-tests-", ignore_cleanup_errors=True)
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", _compiled.name)
+os.environ["JAX_COMPILATION_CACHE_MAX_SIZE"] = str(2**30)  # with a bound JAX locks the folder
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+os.environ["JSHAPE_CACHE"] = os.environ["JAX_COMPILATION_CACHE_DIR"]
+os.environ.setdefault("JSHAPE_CONFIG", "off")
+
+import jax  # noqa: E402
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
+from jaxtyping import install_import_hook  # noqa: E402
 
 _hook = install_import_hook("jshape", "beartype.beartype")
-
-# Workers and commands compile once what many of them run, and leave the user's folders alone.
-# Workers have the variable from the process that starts them; CI sets it, for both sets of tests.
-if "JSHAPE_CACHE" not in os.environ:
-    _compiled = tempfile.TemporaryDirectory(prefix="jshape-tests-", ignore_cleanup_errors=True)
-    os.environ["JSHAPE_CACHE"] = _compiled.name
-os.environ.setdefault("JSHAPE_CONFIG", "off")
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("JSHAPE_SHARED", ROOT.parent / "shared"))
@@ -26,10 +28,6 @@ SHARED = Path(os.environ.get("JSHAPE_SHARED", ROOT.parent / "shared"))
 jax.config.update("jax_debug_key_reuse", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-
-from jshape.planning.devices import remember_compiled  # noqa: E402
-
-remember_compiled()
 
 settings.register_profile("shared", deadline=None)  # other programs may hold the processor
 settings.load_profile("shared")

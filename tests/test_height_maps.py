@@ -269,7 +269,7 @@ def test_what_is_not_seen_is_left_out(small_bank):
     now, unseen = sim.flat_bed(), np.s_[:, 40:]
     x, _ = now.axes()
     step = np.where(np.asarray(x) > 0.12, np.float32(-0.02), np.float32(0.0))
-    goal = sim.loose_bed(now.height + step)
+    goal = sim.loose_bed(now.height + step[None])
     found = plan(bed_map(now, unseen=unseen), bed_map(goal), bank=small_bank, **QUICK)
     assert len(found) == 0 and found.distances[0] < 1e-6
     assert plan(bed_map(now), bed_map(goal), bank=small_bank, **QUICK).distances[0] > 1e-3

@@ -360,6 +360,6 @@ def test_an_exact_place_moves_the_change_and_not_the_bed():
     np.testing.assert_allclose(middle, [3.25, 2.5], atol=1e-4)
     # The same as on the state, between its nodes.
     state = search_state(bank, image, image)
-    node = jnp.array([5.0, 6.0]) + jnp.asarray(state.moves[0].middle) + offset[::-1]
+    node = jnp.array([5.0, 6.0]) + jnp.asarray(state.moves[0].middle, jnp.float32) + offset[::-1]
     there = between(state, image, node, jnp.float32(1.0))
     np.testing.assert_allclose(there[5:11, 6:13], patch, atol=1e-6)

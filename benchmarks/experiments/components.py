@@ -33,14 +33,20 @@ class AsSeen(OrthographicGrid):
         self, depth: Float[Array, "h w"], corner: Int[Array, "2"]
     ) -> Float[Array, "rows columns"]:
         """Each node is a place of the ROI, wherever the ROI is in the image."""
-        at = ((jnp.arange(n) - n // 2) * step + m // 2 for n, m, step in self._sides())
+        at = (
+            (jnp.arange(n, dtype=jnp.float32) - n // 2) * step + m // 2
+            for n, m, step in self._sides()
+        )
         return _sampled(depth, *at)
 
     def to_roi(
         self, surface: Float[Array, "B rows columns"], corner: Int[Array, "2"]
     ) -> Float[Array, "B h w"]:
         """And back."""
-        at = [(jnp.arange(m) - m // 2) / step + n // 2 for n, m, step in self._sides()]
+        at = [
+            (jnp.arange(m, dtype=jnp.float32) - m // 2) / step + n // 2
+            for n, m, step in self._sides()
+        ]
         return jax.vmap(lambda one: _sampled(one, *at))(surface)
 
     def per_metre(self, corner: Int[Array, "2"]) -> Float[Array, "h w"]:

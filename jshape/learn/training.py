@@ -126,7 +126,7 @@ def roi_loss(predictor: Any, batch: Examples) -> Float[Array, "B"]:
     seen = jnp.isfinite(batch.prior) & jnp.isfinite(batch.posterior)
     # Chosen before the difference: NaN would come back through the gradient of |.|.
     gap = jnp.abs(jnp.where(seen, after, 0.0) - jnp.where(seen, batch.posterior, 0.0))
-    return gap.sum((-2, -1)) / jnp.maximum(seen.sum((-2, -1)), 1)
+    return gap.sum((-2, -1)) / jnp.maximum(seen.sum((-2, -1), jnp.float32), 1.0)
 
 
 def train(
@@ -265,8 +265,9 @@ def _compiled(
     @jax.jit(donate_argnums=(0, 1))
     def step(params: Any, state: Any, batch: Examples, counted: Array) -> tuple[Any, Any, Array]:
         summed, slope = slopes(params, batch, counted)
-        slope = jax.tree.map(lambda x: x / counted.sum(), slope)
-        updates, state = _adam(learning_rate).update(slope, state, params)
+        slope = jax.tree.map(lambda x: x / counted.sum(dtype=jnp.float32), slope)
+        with jax.numpy_dtype_promotion("standard"):  # optax's Adam counts in int32
+            updates, state = _adam(learning_rate).update(slope, state, params)
         return optax.apply_updates(params, updates), state, summed
 
     return step, jax.jit(devices.summed(total))

@@ -32,7 +32,7 @@ class Conv3x3(nnx.Conv):
 
     def __call__(self, inputs: Float[Array, "B h w i"]) -> Float[Array, "B h w o"]:
         """The layer, its kernel and bias applied."""
-        return conv3x3(inputs, self.kernel[...]) + self.bias[...]
+        return conv3x3(inputs, self.kernel[...]) + self.bias[None, None, None]
 
 
 class UpConv3x3(Conv3x3):
@@ -47,7 +47,7 @@ class UpConv3x3(Conv3x3):
         """Their parts of the kernel are applied apart, so that the stack is never made."""
         kernel, split = self.kernel[...], inputs.shape[-1]
         found = conv3x3(inputs, kernel[:, :, :split])
-        return found + conv3x3_upsampled(below, kernel[:, :, split:]) + self.bias[...]
+        return found + conv3x3_upsampled(below, kernel[:, :, split:]) + self.bias[None, None, None]
 
 
 def conv3x3(x: Float[Array, "B h w i"], kernel: Float[Array, "3 3 i o"]) -> Float[Array, "B h w o"]:

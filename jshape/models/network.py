@@ -38,7 +38,7 @@ class Network(Predictor):
         from jshape.models import unet
 
         seen = jnp.isfinite(roi)
-        count = jnp.maximum(seen.sum((-2, -1), keepdims=True), 1)
+        count = jnp.maximum(seen.sum((-2, -1), jnp.float32, keepdims=True), 1.0)
         mean = jnp.where(seen, roi, 0.0).sum((-2, -1), keepdims=True) / count
         after = unet.apply(self.params, jnp.where(seen, roi, mean))
         return scaled(roi, after, strength)

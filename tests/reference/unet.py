@@ -11,7 +11,7 @@ def convolution(layer, x):
         x, layer["kernel"], (1, 1), "SAME", dimension_numbers=("NHWC", "HWIO", "NHWC"),
         precision=lax.Precision.HIGHEST,
     )  # fmt: skip
-    return out + layer["bias"][None, None, None]
+    return out + jnp.reshape(layer["bias"], (1, 1, 1, -1))
 
 
 def _block(layers, x):

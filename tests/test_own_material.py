@@ -14,7 +14,7 @@ from jshape.errors import BadFile, UnknownName
 from jshape.io.simulated import agent_of, material_of, read_agent, read_material
 
 DOC = (Path(__file__).parents[1] / "docs" / "own_material.md").read_text()
-CLAY, SPATULA = re.findall(r"```toml\n(.*?)```", DOC, re.S)
+CLAY, SPATULA, LADLE = re.findall(r"```toml\n(.*?)```", DOC, re.S)
 
 
 @pytest.fixture(autouse=True)
@@ -47,6 +47,21 @@ def test_the_documented_hand_acts():
     with pytest.raises(UnknownName, match="unknown action 'poke'; allowed: scrape"):
         sim.stroke("poke", spatula)
     assert agent_of("human") == "human"
+
+
+def test_the_documented_ladle_takes_and_gives():
+    Path("ladle.toml").write_text(LADLE)
+    ladle = read_agent("ladle.toml")
+    box = sim.flat_bed(size=(0.32, 0.3), cell=0.005)
+    dug, filled = (
+        sim.apply_action(jax.random.key(0), box, "flour", (name, ladle), (0.0, 0.0))
+        for name in ("dig", "fill")
+    )
+    assert 10e-6 < float(dug.stock) < 60e-6
+    assert float(filled.stock) == pytest.approx(-30e-6, rel=1e-4)
+    x, _ = (np.asarray(axis) for axis in box.axes())
+    heaped = np.asarray(filled.height - box.height).max(0) > 1e-3
+    assert np.ptp(x[heaped]) > 0.08  # 60 mm of stream, and the foot of its heap
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from jshape import sim
 from jshape._typing import Array, Key
 from jshape.camera import PAPER_BOX, Camera
 from jshape.data.annotate import Box, box_of
-from jshape.data.simulate import DEPTH_UNIT, ROIS, random_bed, random_place
+from jshape.data.simulate import ALL_ROIS, DEPTH_UNIT, random_bed, random_place
 from jshape.errors import UnknownName
 
 EFFECT_MM = 0.5
@@ -91,7 +91,7 @@ def simulate_recording(
     Raises:
       UnknownName: no such action, agent, material or kind of bed.
     """
-    known = [("action", name, sim.ACTIONS) for name in actions] + [("agent", agent, sim.AGENTS)]
+    known = [("action", name, tuple(ALL_ROIS)) for name in actions] + [("agent", agent, sim.AGENTS)]
     for what, name, allowed in known:
         if name not in allowed:
             raise UnknownName(what, name, allowed)
@@ -134,7 +134,7 @@ def simulate_recording(
             key, for_place, for_arm, for_act = jax.random.split(key, 4)
             kind, _, index = visit.partition(" ")
             action = actions[int(index)] if index else ""
-            place = random_place(for_place, ROIS[action or "grasp"], straight)
+            place = random_place(for_place, ALL_ROIS[action or "grasp"], straight)
             xy = np.asarray(sim.position_to_xy(straight, place))
             angle = np.pi / 2 + float(jax.random.uniform(for_arm, (), jnp.float32, -0.9, 0.9))
             path = _path(move, rest, touches=kind != "idle")

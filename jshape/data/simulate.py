@@ -28,6 +28,9 @@ Grasp and poke are the paper's.  Its knock is 112 x 60, flatter than the crater 
 its rim; press and pinch have no printed size.
 """
 
+ALL_ROIS = ROIS | {"sweep": (196, 156), "scoop": (128, 128), "pour": (100, 100)}
+"""With those of the actions that move material, which are simulated when asked for by name."""
+
 BEDS = ("flat", "irregular", "curved")
 """Kinds of bed to draw from."""
 
@@ -108,7 +111,7 @@ def simulate_pairs(
     material: str | sim.Material = "flour",
     beds: Sequence[str] = ("flat",),
     camera: Camera = PAPER_BOX,
-    rois: Mapping[str, tuple[int, int]] = ROIS,
+    rois: Mapping[str, tuple[int, int]] = ALL_ROIS,
     frames: int = 1,
     noise: float = 0.00045,
     strengths: tuple[float, float] = (1.0, 1.0),
@@ -126,8 +129,9 @@ def simulate_pairs(
       rois: ROI size (w, h) of each action, pixels.
       frames: frames averaged into each look.
       noise: standard deviation of one frame at 0.45 m, metres.
-      strengths: least and greatest of how many times as deep as the agent's own each action goes;
-        drawn for each pair so that halves are as frequent as doubles (log-uniformly).
+      strengths: least and greatest of how many times as deep as the agent's own each action goes
+        (of a pour: as much as it gives); drawn for each pair so that halves are as frequent as
+        doubles (log-uniformly).
 
     Raises:
       UnknownName: no such action, agent, material or kind of bed.

@@ -13,8 +13,9 @@ import numpy as np
 from jshape.errors import UnknownName, quoted
 from jshape.io.files import read_json, read_toml
 from jshape.io.records import Numbers, OneLine, Range, read_record
+from jshape.sim.hands import AGENTS, Agent, agent_of_numbers
 from jshape.sim.material import MATERIALS, Material
-from jshape.sim.tools import AGENTS, NUM_FINGERS, NUM_WAYPOINTS, Agent, agent_of_numbers
+from jshape.sim.tools import NUM_FINGERS, NUM_WAYPOINTS, Load
 
 SUFFIXES = (".toml", ".json")
 LIMIT = 2**16
@@ -43,12 +44,14 @@ class MaterialFile:
     near_mm: _Millimetres = None
     far_mm: _Millimetres = None
     far_share: _Share | None = None
+    bulk: Annotated[float, Range(1, 3)] | None = None
+    """May be left out, as what is poured only needs it."""
 
     def problem(self) -> str | None:
         """What no single field tells."""
         if self.like is not None and self.like not in MATERIALS:
             return f"like is {quoted(self.like)}; allowed: {', '.join(MATERIALS)}"
-        lacking = [one.name for one in fields(self)[2:] if getattr(self, one.name) is None]
+        lacking = [one.name for one in fields(self)[2:-1] if getattr(self, one.name) is None]
         if self.like is None and lacking:
             usual = next(iter(MATERIALS))
             return f"has no {lacking[0]}; give all ten numbers, or like = {usual!r} for the others"
@@ -71,7 +74,7 @@ class FingerFile:
     """A finger's way, and its shape."""
 
     path_mm: Annotated[np.ndarray, Numbers((NUM_WAYPOINTS, 2, 3), -FAR_MM, FAR_MM)]
-    radius_mm: Annotated[float, Range(2, 60)]
+    radius_mm: Annotated[float, Range(2, 100)]
     rise_mm: Annotated[float, Range(0, 60)] | None = None
     """Of its tip; None: half the radius."""
     flat: _Share = 0.3
@@ -92,6 +95,10 @@ class ActionFile:
     times: Annotated[np.ndarray, Numbers((NUM_WAYPOINTS,), 0, 1)] = field(
         default_factory=lambda: np.array([0.0, 1.0, 1.0])
     )
+    under: _Share | None = None
+    """This and the next: of a hand that moves material; None of all three: it presses."""
+    takes: _Share | None = None
+    gives_cm3: Annotated[float, Range(0, 1000)] | None = None
 
     def problem(self) -> str | None:
         """What no single field tells."""
@@ -101,6 +108,14 @@ class ActionFile:
         if times[0] != 0 or (np.diff(times) < 0).any() or times[-1] != 1:
             return f"times are {times.tolist()}; expected three rising from 0 to 1"
         return None
+
+    @property
+    def load(self) -> Load | None:
+        """What the hand does with material, SI."""
+        given = (self.under, self.takes, self.gives_cm3)
+        if given == (None, None, None):
+            return None
+        return Load(self.under or 0.0, self.takes or 0.0, (self.gives_cm3 or 0.0) * 1e-6)
 
 
 @dataclass(frozen=True)
@@ -154,6 +169,7 @@ def read_agent(path: str | os.PathLike) -> Agent:
             "fingers": [finger.numbers for finger in one.fingers],
             "reach": one.reach_mm,
             "times": tuple(one.times.tolist()),
+            "load": one.load,
         }
         for name, one in found.actions.items()
     }

@@ -5,7 +5,7 @@
 clock.
 """
 
-from jshape.sim.act import apply_action, relax
+from jshape.sim.act import apply_action
 from jshape.sim.bed import (
     CELL,
     DEPTH,
@@ -18,9 +18,11 @@ from jshape.sim.bed import (
     mass,
     volume,
 )
+from jshape.sim.hands import ACTIONS, AGENTS, MOVING, Agent, actions_of, stroke
 from jshape.sim.inputs import read_material
 from jshape.sim.material import DOUGH, FLOUR, KINETIC_SAND, MATERIALS, Material
-from jshape.sim.tools import ACTIONS, AGENTS, Agent, Stroke, actions_of, scaled, stroke
+from jshape.sim.slide import relax
+from jshape.sim.tools import Load, Stroke, scaled
 from jshape.sim.view import SURFACE, Z_FLOOR, position_to_xy, render, sensor, to_uint16
 
 __all__ = [
@@ -32,11 +34,13 @@ __all__ = [
     "FLOUR",
     "KINETIC_SAND",
     "MATERIALS",
+    "MOVING",
     "SIZE",
     "SURFACE",
     "Z_FLOOR",
     "Agent",
     "Bed",
+    "Load",
     "Material",
     "Stroke",
     "actions_of",

@@ -35,6 +35,8 @@ class Bed:
     """Material in the column, as the height that it would have if it were loose, metres."""
     cell: float = field(default=CELL, metadata={"static": True})
     """Side of a square cell, metres."""
+    stock: Float[Array, "*B"] | float = 0.0
+    """What hands have taken out less what they have brought, as loose volume, cubic metres."""
 
     @property
     def packing(self) -> Float[Array, "*B Y X"]:
@@ -66,7 +68,7 @@ def loose_bed(height: Float[ArrayLike, "*B Y X"], cell: float = CELL) -> Bed:
             "it must be [y, x] and all finite"
         )
     height = jnp.maximum(jnp.asarray(height, jnp.float32), 0.0)
-    return Bed(height=height, mass=height, cell=cell)
+    return Bed(height, height, cell, jnp.zeros(height.shape[:-2], jnp.float32))
 
 
 def flat_bed(
@@ -141,7 +143,10 @@ def volume(bed: Bed) -> Float[Array, "*B"]:
 
 
 def mass(bed: Bed) -> Float[Array, "*B"]:
-    """Material in the box, as the volume that it would take if it were loose, cubic metres."""
+    """Material in the box, as the volume that it would take if it were loose, cubic metres.
+
+    No action changes the sum of this and `Bed.stock`.
+    """
     return bed.mass.sum((-2, -1)) * bed.cell**2
 
 

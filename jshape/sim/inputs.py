@@ -9,8 +9,9 @@ import numpy as np
 from jshape.errors import BadPosition, JShapeError, UnknownName
 from jshape.sim import check
 from jshape.sim.bed import Bed
+from jshape.sim.hands import Agent, stroke
 from jshape.sim.material import MATERIALS, Material
-from jshape.sim.tools import Agent, Stroke, stroke
+from jshape.sim.tools import Stroke
 
 COARSEST = 0.01
 """Largest cell that an action accepts, metres: the thinnest finger has a radius of about 9 mm."""
@@ -54,8 +55,8 @@ def read_bed(bed: Any) -> Bed:
     check.number("bed.cell", bed.cell, above=0.0)
     if bed.cell > COARSEST:
         raise JShapeError(f"bed.cell is {bed.cell} m; it must be at most {COARSEST} m")
-    height, mass = (jnp.asarray(a, jnp.float32) for a in (bed.height, bed.mass))
-    return replace(bed, height=height, mass=mass)
+    arrays = {name: getattr(bed, name) for name in ("height", "mass", "stock")}
+    return replace(bed, **{name: jnp.asarray(a, jnp.float32) for name, a in arrays.items()})
 
 
 def check_place(bed: Bed, xy: Any) -> None:

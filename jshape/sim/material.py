@@ -43,6 +43,9 @@ class Material:
     far_share: float | Array
     """Share of what a descending tool moves that heaves the bed instead of piling up, [0, 1]."""
 
+    bulk: float | Array = 1.16
+    """Volume of poured material over that of the loose bed, at least 1."""
+
     @property
     def steepest(self) -> Float[Array, ""]:
         """Steepest slope (rise over run) that stands: tan(repose) + cohesion."""
@@ -76,6 +79,7 @@ KINETIC_SAND = Material(
     near=0.0095,
     far=0.045,
     far_share=0.62,
+    bulk=1.1,
 )
 """Kinetic sand: packs less than flour, piles up more around the hand."""
 
@@ -91,6 +95,7 @@ DOUGH = Material(
     near=0.01,
     far=0.035,
     far_share=0.6,
+    bulk=1.05,
 )
 """Bread dough: keeps its volume, stands steep, springs back."""
 

@@ -26,7 +26,7 @@ POSTURES: dict[str, tuple[float, ...]] = {
     "pinch_open": (0, 0, -14.8, -11.4, 28.6, 14.8, -15.5, 30.1, *_FIST * 2, *_THUMB_IN),
     "pinch_closed": (0, 0, -2.1, -14.6, 32.5, 2.1, -16.6, 33.1, *_FIST * 2, *_THUMB_IN),
 }
-"""Angles of `_DRIVEN` in degrees.  Solved for the fingertips of `sim.tools`, see docs/twin.md."""
+"""Angles of `_DRIVEN` in degrees.  Solved for the fingertips of `sim.hands`, see docs/twin.md."""
 
 _BENDING = tuple(f"{name}_{joint}" for name in FINGERS for joint in ("spread", "knuckle", "middle"))
 _DRIVEN = ("wrist_turn", "wrist_bend", *_BENDING, "thumb_turn", "thumb_swing", "thumb_bend")

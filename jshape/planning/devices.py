@@ -76,6 +76,11 @@ def remember_compiled(folder: str | os.PathLike | None = None) -> Path | None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
     # With a bound JAX locks the folder: of two commands neither reads the other's half file.
     jax.config.update("jax_compilation_cache_max_size", CACHE_BYTES)
+    # A process that was killed while it wrote leaves code without the time of its last use, at
+    # which every later bounded write would fail.
+    for code in path.glob("*-cache"):
+        if not code.with_name(code.name.removesuffix("-cache") + "-atime").exists():
+            code.unlink(missing_ok=True)
     return path
 
 

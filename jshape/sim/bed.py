@@ -35,8 +35,8 @@ class Bed:
     """Material in the column, as the height that it would have if it were loose, metres."""
     cell: float = field(default=CELL, metadata={"static": True})
     """Side of a square cell, metres."""
-    stock: Float[Array, "*B"] | float = 0.0
-    """What hands have taken out less what they have brought, as loose volume, cubic metres."""
+    stock: Float[Array, "..."] | float = 0.0
+    """What hands have taken out less what they have brought, as loose volume, m³; one per bed."""
 
     @property
     def packing(self) -> Float[Array, "*B Y X"]:

@@ -154,6 +154,8 @@ REFUSED = {
                 "c.json", "--out", "x.npz"),
     "a pitch": ("the map of --like has its own", "now.png", "--camera-file", "c.json", "--like",
                 "bed.npz", "--pitch-mm", "2", "--out", "x.npz"),
+    "too fine": ("nodes 0.001 mm apart are too many for a bed of", "now.png", "--camera-file",
+                 "c.json", "--pitch-mm", "0.001", "--out", "x.npz"),
     "another unit": ("0.0001 instead of 0.001 would fit", "now.png", "--camera-file", "c.json",
                      "--depth-unit", "0.001", "--out", "x.npz"),
     "a window": ("leaves the 160x120 image", "now.png", "--camera-file", "c.json", "--window",

@@ -7,7 +7,7 @@ from jshape import Camera, heightmap
 from jshape.camera import matrix
 from jshape.data.planes import bed_in, fit_plane
 from jshape.data.view import view_above
-from jshape.errors import BadImage
+from jshape.errors import BadImage, JShapeError
 from jshape.io.formats import read_array
 from tests.seen_beds import SMALL, seen_by, standing
 
@@ -70,6 +70,18 @@ def test_what_is_no_bed_is_refused(rng):
     waves = 0.55 + 0.11 * np.sin(u / 12) + 0.11 * np.sin(v / 12)
     with pytest.raises(BadImage, match="of the bed lies within 60 mm of one, at least 50% must"):
         heightmap(waves.astype(np.float32), SMALL)
+
+
+def test_a_bed_wider_than_a_map_has_coarser_nodes():
+    camera = Camera(1280, 160, 970.0, 970.0, 639.5, 79.5, 0.3, 0.7)
+    depth = np.full(camera.shape, 0.45, np.float32)
+    found = heightmap(depth, camera)
+    wide = found.heights.shape[1] * float(found.pitch)
+    assert found.heights.shape[1] == 1024 and wide == pytest.approx(1280 / 970 * 0.45, rel=0.01)
+    said = "^depth: nodes 0.2 mm apart are too many for a bed of 593 mm; 0.58 mm or more"
+    with pytest.raises(JShapeError, match=said):
+        heightmap(depth, camera, pitch=2e-4)
+    assert heightmap(depth, camera, pitch=5.8e-4).heights.shape[1] == 1023
 
 
 SR300 = Camera(640, 480, 619.871, 619.871, 314.241, 238.906, 0.5, 1.2, bits=16)

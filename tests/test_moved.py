@@ -38,6 +38,11 @@ def test_a_camera_that_moves_is_told_from_a_bed_that_changes():
     assert how(seen_by(camera, level)) is None
 
 
+def test_what_is_smaller_than_the_grain_says_nothing():
+    image = averaged(np.full((3, 40), 0.4), 5)
+    assert image.shape == (0, 8) and moved(image, image, ABOVE, 5) is None
+
+
 @pytest.fixture
 def wide(rng):
     """Depths of a bed of hills, 3 mm, that reaches beyond `ABOVE`'s view by 20 pixels."""

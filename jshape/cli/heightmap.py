@@ -39,7 +39,7 @@ class HeightmapOptions(Writes):
     window: Window | None = None
     """The part of the first camera's frames that holds the bed (default: its largest surface)."""
     pitch_mm: Positive | None = None
-    """Between nodes (default: a pixel of the first camera)."""
+    """Between nodes, at most 1024 a side (default: a pixel of the first camera, if so many do)."""
     like: Annotated[Path | None, File] = None
     """A map of an earlier look: the new one has its frame and nodes."""
 

@@ -18,7 +18,7 @@ LEAST_PLANE = 0.5
 PLANES = (NEAR, 0.03, 0.06)
 """What is so near, metres, lies in the plane: a bed all of hills and hollows is no better one."""
 MOST_NODES = 1024
-"""Most nodes along a side of a map."""
+"""Most nodes along a side of a map: a wider bed has coarser ones."""
 
 
 def heightmap(
@@ -43,7 +43,8 @@ def heightmap(
       depth_unit: metres per count of integer frames.
       like: a map of an earlier look of the same cameras: the new one has its grid and frame.
       frame: (4, 4) from the map's frame to the cameras' common one; its z is up.
-      pitch: metres between nodes; None is a pixel of the first camera in the middle of its view.
+      pitch: metres between nodes; None is a pixel of the first camera in the middle of its view,
+        or as coarse as the bed needs for `MOST_NODES`.
       window: (left, top, width, height) of the first camera's image that holds the bed, pixels.
       where: what to call the frames in errors.
 
@@ -53,6 +54,7 @@ def heightmap(
     Raises:
       BadImage: frames of another size or type, without readings, or no plane in them.
       BadCamera: cameras without a pose, or poses that do not agree.
+      JShapeError: a pitch that is too fine for the bed.
     """
     looks = taken(depths, cameras, depth_unit, window, where)
     return together(looks, like=like, frame=frame, pitch=pitch, where=where)[0]
@@ -209,22 +211,30 @@ def camera_over(
     """The camera that sees all of the looks' bed from straight above, and the frame of its map.
 
     Raises:
-      BadImage, BadCamera: as for `heightmap`.
+      BadImage, BadCamera, JShapeError: as for `heightmap`.
     """
     first = looks[0]
     if frame is not None:
         check_pose(frame, where, "frame")
     to_common = plane_frame(first, where) if frame is None else np.asarray(frame, float)
     away = float((np.linalg.inv(first.to_common) @ to_common)[2, 3])
-    pitch = 1.0 / float(first.camera.scale(max(away, 0.05))[0]) if pitch is None else pitch
     to_map = np.linalg.inv(to_common)
     shown = np.concatenate([points_of(look, *bed_of(look), to_map) for look in looks])
     shown = shown[np.abs(shown[:, 2]) < RELIEF]
     if len(shown) < 100:
         raise BadImage(f"{where}: no reading lies within {RELIEF:g} m of the bed's plane")
     low, high = np.percentile(shown[:, :2], (0.2, 99.8), axis=0)
-    half = np.clip((high - low) / 2, pitch, pitch * (MOST_NODES - 1) / 2)
-    columns, rows = (2 * half / pitch).astype(int) + 1
+    side = float(max(high - low))
+    finest = side / (MOST_NODES - 1)
+    if pitch is None:
+        pitch = max(1.0 / float(first.camera.scale(max(away, 0.05))[0]), finest)
+    elif not pitch >= finest:
+        raise JShapeError(
+            f"{where}: nodes {1e3 * pitch:.3g} mm apart are too many for a bed of {1e3 * side:.0f} "
+            f"mm; {1e3 * finest + 5e-3:.2f} mm or more, or a window that holds less of it"
+        )
+    half = np.maximum((high - low) / 2, pitch)
+    columns, rows = (2 * half / pitch + 1e-6).astype(int) + 1
     x, y = (low + high) / 2 - half
     grid = (int(columns), int(rows)), float(pitch), (float(x), float(y))
     return camera_above(to_common, *grid), as_frame(to_common)

@@ -83,7 +83,7 @@ def averaged(image: Float[np.ndarray, "H W"], step: int) -> Float[np.ndarray, "h
     """Means of blocks of `step` x `step` pixels; NaN where over half of them are."""
     h, w = (side // step for side in image.shape)
     blocks = image[: h * step, : w * step].reshape(h, step, w, step).swapaxes(1, 2)
-    blocks = blocks.reshape(h, w, -1)
+    blocks = blocks.reshape(h, w, step**2)
     known = np.isfinite(blocks)
     mean = np.where(known, blocks, 0).sum(-1) / np.maximum(known.sum(-1), 1)
     return np.where(known.mean(-1) >= 0.5, mean, np.nan)

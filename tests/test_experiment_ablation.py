@@ -19,7 +19,7 @@ from benchmarks.experiments.components import (
 from jshape.data.pairs import Pairs
 from jshape.io import datasets
 from jshape.learn import imprint as learning
-from jshape.learn.imprint import SCALES, fit_imprint
+from jshape.learn.imprint import SCALES, fit_imprint, fitted
 from jshape.learn.scores import Trial
 from jshape.models.difference import fit_difference
 from tests.test_imprint import CAMERA, examples_of, tool
@@ -74,7 +74,7 @@ def test_with_all_components_it_is_f_p(short, strengths):
         if turned:
             examples = examples._replace(prior=examples.posterior, posterior=examples.prior)
         expected = fit_imprint(examples, CAMERA)
-        for name in SCALES:
+        for name in fitted(expected):
             found = getattr(without(examples), name)
             np.testing.assert_array_equal(found, getattr(expected, name))
 
@@ -138,7 +138,7 @@ def test_the_image_itself_knows_no_place(examples):
     assert np.abs(here - there).mean() > 0.1 * np.abs(here).mean()
 
 
-KNOWN = {"depth", "descent", "absolute", *SCALES} - {"give"}
+KNOWN = {"depth", "descent", "absolute", "mirror", "heap", *SCALES} - {"give"}
 
 
 @pytest.mark.parametrize("varied", [False, True])

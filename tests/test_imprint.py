@@ -13,14 +13,16 @@ from jshape.data.pairs import Examples
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError
 from jshape.io.kinds import KINDS
 from jshape.learn import imprint as learning
+from jshape.learn.first_guess import Shown, mirrors
 from jshape.learn.imprint import fit_imprint
 from jshape.learn.scores import roi_errors_mm
 from jshape.metric import roi_weight
 from jshape.models.difference import fit_difference
-from jshape.models.imprint import Imprint
+from jshape.models.imprint import NO_HEAP, Imprint
 from jshape.models.orthographic import OrthographicGrid
 from jshape.planning import evaluate as sweep
 from jshape.planning.state import search_state
+from tests.reference import heap as slow
 from tests.reference import orthographic as twin
 
 CAMERA = PAPER_BOX
@@ -179,6 +181,78 @@ def test_what_is_beside_the_tool_grows_as_told():
     np.testing.assert_array_equal(farther.change(flat), plain.change(flat))
 
 
+def handful(brought=0.6, flow=1.0):
+    """A handful that is poured: a cone of 35 degrees, whose volume is given in metres·nodes."""
+    rows, columns = GROUND.shape
+    y, x = np.mgrid[:rows, :columns] - np.array([rows // 2, columns // 2])[:, None, None]
+    away = np.hypot(x, y) * float(GROUND.pitch)
+    none = jnp.zeros(GROUND.shape, jnp.float32)
+    poured = replace(tool(0.0), rest=none, swell=none)
+    height = jnp.asarray(NO_HEAP + 0.01 - 0.7 * away, jnp.float32)
+    maps = {"rise": none + 1.0, "flow": none + flow, "share": jnp.float32(0.0)}
+    return replace(poured, height=height, brought=jnp.float32(brought), **maps)
+
+
+@pytest.mark.parametrize("strength", [0.3, 1.0, 2.0])
+def test_a_heap_equals_its_slow_twin(strength):
+    surface, poured = hills(9, GROUND.shape), handful()
+    relief = surface - (np.asarray(poured.on_grid().weights) * surface).sum()
+    raised = -np.asarray(poured.change(surface, strength))
+    np.testing.assert_allclose(raised, slow.heaped(poured, relief, 0.6 * strength), atol=3e-5)
+    assert raised.sum() == pytest.approx(0.6 * strength, rel=0.01)  # all that was brought
+    traced = jax.jit(lambda surface: poured.change(surface, strength))(surface)
+    np.testing.assert_allclose(traced, -raised, atol=1e-6)
+
+
+def test_a_heap_fills_from_below_and_widens():
+    surfaces = np.stack([hills(k, GROUND.shape, std=0.003) for k in range(3)])
+    poured = handful()
+    after = surfaces + np.asarray(poured.change(surfaces))
+    buried = (surfaces - after > 4e-3).all(0)
+    shapes = (after - after[:, buried].mean(1)[:, None, None])[:, buried]
+    assert np.abs(shapes - shapes[0]).max() < 2e-4 < surfaces[:, buried].std()
+    lying = surfaces + np.asarray(handful(flow=0.0).change(surfaces))
+    np.testing.assert_allclose(lying - surfaces, (lying - surfaces)[:1].repeat(3, 0), atol=1e-6)
+    level = np.full(GROUND.shape, 0.45, np.float32)
+    once, twice = (-np.asarray(poured.change(level, x)) > 1e-3 for x in (1.0, 2.0))
+    assert 1.2 * once.sum() < twice.sum() < 2.0 * once.sum()  # by 2 to the power of 2/3
+
+
+def test_nothing_is_heaped_beyond_the_maps():
+    frame = ((3, 2), (4, 5))
+    inside = np.s_[3:-2, 4:-5]
+    surface = np.pad(hills(9, GROUND.shape), frame, mode="edge")
+    effect = replace(handful(), share=jnp.float32(0.5)).on_grid()
+    padded = jax.tree.map(lambda a: np.pad(a, frame) if a.shape == GROUND.shape else a, effect)
+    change = np.asarray(padded.change(surface))
+    np.testing.assert_allclose(change[inside], effect.change(surface[inside]), atol=1e-6)
+    change[inside] = 0.0
+    assert np.abs(change).max() < 1e-9
+
+
+def test_a_heap_turns_with_the_hand():
+    aside = handful(0.1)
+    aside = replace(aside, height=jnp.roll(aside.height, 3, 1))
+    level = np.full((17, 17), 0.45, np.float32)
+    ahead, turned = (-np.asarray(aside.turned(yaw).change(level)) for yaw in (0.0, np.pi / 2))
+    np.testing.assert_allclose(turned, ahead.T, atol=2e-4)
+
+
+def test_mirror_images_are_found():
+    before = np.stack([hills(k, GROUND.shape) for k in range(6)])
+    rng = np.random.default_rng(0)
+    ones = np.ones(6, np.float32)
+
+    def found(one, count=6):
+        after = before + np.asarray(one.change(before)) + rng.normal(0, 1e-4, before.shape)
+        seen = np.ones_like(before)
+        return mirrors(Shown(before[:count], after[:count], seen[:count], ones[:count]))
+
+    assert found(tool()) == (1.0, 1.0, 1.0)
+    assert found(replace(tool(), give=jnp.roll(tool().give, 2, 1))) == (1.0, 0.0, 0.0)
+    assert found(tool(), 3) == (0.0, 0.0, 0.0)  # too few to know
+
+
 def test_many_strengths_of_one_ground():
     bent = replace(tool(), deep=tool().rest, follow=jnp.full(GROUND.shape, 0.1))
     surface = jnp.asarray(hills(9, GROUND.shape))
@@ -237,7 +311,7 @@ def test_fitting_finds_the_tool():
     assert error(fitted, testing) < 0.35 * error(difference, testing)
     assert float(fitted.grid.depth) == pytest.approx(0.45, abs=0.003)
     same = fit_imprint(training, CAMERA)
-    for name in learning.SCALES:
+    for name in learning.fitted(fitted):
         np.testing.assert_array_equal(getattr(fitted, name), getattr(same, name))
     other = fit_imprint(training, CAMERA, seed=1)
     assert not np.array_equal(fitted.tool, other.tool)
@@ -322,7 +396,7 @@ def test_more_pairs_are_gone_over_more_often():
 
 @pytest.mark.full
 def test_saved_and_loaded_is_the_same(tmp_path):
-    bank = Bank(CAMERA, (tool(), tool(0.8)), ("poke", "dab"), "P")
+    bank = Bank(CAMERA, (tool(), handful()), ("poke", "pour"), "P")
     found = load_bank(save_bank(bank, tmp_path / "bank"))
     assert found.kind == "P" and found.rois == bank.rois
     roi = image_of(hills(7), CORNER)
@@ -409,11 +483,11 @@ def test_pixels_that_no_pair_has_seen_are_refused():
 
 
 @pytest.mark.full
-def test_a_handful_that_is_poured_has_no_tool(shared_data):
+def test_a_handful_that_is_poured_is_a_heap(shared_data):
     """It lowers nothing: a tool that displaces next to nothing was 14.7 mm off, f_D 2.4."""
     pairs = load_pairs(shared_data / "mpm/carry/pairs/irregular_flour_robot").of(action="pour")
     bank = fit(pairs, "P")
     np.testing.assert_array_equal(bank.predictor("pour").give, 0.0)
-    assert bank.errors_mm[0] < 2.0
+    assert bank.errors_mm[0] < 1.0  # as rims that follow the relief 1.3
     error, change = roi_errors_mm(bank, pairs, "pour")
-    assert error.mean() < 0.3 * change.mean()
+    assert error.mean() < 0.15 * change.mean()

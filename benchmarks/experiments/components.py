@@ -12,8 +12,8 @@ from jshape._typing import Array, Float, Int
 from jshape.camera import Camera
 from jshape.data.pairs import Examples, Pairs
 from jshape.learn import imprint
+from jshape.learn.first_guess import OF_TOOL, Shown, begin
 from jshape.learn.fit import fit
-from jshape.learn.imprint import Shown
 from jshape.learn.scores import Trial, roi_errors_mm
 from jshape.learn.study import split_pairs
 from jshape.models.bank import Bank
@@ -97,6 +97,8 @@ SAID = {
     "reference": "learned reference",
     "swell": "growing rims",
     "follow": "following the relief",
+    "mirror": "mirror images",
+    "heap": "heap of what is moved",
     "stroke": "own stroke",
     "deep": "rims of deep strokes",
 }
@@ -111,7 +113,7 @@ STEPS_DOWN = {
     "tool": "without tool that levels and growing rims",
 }
 """Steps down from f_P that are more than to leave one component out, or something else."""
-ADDED = ("absolute", "tool", "reference", "swell", "follow", "stroke", "deep")
+ADDED = ("absolute", "mirror", "tool", "reference", "swell", "follow", "stroke", "deep", "heap")
 """In this order to the mean change seen from above."""
 OF_STRENGTHS = ("stroke", "deep")
 """What pairs of one strength say nothing about."""
@@ -148,27 +150,28 @@ def fit_variant(variant: Variant, examples: Examples, camera: Camera, seed: int 
     """As `fit_imprint` from nothing, without some components.
 
     "depth": looking for the depth of the places, else it is the median; "descent": fitting, else it
-    is the first guess; "absolute": the absolute error, else its square; "tool": what levels, `tool`
-    and `give`, else all is `rest`, and there is no `swell` either, which goes with what the tool
-    displaces; and each of the other maps, which then stays 0, or for "reference" and "stroke" as
-    first guessed.
+    is the first guess; "absolute": the absolute error, else its square; "mirror": maps that are
+    mirror images of themselves; "heap": of what is moved; "tool": what levels, `tool` and `give`,
+    else all is `rest`, and there is no `swell` either, which goes with what the tool displaces; and
+    each of the other maps, which then stays 0, or for "reference" and "stroke" as first guessed.
     """
-    out = {*variant.without, *(imprint.OF_TOOL if "tool" in variant.without else ())}
+    out = {*variant.without, *(OF_TOOL if "tool" in variant.without else ())}
     filled, seen = imprint.complete(examples)
     depths = (0,) if "depth" in out else imprint.DEPTHS
     grid = imprint.grid_below(variant.view.over(camera, filled.roi), filled, depths)
     shown = imprint.shown_on(grid, filled, seen)
-    if not imprint.has_tool(shown):
-        out |= set(imprint.OF_TOOL)
-    first = imprint.first_guess(grid, shown, tool="tool" not in out)
+    first, fixed, alike = begin(grid, shown, out)
+    out |= {*fixed}
     blank = {name: jnp.zeros_like(first.rest) for name in ("rest", "swell") if name in out}
     first = replace(first, **blank)
+    if "mirror" in out:
+        alike = (0.0, 0.0, 0.0)
     if "descent" in out:
         return first
     loss = squared_error if "absolute" in out else imprint.absolute_error
-    key, steps = jax.random.key(seed), imprint.steps_for(len(seen))
+    key, steps = jax.random.key(seed), imprint.steps_for(len(seen), alike)
     fixed = out & set(imprint.SCALES)
-    found = imprint.descend(loss, first, shown, key, steps, imprint.STEP, fixed)
+    found = imprint.descend(loss, first, shown, key, steps, imprint.STEP, fixed, alike)
     return replace(found, stroke=found.deepest) if (shown.strength == 1.0).all() else found
 
 

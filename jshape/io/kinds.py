@@ -25,6 +25,9 @@ Arrays = Mapping[str, np.ndarray]
 LARGEST_GRID = 4096
 """Most nodes of a ground's grid that are read, per side."""
 _MAPS = ("reference", "tool", "give", "rest", "swell", "follow", "deep")
+_NUMBERS = ("stroke",)
+_HEAP_MAPS, _HEAP_NUMBERS = ("height", "rise", "flow"), ("share", "brought")
+"""What an f_P with a heap holds too."""
 WIDEST = 256
 """Largest width of a U-Net that is read: 0.5 billion parameters."""
 
@@ -113,8 +116,11 @@ def _refined(inside: Callable[..., Any]) -> Callable[..., Refined]:
 
 def _pack_imprint(predictor: Any) -> dict[str, np.ndarray]:
     ground = np.array([predictor.grid.depth, predictor.grid.pitch], np.float32)
-    maps = {name: np.asarray(getattr(predictor, name), np.float32) for name in (*_MAPS, "stroke")}
-    return {"ground": ground, **maps}
+    names = (*_MAPS, *_NUMBERS)
+    if predictor.height is not None:
+        names += (*_HEAP_MAPS, *_HEAP_NUMBERS)
+    fitted = {name: np.asarray(getattr(predictor, name), np.float32) for name in names}
+    return {"ground": ground, **fitted}
 
 
 def _imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
@@ -124,9 +130,12 @@ def _imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
         raise BadBank(f"{_MAPS[0]} has shape {shape}; expected up to {LARGEST_GRID} a side")
     if not (depth > 0 and pitch > 0):
         raise BadBank(f"ground is at {depth} m with nodes {pitch} m apart; both must be positive")
-    maps = {name: checked(arrays, name, shape) for name in _MAPS}
-    stroke = checked(arrays, "stroke", ())
-    return Imprint(OrthographicGrid(camera, depth, pitch, shape, roi), **maps, stroke=stroke)
+    maps, numbers = _MAPS, _NUMBERS
+    if _HEAP_MAPS[0] in arrays:
+        maps, numbers = maps + _HEAP_MAPS, numbers + _HEAP_NUMBERS
+    fitted = {name: checked(arrays, name, shape) for name in maps}
+    fitted |= {name: checked(arrays, name, ()) for name in numbers}
+    return Imprint(OrthographicGrid(camera, depth, pitch, shape, roi), **fitted)
 
 
 _INSTEAD = "instead"

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ from jshape.camera import Camera
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import Examples
 from jshape.errors import BadDataset
+from jshape.learn.first_guess import Shown, begin, first_guess, images
 from jshape.models.imprint import Imprint
 from jshape.models.orthographic import OrthographicGrid
 
@@ -29,18 +29,12 @@ TRUST = 12.0
 """With this many pairs, half of what all are off by is taken to be the bank's error."""
 BATCH = 16
 """Pairs per step, at most."""
-CONTACT = 0.3
-"""The tool is first taken to touch where the mean change exceeds this share of its greatest."""
-LOWERS = 0.1
-"""An action whose mean change lowers nothing by this share of what it raises has no tool: a handful
-that is poured displaces 0.1 mm and raises 18.  `swell` goes with what a tool displaces on flat
-bed, and against next to nothing it predicted 14 mm off where the mean difference was 2.3."""
 DEPTHS = range(-10, 11, 2)
 """How far from the median depth of the bed the depth of the places is looked for, mm."""
 DOUBT = 4.0
 """How much more alike they must look per metre off the median: 0.4 % per millimetre."""
 SCALES = {
-    "reference": 10.0,
+    "reference": 30.0,
     "tool": 1e-2,
     "give": 1.0,
     "rest": 1e-2,
@@ -48,23 +42,14 @@ SCALES = {
     "follow": 1.0,
     "deep": 1e-2,
     "stroke": 1e-2,
+    "height": 1e-2,
+    "rise": 1.0,
+    "share": 0.3,
+    "brought": 1.0,
 }
 """What is fitted, and what 1 is to the optimiser."""
-OF_TOOL = ("tool", "give", "swell")
-"""What stays as it is for an action without a tool; `swell` goes with what a tool displaces."""
 EDGE = 2e-4
 """A surface this near to the end of the camera's range may lie beyond it, metres."""
-
-
-class Shown(NamedTuple):
-    """What n pairs show on the height map."""
-
-    before: Float[Array, "n rows columns"]
-    """Surfaces as depth, metres."""
-    after: Float[Array, "n rows columns"]
-    counted: Float[Array, "n rows columns"]
-    """1 where the node was seen before and after, else 0."""
-    strength: Float[Array, "n"]
 
 
 Loss = Callable[[Imprint, Shown], Array]
@@ -97,10 +82,8 @@ def fit_imprint(
         return descend(absolute_error, first, shown, key, ADAPT_STEPS, ADAPT_STEP)
     grid = grid_below(OrthographicGrid.over(camera, filled.roi), filled)
     shown = shown_on(grid, filled, seen)
-    lowers = has_tool(shown)
-    first = first_guess(grid, shown, tool=lowers)
-    fixed = () if lowers else OF_TOOL
-    found = descend(absolute_error, first, shown, key, steps_for(count), STEP, fixed)
+    first, fixed, alike = begin(grid, shown)
+    found = descend(absolute_error, first, shown, key, steps_for(count, alike), STEP, fixed, alike)
     if (shown.strength == 1.0).all():
         found = replace(found, stroke=found.deepest)  # pairs of one strength say nothing about it
     return found
@@ -138,9 +121,10 @@ def complete(examples: Examples) -> tuple[Examples, np.ndarray]:
     return Examples(prior, posterior, examples.corner, strengths), seen
 
 
-def steps_for(count: int) -> int:
-    """Steps of a fit from nothing to so many pairs."""
-    return max(int(np.clip(PER_PAIR * count, *STEPS)), PER_MANY * count)
+def steps_for(count: int, alike: Collection[float] = ()) -> int:
+    """Steps of a fit from nothing to so many pairs, and their mirror images."""
+    images = 1 + int(sum(alike))
+    return max(int(np.clip(PER_PAIR * count * images, *STEPS)), PER_MANY * count)
 
 
 def shown_on(grid: OrthographicGrid, examples: Examples, seen: np.ndarray) -> Shown:
@@ -208,43 +192,6 @@ def _at_nodes(seen: np.ndarray, grid: OrthographicGrid) -> np.ndarray:
     return seen[:, picked[0]][:, :, picked[1]]
 
 
-def has_tool(shown: Shown) -> bool:
-    """Whether the action lowers the bed: else there is nothing for a tool to level."""
-    mean = _mean_change(shown)
-    return float(mean.max()) >= LOWERS * float(-mean.min())
-
-
-def first_guess(grid: OrthographicGrid, shown: Shown, *, tool: bool = True) -> Imprint:
-    """A tool as deep as the mean change, which is the prediction on a flat bed.
-
-    Without a tool all of the mean change is `rest`.
-    """
-    mean = _mean_change(shown)
-    touched = mean > CONTACT * jnp.maximum(mean.max(), 1e-9)
-    touched = touched if tool else jnp.zeros_like(touched)
-    rest = jnp.where(touched, 0.0, mean)
-    none = jnp.zeros_like(mean)
-    return Imprint(
-        grid,
-        reference=jnp.where(jnp.abs(mean) > 0.5 * jnp.abs(mean).max(), jnp.float32(0.0), -6.0),
-        # Below the bed beside the tool by 3 mm: it is felt by hills, not by the flat.
-        tool=mean - 3e-3,
-        give=touched.astype(jnp.float32),
-        rest=rest,
-        swell=rest if tool else none,
-        follow=none,
-        deep=none,
-        stroke=mean.max(),
-    )
-
-
-def _mean_change(shown: Shown) -> Float[Array, "rows columns"]:
-    """The change that is nearest to all, each being its strength times as much, metres."""
-    weight = shown.counted * shown.strength[:, None, None]
-    whole = (weight * shown.strength[:, None, None]).sum(0)
-    return ((shown.after - shown.before) * weight).sum(0) / jnp.where(whole > 0, whole, 1.0)
-
-
 def _corrected(start: Imprint, shown: Shown) -> Imprint:
     """`start` with what it is wrong by on all pairs alike, as far as they are many."""
     left = -surface_error(start, shown) / shown.strength[:, None, None]
@@ -284,14 +231,21 @@ def descend(
     steps: int,
     step: float,
     fixed: Collection[str] = (),
+    alike: Collection[float] = (0.0, 0.0, 0.0),
 ) -> Imprint:
     """`start` after `steps` steps of Adam, the first of length `step`, falling by half a cosine.
 
-    Those of `SCALES` that are `fixed` stay as they are.
+    Those of `SCALES` that are `fixed` stay as they are; maps stay the mirror images of themselves
+    that are marked in `alike` (see `mirrors`).
     """
-    # As numbers, so that each thing that is fixed does not compile anew.
-    free = {name: float(name not in fixed) for name in SCALES} if fixed else None
-    return _descend(loss, start, shown, key, steps, step, free)
+    # As numbers, so that each thing that is fixed or alike does not compile anew.
+    free = {name: float(name not in fixed) for name in fitted(start)} if fixed else None
+    return _descend(loss, start, shown, key, steps, step, free, jnp.asarray(alike, jnp.float32))
+
+
+def fitted(predictor: Imprint) -> list[str]:
+    """Those of `SCALES` that a predictor has: without a heap nothing of it."""
+    return [name for name in SCALES if getattr(predictor, name) is not None]
 
 
 @jax.jit(static_argnames=["loss"])
@@ -303,15 +257,24 @@ def _descend(
     steps: int | Array,
     step: float | Array,
     free: dict[str, float | Array] | None,
+    alike: Float[Array, "3"],
 ) -> Imprint:
     import optax
 
     count = shown.before.shape[0]
     adam = optax.scale_by_adam()
-    zero = {name: jnp.zeros_like(getattr(start, name)) for name in SCALES}
+
+    def balanced(field):
+        if field.ndim < 2:
+            return field
+        turned = zip(alike, images(field), strict=True)
+        return (field + sum(weight * image for weight, image in turned)) / (1.0 + alike.sum())
+
+    first = {name: balanced(getattr(start, name)) for name in fitted(start)}
+    zero = jax.tree.map(jnp.zeros_like, first)
 
     def moved(shift):
-        maps = {name: getattr(start, name) + SCALES[name] * shift[name] for name in SCALES}
+        maps = {name: first[name] + SCALES[name] * part for name, part in shift.items()}
         return replace(start, **maps)
 
     def one(number, state):
@@ -321,6 +284,7 @@ def _descend(
         slope = jax.grad(lambda shift: loss(moved(shift), some))(shift)
         if free is not None:
             slope = {name: free[name] * part for name, part in slope.items()}
+        slope = jax.tree.map(balanced, slope)
         with jax.numpy_dtype_promotion("standard"):  # optax's Adam counts in int32
             updates, memory = adam.update(slope, memory)
         length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * jnp.float32(number) / steps))

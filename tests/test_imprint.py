@@ -488,6 +488,6 @@ def test_a_handful_that_is_poured_is_a_heap(shared_data):
     pairs = load_pairs(shared_data / "mpm/carry/pairs/irregular_flour_robot").of(action="pour")
     bank = fit(pairs, "P")
     np.testing.assert_array_equal(bank.predictor("pour").give, 0.0)
-    assert bank.errors_mm[0] < 1.0  # as rims that follow the relief 1.3
+    assert bank.errors_mm[0] < 1.0
     error, change = roi_errors_mm(bank, pairs, "pour")
     assert error.mean() < 0.15 * change.mean()

@@ -43,7 +43,8 @@ SOFT = 1e-3
 NO_HEAP = 0.1
 """How far below the bed the heap is where its height is 0, metres: nothing of it shows."""
 HEAP_STEPS = 3
-"""Steps towards the heap's level; 6 predict the same to 0.001 mm on average."""
+"""Steps towards the heap's level; 6 predict the same to 0.004 mm on average, one differs by
+0.01 to 0.24 mm."""
 
 
 @jax.tree_util.register_dataclass

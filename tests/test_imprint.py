@@ -363,9 +363,10 @@ def test_few_pairs_do_better_from_a_bank():
 def test_pixels_without_a_reading_do_not_count():
     whole = examples_of(tool(), 6, seed=1)
     prior, posterior = whole.prior.copy(), whole.posterior.copy()
-    posterior[0, :6, :6] = 0.9  # nonsense in a corner of one pair ...
+    corners = np.ix_(range(1, 6), [*range(6), *range(-6, 0)], [*range(6), *range(-6, 0)])
+    posterior[corners] = 0.9  # nonsense in the corners of all pairs but one ...
     holed = posterior.copy()
-    holed[0, :6, :6] = np.nan  # ... and the same corner without readings
+    holed[corners] = np.nan  # ... and the same corners without readings
     clean = fit_imprint(whole, CAMERA)
     with_hole = fit_imprint(Examples(prior, holed, whole.corner), CAMERA)
     with_nonsense = fit_imprint(Examples(prior, posterior, whole.corner), CAMERA)

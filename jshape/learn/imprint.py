@@ -12,7 +12,7 @@ from jshape.camera import Camera
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import Examples
 from jshape.errors import BadDataset
-from jshape.learn.first_guess import Shown, begin, first_guess, images
+from jshape.learn.first_guess import Shown, begin, first_guess, images, mirrors
 from jshape.models.imprint import Imprint
 from jshape.models.orthographic import OrthographicGrid
 
@@ -79,7 +79,9 @@ def fit_imprint(
     if start is not None:
         shown = shown_on(start.grid, filled, seen)
         first = _corrected(start, shown)
-        return descend(absolute_error, first, shown, key, ADAPT_STEPS, ADAPT_STEP)
+        return descend(
+            absolute_error, first, shown, key, ADAPT_STEPS, ADAPT_STEP, alike=mirrors(shown)
+        )
     grid = grid_below(OrthographicGrid.over(camera, filled.roi), filled)
     shown = shown_on(grid, filled, seen)
     first, fixed, alike = begin(grid, shown)

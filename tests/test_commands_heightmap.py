@@ -254,11 +254,20 @@ def test_where_the_hand_may_go_is_said_in_metres(folder, monkeypatch, capsys):
             x, y = np.meshgrid(bed().x - 0.03, bed().y + 0.03)
             inside = (y > -0.011) & (y < 0.031 - 2 * np.abs(x))
             np.testing.assert_array_equal(given["constraints"].reachable[::-1], inside)
+            assert f"reachable: {inside.mean():.1%} of the bed" in capsys.readouterr().out
+
+    def area(*corners):
+        return {"frame": "map", "polygon_m": corners}
+
     for content, said in (
         ({"frame": "world", "polygon_m": corners}, "frame is 'world'; allowed: base, map"),
-        ({"frame": "map", "polygon_m": corners}, "in frame map it is x -0.160 to 0.160, y -0.120"),
+        ({"frame": "map", "polygon_m": corners}, "in frame map the bed is x -0.160 to 0.160, y"),
         ({"frame": "map", "polygon_m": corners[:2]}, "polygon_m has 2 corners; an area has 3"),
         ({"frame": "map"}, "area.json: missing polygon_m"),
+        (area([-100, -80], [100, -80], [100, 80]), "(in millimetres it would be -0.1 m)"),
+        (area([1e308, 0], [0, 1], [0, 0]), "a corner at 1e+308; it is in metres, at most 10"),
+        (area([0, 0], [0.1, 0.1], [0.3, 0.3]), "no area: its corners lie on one line"),
+        (area([0, 0], [1, 1], [1, 0], [0, 1]), "between corners 1-2 and 3-4; give them in order"),
     ):
         Path("area.json").write_text(json.dumps(content))
         refused(capsys, said, "plan", "now.npz", "now.npz", "--reachable", "area.json")

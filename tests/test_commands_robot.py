@@ -114,8 +114,8 @@ def test_a_plan_is_carried_out(goal, tmp_path, capsys):
 
 
 def test_where_the_hand_may_go_lies_on_the_bed_as_it_is(goal, tmp_path, monkeypatch):
-    """A rectangle in metres of the arm's base: of `sim` that is the frame of its camera."""
-    given, corners = {}, [[-0.06, -0.02], [0.1, -0.02], [0.1, 0.08], [-0.06, 0.08]]
+    """A rectangle in metres of the arm's base, which stands below the camera's image, z up."""
+    given, corners = {}, [[0.512, -0.1], [0.612, -0.1], [0.612, 0.06], [0.512, 0.06]]
     (tmp_path / "area.json").write_text(json.dumps({"frame": "base", "polygon_m": corners}))
     (tmp_path / "jshape.toml").write_text('reachable = "area.json"')
     monkeypatch.setattr("jshape.cli.mold.molded", lambda *_, **words: given.update(words) or 1 / 0)
@@ -127,6 +127,19 @@ def test_where_the_hand_may_go_lies_on_the_bed_as_it_is(goal, tmp_path, monkeypa
     off = np.maximum(np.abs(x - 0.02) - 0.08, np.abs(y - 0.03) - 0.05)  # from its edge
     wrong = given["constraints"].reachable != (off < 0)
     assert np.ptp(depth) > 0.01 and np.abs(off[wrong]).max(initial=0.0) < 5e-4
+
+
+def test_an_area_that_is_refused_leaves_no_folder(goal, tmp_path, capsys):
+    """Also where the arm had to go home and look before it could be judged; it is said once."""
+    words = ["mold", str(goal), "--arm", "sim:3", "--yes", "--out", str(tmp_path / "run"), *QUICK]
+    for corners, said in (
+        ([[0, 0], [1, 1]], "polygon_m has 2 corners; an area has 3 or more"),
+        ([[0.1, 0], [0.2, 0], [0.2, 0.1]], "the polygon x 0.100 to 0.200, y 0.000 to 0.100 m"),
+    ):
+        (tmp_path / "area.json").write_text(json.dumps({"frame": "base", "polygon_m": corners}))
+        assert main([*words, "--reachable", str(tmp_path / "area.json")]) == 2
+        assert capsys.readouterr().err.count(said) == 1
+        assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

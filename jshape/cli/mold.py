@@ -68,18 +68,21 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
         ready = partial(at_home, robot, options)
-        if session is None:
+        goal, known = None, {}
+        if session is not None:
+            bank = restored(session.run.meta, robot, bank)
+        else:
             assert desired is not None
             goal, bank, known = goal_of(desired, robot, bank, options, lambda: ready().frame())
-            meta = {"what": "mold", "bank": str(bank_name), "goal": str(desired)}
-            session = new_session(options, goal, robot, **meta, **kept_of(options), **known)
-        else:
-            bank = restored(session.run.meta, robot, bank)
         eye = robot.depth_camera.camera
         seen = robot.view or View(eye, bank.camera, window_of(bank.camera, eye))
         base = base_of(eye) if robot.base_camera is None else robot.base_camera
         mask = reachable(options.reachable, seen, lambda: ready().look(), base)
         how = keywords(search_of(options), reachable=mask)
+        if session is None:  # all that may be refused has been: a folder would be in the way
+            assert goal is not None
+            meta = {"what": "mold", "bank": str(bank_name), "goal": str(desired)}
+            session = new_session(options, goal, robot, **meta, **kept_of(options), **known)
         summary = molded(session, robot, bank, options, confirm=confirm, **how)
     return tell(summary)
 

@@ -9,18 +9,23 @@ the outline of an area, seen from above, in metres of the arm's base or of the m
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from jshape._typing import Bool, Float
 from jshape.camera import Camera
+from jshape.cli.tables import say
 from jshape.data.missing import fill_missing
 from jshape.data.view import View
 from jshape.errors import BadFile, BadImage
 from jshape.io import drawings
 from jshape.io.files import read_json
-from jshape.io.records import read_record
+from jshape.io.records import Range, read_record
+
+FAR = 10.0
+"""Metres: no arm reaches as far from its base, and no bed from the middle of its map."""
+_FLOAT = float(np.finfo(float).max)
 
 
 @dataclass(frozen=True)
@@ -28,13 +33,26 @@ class Area:
     """An area in metres; what is above and below it lies in it too."""
 
     frame: Literal["base", "map"]
-    polygon_m: list[tuple[float, float]]
+    polygon_m: list[Annotated[tuple[float, float], Range(-_FLOAT, _FLOAT)]]
     """(x, y) of its corners, in order."""
 
     def problem(self) -> str | None:
         """What no single field tells."""
-        count = len(self.polygon_m)
-        return None if count >= 3 else f"polygon_m has {count} corners; an area has 3 or more"
+        if (count := len(self.polygon_m)) < 3:
+            return f"polygon_m has {count} corners; an area has 3 or more"
+        far = max((n for corner in self.polygon_m for n in corner), key=abs)
+        if abs(far) > FAR:
+            return (
+                f"polygon_m has a corner at {far:g}; it is in metres, at most {FAR:g} from the "
+                f"origin (in millimetres it would be {far / 1e3:g} m)"
+            )
+        corners = np.array(self.polygon_m)
+        if np.linalg.matrix_rank(corners - corners[0], 1e-6) < 2:
+            return "polygon_m has no area: its corners lie on one line"
+        if (at := _crossing(corners)) is not None:
+            ends = " and ".join(f"{k + 1}-{(k + 1) % count + 1}" for k in at)
+            return f"polygon_m crosses itself, between corners {ends}; give them in order"
+        return None
 
     def holds(self, x: np.ndarray, y: np.ndarray) -> Bool[np.ndarray, "..."]:
         """Whether points lie in it: a line from each to the right crosses its edge an odd time."""
@@ -73,9 +91,11 @@ def reachable(
         depth = _whole(surface)
         x, y = (np.asarray(begin[k] + depth * along[k]) for k in (0, 1))
         if not (free := area.holds(x, y)).any():
-            spans = f"x {x.min():.3f} to {x.max():.3f}, y {y.min():.3f} to {y.max():.3f} m"
-            raise BadImage(f"{path}: holds nothing of the bed: in frame {area.frame} it is {spans}")
-        return free
+            raise BadImage(
+                f"{path}: holds nothing of the bed: in frame {area.frame} the bed is "
+                f"{_spans(x, y)}, the polygon {_spans(*np.transpose(area.polygon_m))}"
+            )
+        return _told(free, path)
     eyes = ("the camera", view.source), ("the bank's", view.target)
     free = read_mask(path, {"the map" if e.orthographic else whose: e.shape for whose, e in eyes})
     if free.shape == view.source.shape:
@@ -83,7 +103,7 @@ def reachable(
         free = view.drawing(free, depth) == 1
     if not free.any():
         raise BadImage(f"{path}: marks nothing of the bed")
-    return free
+    return _told(free, path)
 
 
 def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> Bool[np.ndarray, "H W"]:
@@ -98,6 +118,31 @@ def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> Bool[np.n
     if not drawn.any():
         raise BadImage(f"{path}: is 0 everywhere; other numbers mark where the hand may be placed")
     return drawn
+
+
+def _told(free: Bool[np.ndarray, "h w"], path: str | Path) -> Bool[np.ndarray, "h w"]:
+    say(f"reachable: {free.mean():.1%} of the bed ({path})")
+    return free
+
+
+def _spans(x: np.ndarray, y: np.ndarray) -> str:
+    return f"x {x.min():.3f} to {x.max():.3f}, y {y.min():.3f} to {y.max():.3f} m"
+
+
+def _crossing(corners: Float[np.ndarray, "N 2"]) -> tuple[int, int] | None:
+    """Two edges that cross, each by the corner (from 0) where it begins."""
+
+    def side(of: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        (x, y), (u, v) = np.moveaxis(b - a, -1, 0), np.moveaxis(of - a, -1, 0)
+        return np.sign(x * v - y * u)
+
+    ends = np.roll(corners, -1, axis=0)
+    for k, (a, b) in enumerate(zip(corners, ends, strict=True)):
+        apart = side(corners, a, b) * side(ends, a, b) < 0
+        apart &= side(a, corners, ends) * side(b, corners, ends) < 0
+        if apart.any():
+            return k, int(np.argmax(apart))
+    return None
 
 
 def _whole(surface: Callable[[], np.ndarray]) -> Float[np.ndarray, "h w"]:

@@ -159,14 +159,16 @@ def _let_go(device: GuardedArm | GuardedCamera) -> None:
 
 def _offer_home(robot: Robot, run: Runs | None, problem: BaseException, broken: str | None) -> None:
     """Say why the arm was stopped, and ask whether it should go home; nobody there: it stays."""
-    why = "interrupted" if isinstance(problem, KeyboardInterrupt) else one_line(problem, 2000)
-    print(
-        f"{why}; the arm {'is stopped where it is' if broken is None else 'was told to stop'}",
-        file=sys.stderr,
-    )
+    asks = broken is None and run is not None and not run.yes and sys.stdin.isatty()
+    said = f"the arm {'is stopped where it is' if broken is None else 'was told to stop'}"
+    if isinstance(problem, KeyboardInterrupt):
+        said = f"interrupted; {said}"
+    elif asks:  # else the command ends at once, and says the problem by itself
+        said = f"{one_line(problem, 2000)}; {said}"
+    print(said, file=sys.stderr)
     if broken is not None:
         print(broken, file=sys.stderr)
-    if run is None or run.yes or not sys.stdin.isatty():
+    if not asks:
         return
     try:
         with interruptible():

@@ -22,6 +22,7 @@ from jshape.robot.cameras.simulated import simulated_camera
 from jshape.robot.registry import seed_of
 from jshape.robot.rigid import Pose, yaw_of
 from jshape.robot.simulated import SimulatedWorld, bed_of
+from jshape.robot.twin.model import base_camera
 from jshape.sim.inputs import half_sides
 
 TOUCH = 5.0
@@ -35,7 +36,7 @@ RIGID = 1e4
 
 
 class SimulatedArm(NoHardware):
-    """Moves the tool in the camera's frame, which is also its base frame.
+    """Moves the tool over a bed that gives way.
 
     What it does to the bed it does when it comes up again: as much of the stroke as the tool really
     went down.
@@ -45,11 +46,25 @@ class SimulatedArm(NoHardware):
     slowness = 10.0
     """Over a bed that is compiled first."""
 
-    def __init__(self, world: SimulatedWorld, *, obstacle_mm: float | None = None):
-        """An arm over a world's bed, all of it rigid up to so far above the floor."""
+    def __init__(
+        self,
+        world: SimulatedWorld,
+        *,
+        obstacle_mm: float | None = None,
+        base_camera: Pose | None = None,
+    ):
+        """An arm over a world's bed.
+
+        Args:
+          world: whose bed it is.
+          obstacle_mm: all of the bed is rigid up to so far above the floor.
+          base_camera: pose of the world's camera in the arm's base frame; None: they are the same.
+        """
         self.world = world
+        self._base_camera = np.eye(4) if base_camera is None else base_camera
+        self._camera_base = np.linalg.inv(self._base_camera)
         self._obstacle = None if obstacle_mm is None else obstacle_mm / 1000.0
-        self._pose = np.eye(4)
+        self._pose = np.eye(4)  # of the tool, in the camera's frame
         self._effort = 0.0
         self._hard = np.inf
         self._doing: Doing | None = None
@@ -64,7 +79,7 @@ class SimulatedArm(NoHardware):
         """Whether all of it is within the box."""
         half = half_sides(self.world.bed)
         for pose in poses:
-            x, y = np.asarray(pose)[:2, 3]
+            x, y = (self._camera_base @ pose)[:2, 3]
             if abs(x) > half[0] or abs(y) > half[1]:
                 raise PoseRefused(
                     f"({1e3 * x:.0f}, {1e3 * y:.0f}) mm is beyond the walls of the simulated box, "
@@ -79,7 +94,8 @@ class SimulatedArm(NoHardware):
 
     def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
         """Go there, or as far as the effort allows."""
-        start, target = self._pose[:3, 3], np.asarray(pose)[:3, 3]
+        wanted = self._camera_base @ pose
+        start, target = self._pose[:3, 3], wanted[:3, 3]
         count = max(int(np.ceil(np.linalg.norm(target - start) / STEP)), 1)
         line = start + np.linspace(0.0, 1.0, count + 1)[1:, None] * (target - start)
         # On its way down the arm feels the bed as it was; it has made its way on the way up.
@@ -87,7 +103,7 @@ class SimulatedArm(NoHardware):
         efforts = np.zeros(count) if upward else self._efforts(line)
         over = np.flatnonzero(efforts > threshold)
         end = over[0] if over.size else count - 1
-        self._pose = np.array(pose)
+        self._pose = wanted.copy()
         self._pose[:3, 3] = line[end]
         self._effort = float(efforts[end])
         if self._effort > self._hard:
@@ -117,7 +133,7 @@ class SimulatedArm(NoHardware):
 
     def pose(self) -> Pose:
         """Of the tool."""
-        return self._pose.copy()
+        return self._base_camera @ self._pose
 
     def _bed_depth(self, points: np.ndarray) -> np.ndarray:
         """Depth of the surface in front of points (N, 3) in the camera's frame, metres."""
@@ -151,7 +167,10 @@ class SimulatedArm(NoHardware):
 
 
 def open_simulated(address: str, settings: ArmSettings) -> OpenedArm:
-    """An arm over the levelled bed of a seed, and the camera above it, or cameras from anywhere."""
+    """An arm over the levelled bed of a seed, and the camera above it, or cameras from anywhere.
+
+    Its base is where the twin's is: both take the same areas and poses.
+    """
     bed, for_world, for_eye = bed_of(seed_of(address))
     world = SimulatedWorld(for_world, bed, material=settings.material, camera=settings.camera)
     cameras = settings.cameras or (settings.camera,)
@@ -159,4 +178,6 @@ def open_simulated(address: str, settings: ArmSettings) -> OpenedArm:
         simulated_camera(world, jax.random.fold_in(for_eye, k) if k else for_eye, camera)
         for k, camera in enumerate(cameras)
     ]
-    return OpenedArm(SimulatedArm(world), eyes[0], matrix(cameras[0].pose), eyes[1:])
+    above = base_camera()
+    arm = SimulatedArm(world, base_camera=above)
+    return OpenedArm(arm, eyes[0], above @ matrix(cameras[0].pose), eyes[1:])

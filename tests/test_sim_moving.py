@@ -115,7 +115,7 @@ def test_a_poured_handful_is_looser_and_stands_at_its_angle_of_repose():
 def test_a_heap_slides_off_a_wall_that_stays():
     """Only what was poured slides: the wall below it is steeper than the angle of repose."""
     x, _ = flat_bed(**BOX).axes()
-    wall = sim.loose_bed(jnp.where(x > 0, 0.04, 0.02) * jnp.ones((60, 1)), BOX["cell"])
+    wall = sim.loose_bed(jnp.where(x > 0, 0.04, 0.02)[None] * jnp.ones((60, 1)), BOX["cell"])
     after, rise = done("pour", wall, xy=(0.005, 0.0))
     assert rise.min() > -1e-3
     assert rise[:, np.asarray(x) < -0.02].max() > 2.0

@@ -1,6 +1,7 @@
 """A camera that moved is told from noise and from molding, in maps as in recordings."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -8,9 +9,13 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from jshape import sim
+from jshape.cli.dataset_recording import _check_still
 from jshape.data.moved import averaged, moved
+from jshape.data.pair_view import PairView
+from jshape.data.segment import Cut, Segment
 from jshape.data.simulate import look
 from jshape.height_map import camera_above
+from jshape.io.recordings import Recording
 from jshape.robot.simulated import bed_of
 from tests.seen_beds import bed, hollow, seen_by, standing
 
@@ -64,6 +69,17 @@ def test_a_camera_that_moves_along_the_bed_is_told_by_its_relief(wide, rng):
         assert how.aside_mm == pytest.approx(5 * np.hypot(down, right), abs=5)  # a pixel
         assert how.said("a.npz").endswith(" mm aside of where it lay in a.npz")
     assert moved(np.full((80, 100), 0.45), view(wide), ABOVE) is None  # no relief: nothing to tell
+
+
+@pytest.mark.parametrize(("state", "warned"), [("occluded", ""), ("open", "frames 1-1: the bed")])
+def test_a_hand_at_rest_is_no_bed_aside(state, warned, wide, capsys):
+    """In a recording: what is hidden tells nothing of where the relief lies."""
+    states = ("open", state, "open")
+    cut = Cut(*np.zeros((2, 3)), tuple(Segment(k, k + 1, s) for k, s in enumerate(states)))
+    thumbs = np.stack([np.rint(1e4 * view(wide, right=right)) for right in (0, 10, 0)])
+    _check_still(Recording(Path("rec"), ABOVE, 1e-4, (), ()), cut, thumbs, PairView([]))
+    said = "".join(capsys.readouterr())
+    assert warned in said if warned else not said
 
 
 def test_a_tilt_by_a_degree_and_a_half_is_told_through_noise(wide, rng):

@@ -223,14 +223,18 @@ def _averages(parts: Sequence[Recording], cut: cutting.Cut) -> list[list[Average
 def _check_still(
     recording: Recording, cut: cutting.Cut, thumbs: np.ndarray, seen: PairView
 ) -> None:
-    """Warn of a camera that moved; refuse what it then sees aslant, if it is seen from above."""
-    still = [s for s in cut.segments if s.state != "short"]
+    """Warn of a camera that moved; refuse what it then sees aslant, if it is seen from above.
+
+    A hand at rest has a relief of its own: the bed beside it tells only how it lies as a whole.
+    """
+    first = cut.open[0]
+    still = [s for s in cut.segments if s.start >= first.start and s.state != "short"]
     means = [cutting.mean_of(thumbs[s.start : s.stop], recording.depth_unit) for s in still]
     for later, mean in zip(still[1:], means[1:], strict=True):
         how = moved(means[0], mean, recording.camera, cutting.BLOCK)
-        if how is None:
+        if how is None or (how.aside_mm and later.state != "open"):
             continue
-        said = f"{recording.folder}: frames {later}: {how.said(f'frames {still[0]}')}: "
+        said = f"{recording.folder}: frames {later}: {how.said(f'frames {first}')}: "
         if seen.view is not None and how.turned_deg > TURNED_DEG:
             raise BadDataset(
                 f"{said}the camera moved; what comes from there on is another recording"

@@ -143,6 +143,13 @@ def test_several_cameras_are_recorded_at_once(tmp_path, capsys):
     assert both >= one > 0.9
     code, _, err = run(capsys, *words, *files[:2], "--overwrite")
     assert code == 2 and "2 cameras and 1 camera files; give one --camera-file for each" in err
+    words = (*words[:3], "--out", tmp_path / "none", "--frames", 2)
+    for given, said in (
+        ((), "has no pose; several cameras need one each"),
+        (2 * files[:2], "camera 2 has the same pose as camera 1; each needs its own"),
+    ):
+        code, _, err = run(capsys, *words, *given)
+        assert code == 2 and said in err and not (tmp_path / "none").exists()
 
 
 def test_a_simulated_camera_is_recorded_for_a_time(tmp_path, capsys):
@@ -290,7 +297,9 @@ def test_too_many_missing_readings_are_said(watched, tmp_path, capsys, rng):
     frames[:, :, :38] = 0
     watched(iter(frames))
     code, out, _ = run(capsys, "record", "it", "--out", tmp_path / "rec")
-    assert code == 0 and "40.6% of the pixels have a reading; too few: see jshape setup" in out
+    assert (
+        code == 0 and "40.6% of the pixels have a reading; jshape setup says how many of the" in out
+    )
     watched(iter(frames))
     code, out, _ = run(capsys, "setup", "it")
     assert code == 1 and "BAD 40.6% of the bed's pixels have a reading" in out

@@ -320,7 +320,8 @@ def at_once(tmp_path, *names, pose=True):
     """What several cameras recorded, whose frames have these names."""
     for number, each in enumerate(names):
         own = tmp_path / "rec" / str(number)
-        camera = replace(SMALL, pose=as_frame(np.eye(4)) if pose else None)
+        stands = np.eye(4) + 0.1 * number * np.eye(4, k=3)  # beside each other
+        camera = replace(SMALL, pose=as_frame(stands) if pose else None)
         write_camera(own / "camera.json", camera, 1e-4)
         for name in each:
             write_counts_png(own / f"{name}.png", np.full(SMALL.shape, 4500, np.uint16))

@@ -205,7 +205,7 @@ class Part(Common):
     depth_range: DepthRange | None = None
     """Depths between which the bed lies, metres (default: camera.json's, or 0.42,0.47)."""
     window: Window | None = None
-    """Part of the frames that holds the box, pixels (default: all)."""
+    """Part of the (first camera's) frames that holds the box, pixels (default: all)."""
 
 
 def plan_file(path: Path) -> Path:

@@ -16,6 +16,7 @@ from jshape.cli.cameras import CAMERA_HELP, Camera, LooksOnce
 from jshape.cli.options import Duration, File, PositiveCount, Writes
 from jshape.cli.tables import progress
 from jshape.data.depth import check_unit
+from jshape.data.fusion import check_poses
 from jshape.data.missing import only_readings
 from jshape.data.missing import said as said_of
 from jshape.data.set_up import VALID_LEAST
@@ -60,6 +61,7 @@ def record(
     with ExitStack() as stack:
         opened = cameras.every(named, options, options.depth_unit)
         devices = [stack.enter_context(closing(one)) for one in opened]
+        check_poses([one.camera for one in devices], [one.name for one in devices])
         asked, frames = _frames(devices, options)
         started = time.monotonic()
         sources = [(one.camera, one.depth_unit) for one in devices]
@@ -118,7 +120,7 @@ def _print(result: dict[str, Any], camera: DepthCamera) -> None:
     print(f"{camera.name}: {frames} in {took}: {result['out']}")
     share = result["valid_share"]
     print(f"{share:.1%} of the pixels have a reading{said_of(result['left_out'])}", end="")
-    print("" if share >= VALID_LEAST else "; too few: see jshape setup")
+    print("" if share >= VALID_LEAST else "; jshape setup says how many of the bed's have")
 
 
 def _frames(

@@ -40,16 +40,22 @@ class Look(NamedTuple):
 
 
 def check_poses(cameras: Sequence[Camera], names: Sequence[str]) -> None:
-    """Refuse several cameras of which one, called by its name, has no pose.
+    """Refuse several cameras of which one, called by its name, has no pose, or another's.
 
     Raises:
       BadCamera: there is one.
     """
-    for camera, name in zip(cameras, names, strict=True):
+    for k, (camera, name) in enumerate(zip(cameras, names, strict=True)):
         if len(cameras) > 1 and camera.pose is None:
             raise BadCamera(
                 f"{name}: has no pose; several cameras need one each, in one frame, best the arm's "
                 "base (jshape calibrate finds it, jshape setup --base keeps it)"
+            )
+        poses = [other.pose for other in cameras[:k]]
+        if camera.pose in poses:
+            raise BadCamera(
+                f"{name}: camera {k + 1} has the same pose as camera {poses.index(camera.pose) + 1}"
+                "; each needs its own"
             )
 
 

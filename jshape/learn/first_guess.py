@@ -132,7 +132,7 @@ def with_heap(first: Imprint, shown: Shown) -> Imprint:
     path, up = np.asarray(first.give) > 0, np.maximum(-mean, 0.0)
     part = HEAPED if path.any() else 1.0
     foot = FOOT * up.max()
-    away = distance_transform_edt(up <= foot) * float(first.grid.pitch)
+    away = np.asarray(distance_transform_edt(up <= foot)) * float(first.grid.pitch)
     surface = np.where(up > foot, -part * up, STEEPNESS * away - part * foot)
     floor = np.maximum(mean, CONTACT * mean.max()) + SOFT
     surface = np.where(path, floor, surface)

@@ -43,7 +43,7 @@ def slide(
             drop = padded[there] - height
             excess = jnp.maximum(jnp.abs(drop) - limit, 0.0) * free[there] * free[1:-1, 1:-1]
             # Shares 0.16 and 0.08 keep every mode stable (checkerboard: 1 - 8 * 0.16).
-            if loose is None:
+            if loose is None or padded_loose is None:
                 most = jnp.maximum(padded[there], height)
             else:
                 most = jnp.where(drop > 0, padded_loose[there], loose)

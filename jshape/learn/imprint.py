@@ -125,8 +125,8 @@ def complete(examples: Examples) -> tuple[Examples, np.ndarray]:
 
 def steps_for(count: int, alike: Collection[float] = ()) -> int:
     """Steps of a fit from nothing to so many pairs, and their mirror images."""
-    images = 1 + int(sum(alike))
-    return max(int(np.clip(PER_PAIR * count * images, *STEPS)), PER_MANY * count)
+    copies = 1 + int(sum(alike))
+    return max(int(np.clip(PER_PAIR * count * copies, *STEPS)), PER_MANY * count)
 
 
 def shown_on(grid: OrthographicGrid, examples: Examples, seen: np.ndarray) -> Shown:

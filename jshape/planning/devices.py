@@ -78,9 +78,10 @@ def remember_compiled(folder: str | os.PathLike | None = None) -> Path | None:
     jax.config.update("jax_compilation_cache_max_size", CACHE_BYTES)
     # A process that was killed while it wrote leaves code without the time of its last use, at
     # which every later bounded write would fail.
-    for code in path.glob("*-cache"):
-        if not code.with_name(code.name.removesuffix("-cache") + "-atime").exists():
-            code.unlink(missing_ok=True)
+    kept = set(os.listdir(path))
+    for code in kept:
+        if code.endswith("-cache") and code.removesuffix("-cache") + "-atime" not in kept:
+            (path / code).unlink(missing_ok=True)
     return path
 
 

@@ -34,8 +34,7 @@ def slide(
         density = jnp.pad(mass / jnp.maximum(height, 1e-6), 1)
         gain = jnp.zeros_like(height)
         gain_mass = jnp.zeros_like(height)
-        loose = None if base is None else jnp.maximum(height - base, 0.0)
-        padded_loose = None if loose is None else jnp.pad(loose, 1)
+        loose = None if base is None else jnp.pad(jnp.maximum(height - base, 0.0), 1)
         for i, j in shifts:
             there = (slice(i, i + rows), slice(j, j + columns))
             diagonal = i != 1 and j != 1
@@ -43,10 +42,10 @@ def slide(
             drop = padded[there] - height
             excess = jnp.maximum(jnp.abs(drop) - limit, 0.0) * free[there] * free[1:-1, 1:-1]
             # Shares 0.16 and 0.08 keep every mode stable (checkerboard: 1 - 8 * 0.16).
-            if loose is None or padded_loose is None:
+            if loose is None:
                 most = jnp.maximum(padded[there], height)
             else:
-                most = jnp.where(drop > 0, padded_loose[there], loose)
+                most = jnp.where(drop > 0, loose[there], loose[1:-1, 1:-1])
             flow = jnp.minimum((0.08 if diagonal else 0.16) * excess, 0.1 * most)
             gain = gain + jnp.sign(drop) * flow
             source = jnp.where(drop > 0, density[there], density[1:-1, 1:-1])

@@ -149,12 +149,12 @@ def test_a_dry_run_says_every_operation(hand):
 
 
 def test_the_simulated_arm_refuses_what_lies_beyond_its_box(hand):
-    seeds = open_arm("sim:3", PAPER_BOX).arm, levelled_world(3)
-    np.testing.assert_array_equal(seeds[0].world.bed.height, seeds[1].bed.height)  # one bed
+    opened, world = open_arm("sim:3", PAPER_BOX), levelled_world(3)
+    np.testing.assert_array_equal(opened.arm.world.bed.height, world.bed.height)  # one bed
     for x, y in ((0.29, 0.0), (0.0, -0.24)):
         with pytest.raises(PoseRefused, match="beyond the walls of the simulated box, ±280 and"):
-            prepare(seeds[0], hand, "knock", np.array([x, y, 0.45]), HERE)
-    prepare(seeds[0], hand, "knock", np.array([0.27, 0.22, 0.45]), HERE)
+            prepare(opened.arm, hand, "knock", np.array([x, y, 0.45]), opened.base_camera)
+    prepare(opened.arm, hand, "knock", np.array([0.27, 0.22, 0.45]), opened.base_camera)
 
 
 @pytest.fixture

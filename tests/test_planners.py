@@ -382,9 +382,10 @@ def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
     assert int(spent) == 3 * each and moves.tolist() == order.tolist()
     assert (gained >= gains[order]).all() and (gained > gains[order]).any()
     for move, place, depth, gain in zip(moves, places, depths, gained, strict=True):
-        place, depth = jnp.asarray(place), jnp.asarray(depth)[None]
-        change = state.change(*kernel_of(state, move), state.now, place[None], depth, 1)
-        assert float(-change[0, 0]) == pytest.approx(float(gain), rel=1e-5)
+        (kernel, effect), first = kernel_of(state, move), jnp.asarray(place)[None]
+        windows = state.windows(kernel, state.now, first)
+        change = state.change(effect, windows, first, jnp.asarray(depth))
+        assert float(-change[0]) == pytest.approx(float(gain), rel=1e-5)
     # What the evaluations left do not suffice for stays as it was, the best comes first.
     some, none = known(2 * each), known(each - 1)
     assert (int(some[4]), int(none[4])) == (2 * each, 0)

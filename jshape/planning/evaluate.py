@@ -270,25 +270,46 @@ def _evaluate(state, now, work, changes, chunk, share):
 
     def of_move(number, changes):
         def of_kernel(kernel, effect, before, changes, begin, end, strengths):
-            def several(first):
-                return state.change(kernel, effect, now, first, strengths, work.count)
-
-            def one(first):
-                return several(first[None])[0]
-
             count = state.together(kernel) if chunk == 1 else chunk
 
-            def some(i, changes):
-                at = begin + i * count
-                row = lax.dynamic_slice(work.order, (at,), (count,))
-                first = work.first[row] - before[None]
-                new = jax.vmap(one)(first) if chunk > 1 else several(first)
-                if count == 1:
-                    return changes.at[row[0]].set(new[0])
-                done = jnp.minimum(end - at, count)
-                return lax.fori_loop(0, done, lambda k, c: c.at[row[k]].set(new[k]), changes)
+            def several(first, strength):
+                return state.change(effect, state.windows(kernel, now, first), first, strength)
 
-            return lax.fori_loop(0, -(-(end - begin) // count), some, changes)
+            def group(g):
+                """Rows of the g-th places together, and their first nodes."""
+                row = lax.dynamic_slice(work.order, (begin + g * count,), (count,))
+                return row, work.first[row] - before[None]
+
+            def kept(g, row, s, new, changes):
+                if count == 1:
+                    return changes.at[row[0], s].set(new[0])
+                done = jnp.minimum(end - begin - g * count, count)
+                return lax.fori_loop(0, done, lambda k, c: c.at[row[k], s].set(new[k]), changes)
+
+            def with_one_strength(i, changes):
+                g, s = i // work.count, i % work.count
+                row, first = group(g)
+                if chunk > 1:
+                    new = jax.vmap(lambda f: several(f[None], strengths[s])[0])(first)
+                else:
+                    new = several(first, strengths[s])
+                return kept(g, row, s, new, changes)
+
+            def with_all_strengths(g, changes):
+                row, first = group(g)
+                windows = state.windows(kernel, now, first)
+
+                def one(s, changes):
+                    new = state.change(effect, windows, first, strengths[s])
+                    return kept(g, row, s, new, changes)
+
+                return lax.fori_loop(0, work.count, one, changes)
+
+            groups = -(-(end - begin) // count)
+            if chunk > 1 or count == 1:
+                # Windows kept for a loop over strengths are copied: for f_D that takes as long.
+                return lax.fori_loop(0, groups * work.count, with_one_strength, changes)
+            return lax.fori_loop(0, groups, with_all_strengths, changes)
 
         operands = changes, begins[number], ends[number], work.strengths[number]
         return state.with_kernel(number, of_kernel, *operands)

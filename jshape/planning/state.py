@@ -118,20 +118,10 @@ class SearchState:
         """A window limited to what the camera can see."""
         return jnp.clip(window, self.limits[0], self.limits[1])
 
-    def change(
-        self,
-        kernel: Kernel,
-        effect: Any,
-        now: Float[Array, "R C"],
-        first: Int[Array, "K 2"],
-        strengths: Float[Array, "S"],
-        count: int | Int[Array, ""],
-    ) -> Float[Array, "K S"]:
-        """Change of d by an effect at a few places, for the first `count` strengths; else 0.
-
-        From the windows alone, whose first nodes are given.
-        """
-        one = len(first) == 1  # an axis of length 1 would cost time
+    def windows(
+        self, kernel: Kernel, now: Float[Array, "R C"], first: Int[Array, "K 2"]
+    ) -> list[Float[Array, "*K n m"]]:
+        """A kernel's windows that begin there: of the map, the goal and the weights, if any."""
         maps = [now, self.goal] if self.weight is None else [now, self.goal, self.weight]
 
         def cut(k: int | Array) -> list[Array]:
@@ -140,23 +130,25 @@ class SearchState:
         def cut_next(k: Array, windows: list[Array]) -> list[Array]:
             return [some.at[k].set(new) for some, new in zip(windows, cut(k), strict=True)]
 
-        if one:
-            windows = cut(0)
-        else:
-            none = jnp.zeros((len(first), *kernel.shape), now.dtype)
-            windows = lax.fori_loop(0, len(first), cut_next, [none] * len(maps))
+        if len(first) == 1:  # an axis of length 1 would cost time
+            return cut(0)
+        none = jnp.zeros((len(first), *kernel.shape), now.dtype)
+        return lax.fori_loop(0, len(first), cut_next, [none] * len(maps))
+
+    def change(
+        self,
+        effect: Any,
+        windows: list[Float[Array, "*K n m"]],
+        first: Int[Array, "K 2"],
+        strength: Float[Array, ""],
+    ) -> Float[Array, "K"]:
+        """Change of d by an effect in a few windows, whose first nodes are given."""
         before, goal, *weight = windows
-        at = first[0, ::-1] if one else first[:, ::-1]
-
-        def with_strength(s, changes):
-            after = self.seen(effect(before, at, strengths[s]))
-            closer = jnp.abs(after - goal) - jnp.abs(before - goal)
-            closer = closer * weight[0] if weight else closer
-            return changes.at[:, s].set(_sums(closer))
-
-        zero = jnp.zeros((len(first), len(strengths)), now.dtype)
-        changes = lax.fori_loop(0, count, with_strength, zero)
-        return changes / jnp.asarray(self.size, now.dtype)
+        at = first[0, ::-1] if before.ndim == 2 else first[:, ::-1]
+        after = self.seen(effect(before, at, strength))
+        closer = jnp.abs(after - goal) - jnp.abs(before - goal)
+        closer = closer * weight[0] if weight else closer
+        return _sums(closer) / jnp.asarray(self.size, before.dtype)
 
     def together(self, kernel: Kernel) -> int:
         """How many places are evaluated together on a CPU: as many as stay in its caches.

@@ -97,7 +97,7 @@ def _policy(
     def gain(m: Array, k: Array) -> Array:
         def one(kernel, effect, before, m, first, strength):
             first = (first - before)[None]
-            return state.change(kernel, effect, m, first, strength[None], jnp.int32(1))[0, 0]
+            return state.change(effect, state.windows(kernel, m, first), first, strength)[0]
 
         return -state.with_kernel(moves[k], one, m, firsts[k], strengths[k]) / unit
 

@@ -23,7 +23,7 @@ WHOLE = Camera(60, 50, 50.0, 50.0, 29.5, 24.5, 0.4, 0.5)
 HIGHER = as_frame(looking_down(0.55))
 ROIS = [(12, 9), (4, 5)]
 STEP_NUMBERS = (
-    *("positions", "offsets", "exact_positions", "rois", "strengths", "yaws"),
+    *("positions", "offsets", "exact_positions", "rois", "strengths", "yaws", "lengths", "strokes"),
     *("distances", "distances_mm", "clipped"),
 )
 
@@ -45,6 +45,8 @@ def plan(rng):
         strengths=np.array([0.1, 1.6], np.float32),
         yaws=np.array([-np.pi, np.pi / 3], np.float32),
         offsets=np.array([[-1.0, 0.3], [0.0, 1e-7]], np.float32),
+        lengths=np.array([0.6, 1.0], np.float32),
+        strokes=np.array([[-40.25, 12.5], [0.0, 0.0]], np.float32),
         clipped=np.array([0.0, 0.25], np.float32),
         filled=(3, 4),
         clamped=(5, 0),
@@ -141,6 +143,7 @@ def test_a_plan_of_before_goals_and_views_is_read(plan, path):
     path.write_text(json.dumps(fields))
     usual = {"strengths": np.ones(2, np.float32), "yaws": np.zeros(2, np.float32)}
     usual |= {"offsets": np.zeros((2, 2), np.float32), "seconds": 0.0}
+    usual |= {"lengths": np.ones(2, np.float32), "strokes": np.zeros((2, 2), np.float32)}
     same(Plan.from_json(path), replace(plan, clamped=(0, 0), **usual))
 
 

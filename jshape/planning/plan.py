@@ -45,6 +45,12 @@ class Plan:
     """(K,) how many times as deep as the trained action; 1 for all unless given."""
     yaws: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
     """(K,) turn of the hand from u towards v, radians; 0 for all unless given."""
+    lengths: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
+    """(K,) how many times as long as the trained action the hand's path is; 1 unless given."""
+    strokes: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    """(K, 2) displacement (u, v), pixels: of an action that moves along a line, from the start of
+    its path to its end, the place in the middle; of one that takes material out, to where the next
+    action brings it; 0 for all others."""
     offsets: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
     """(K, 2) of (u, v): exact places minus `positions`, pixels; 0 for all unless given."""
     clipped: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
@@ -70,6 +76,7 @@ class Plan:
         count, fill = len(self.actions), object.__setattr__
         for name, shape, value in (
             ("strengths", (count,), 1.0), ("yaws", (count,), 0.0), ("offsets", (count, 2), 0.0),
+            ("lengths", (count,), 1.0), ("strokes", (count, 2), 0.0),
         ):  # fmt: skip
             if len(getattr(self, name)) != count:
                 fill(self, name, np.full(shape, value, np.float32))
@@ -116,7 +123,8 @@ class Plan:
 
     def rest(self, done: int) -> "Plan":
         """What is left of the plan after its first `done` actions."""
-        names = ("positions", "rois", "strengths", "yaws", "offsets", "clipped", "patches")
+        names = "positions", "rois", "strengths", "yaws", "offsets", "lengths", "strokes"
+        names += "clipped", "patches"
         return replace(
             self,
             actions=self.actions[done:],

@@ -26,6 +26,8 @@ FORMAT = "jshape-plan"
 VERSION = 1
 IMAGES_LIMIT = 1024 * 2**20
 """Most bytes that the images of a plan may unpack to, whatever sizes it says."""
+STROKE_LIMIT = 1e5
+"""Longest stroke of a plan, pixels."""
 
 _SMALLEST = float(np.finfo(np.float32).smallest_subnormal)
 _HALF_TURN = float(np.float32(np.pi))
@@ -48,6 +50,8 @@ def plan_fields(plan: Any) -> dict[str, Any]:
                 "roi": [int(x) for x in plan.rois[k]],
                 "strength": float(plan.strengths[k]),
                 "yaw": float(plan.yaws[k]),
+                "length": float(plan.lengths[k]),
+                "stroke": [float(x) for x in plan.strokes[k]],
                 "clipped": float(plan.clipped[k]),
                 "distance_mm": float(distances_mm[k + 1]),
             }
@@ -86,7 +90,7 @@ def write_plan(path: str | os.PathLike, plan: Any, *, images: bool = True) -> No
 
 @dataclass(frozen=True)
 class StepFile:
-    """An action of a plan.  Older plans have no strength, yaw and offset."""
+    """An action of a plan.  Older plans have no strength, yaw, offset, length and stroke."""
 
     allow_unknown: ClassVar[bool] = True
 
@@ -98,6 +102,8 @@ class StepFile:
     strength: Annotated[float, Range(_SMALLEST)] = 1.0
     yaw: Annotated[float, Range(-_HALF_TURN, _HALF_TURN)] = 0.0
     offset: Annotated[tuple[float, float], Range(-1, 1)] = (0.0, 0.0)
+    length: Annotated[float, Range(_SMALLEST)] = 1.0
+    stroke: Annotated[tuple[float, float], Range(-STROKE_LIMIT, STROKE_LIMIT)] = (0.0, 0.0)
     camera_position: tuple[int, int] = (0, 0)
 
 
@@ -169,6 +175,8 @@ def read_plan(path: str | os.PathLike) -> dict[str, Any]:
         strengths=each("strength", np.float32),
         yaws=each("yaw", np.float32),
         offsets=each("offset", np.float32, 2),
+        lengths=each("length", np.float32),
+        strokes=each("stroke", np.float32, 2),
         clipped=each("clipped", np.float32),
         filled=found.filled,
         clamped=found.clamped,

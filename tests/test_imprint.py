@@ -18,8 +18,10 @@ from jshape.learn.imprint import fit_imprint
 from jshape.learn.scores import roi_errors_mm
 from jshape.metric import roi_weight
 from jshape.models.difference import fit_difference
-from jshape.models.imprint import NO_HEAP, Imprint
+from jshape.models.imprint import Imprint
+from jshape.models.imprint_change import NO_HEAP
 from jshape.models.orthographic import OrthographicGrid
+from jshape.models.stretch import stretch
 from jshape.planning import evaluate as sweep
 from jshape.planning.state import search_state
 from tests.reference import heap as slow
@@ -238,6 +240,71 @@ def test_a_heap_turns_with_the_hand():
     np.testing.assert_allclose(turned, ahead.T, atol=2e-4)
 
 
+def dragged(path=0.0176):
+    """A tool that is dragged along 8 nodes, and a heap before it."""
+    rows, columns = GROUND.shape
+    y, x = np.mgrid[:rows, :columns] - np.array([rows // 2, columns // 2])[:, None, None]
+    furrow = jnp.asarray((np.abs(x) <= 5) & (np.abs(y) <= 3), jnp.float32)
+    away = np.hypot(x - 7, y) * float(GROUND.pitch)
+    heap = replace(handful(0.0), height=jnp.asarray(NO_HEAP + 0.005 - 0.7 * away, jnp.float32))
+    pulled = {"tool": jnp.where(furrow > 0, 0.01, -0.1), "give": furrow, "path": path}
+    return replace(heap, reference=20.0 * (furrow - 1), share=jnp.float32(0.5), **pulled)
+
+
+@pytest.mark.parametrize("length", [0.5, 1.0, 2.0])
+def test_a_longer_path_keeps_its_ends(length):
+    one, longer = dragged(), dragged().lengthened(length)
+    assert longer.path_mm == pytest.approx(17.6 * length) and longer.directed and one.directed
+    more = round(8 * (length - 1))  # nodes
+    assert longer.grid.shape == (14, 17 + more + more % 2) and longer.roi[1] == ROI[1]
+    pixels = 1e3 * (length - 1) * 0.0176 * float(CAMERA.fx) / 450
+    assert -2e-3 <= longer.roi[0] - ROI[0] - pixels < 2 and longer.roi[0] % 2 == ROI[0] % 2
+    ends, middle = np.array([-8, -5, -4, 4, 5, 7]), 17 // 2
+    moved = ends + np.sign(ends) * (more // 2) + longer.grid.shape[1] // 2
+    for name in ("tool", "give", "height", "rise", "flow"):
+        old, new = (np.asarray(getattr(p, name)) for p in (one, longer))
+        np.testing.assert_allclose(new[:, moved], old[:, ends + middle], atol=1e-6)
+    assert float(longer.give.sum()) == float(one.give.sum()) + 7 * more
+    # What the longer furrow displaces is heaped before it.
+    for p in (one, longer):
+        change = np.asarray(p.change(np.full(p.grid.shape, 0.45, np.float32)))
+        cut = float(p.on_grid().volume[0, 0])
+        assert change.sum() == pytest.approx(0.5 * cut, rel=0.05)  # the other half is packed
+    assert cut == pytest.approx(7 * (11 + more) * 0.01, rel=0.02)
+
+
+def test_a_longer_path_turns_with_the_hand():
+    level = np.full((33, 33), 0.45, np.float32)
+    longer = dragged().lengthened(3.0)
+    ahead, turned = (np.asarray(longer.turned(yaw).change(level)) for yaw in (0.0, np.pi / 2))
+    np.testing.assert_allclose(turned, ahead[::-1].T, atol=2e-4)
+
+
+def test_the_slope_of_a_length_is_known():
+    maps = jnp.asarray(dragged().give)
+
+    def sum_of(length):
+        return stretch(maps, length, 8.0, 40).sum()
+
+    # A furrow of 7 rows becomes 4 nodes longer; its walls stay.
+    assert float(sum_of(1.5) - sum_of(1.0)) == pytest.approx(7 * 4, abs=0.01)
+    assert float(jax.jit(jax.grad(sum_of))(1.4)) == pytest.approx(7 * 8, rel=0.2)
+
+
+def test_what_has_no_path_cannot_be_lengthened():
+    assert (tool().path_mm, tool().directed, handful().directed) == (0.0, False, False)
+    for one in (tool(), dragged().turned(0.3)):
+        with pytest.raises(BadBank, match="no path along u"):
+            one.lengthened(2.0)
+    plain = fit_difference(np.ones((1, 2, 2)), np.ones((1, 2, 2)))
+    assert (plain.path_mm, plain.directed) == (0.0, False)
+    with pytest.raises(BadBank, match="Difference has no path"):
+        plain.lengthened(2.0)
+    for length in (0.0, -1.0, np.nan, 11.0):
+        with pytest.raises(BadBank, match="length is .*; expected above 0, up to 10"):
+            dragged().lengthened(length)
+
+
 def test_mirror_images_are_found():
     before = np.stack([hills(k, GROUND.shape) for k in range(6)])
     rng = np.random.default_rng(0)
@@ -397,8 +464,9 @@ def test_more_pairs_are_gone_over_more_often():
 
 @pytest.mark.full
 def test_saved_and_loaded_is_the_same(tmp_path):
-    bank = Bank(CAMERA, (tool(), handful()), ("poke", "pour"), "P")
+    bank = Bank(CAMERA, (tool(), handful(), dragged()), ("poke", "pour", "sweep"), "P")
     found = load_bank(save_bank(bank, tmp_path / "bank"))
+    assert [one.path_mm for one in found.predictors] == [0.0, 0.0, 17.6]
     assert found.kind == "P" and found.rois == bank.rois
     roi = image_of(hills(7), CORNER)
     for name in bank.actions:
@@ -410,7 +478,7 @@ def test_saved_and_loaded_is_the_same(tmp_path):
 
 def test_damaged_arrays_are_refused():
     arrays = KINDS["P"].pack(replace(tool(), deep=tool().rest, stroke=jnp.float32(0.02)))
-    for broken in ({"deep": np.zeros((2, 2))}, {"stroke": np.array(np.nan, np.float32)}):
+    for broken in ({"deep": np.zeros((2, 2))}, {"stroke": np.array(np.nan, np.float32)}, {"path": np.array(-1)}):
         with pytest.raises(BadBank):
             KINDS["P"].unpack(arrays | broken, ROI, CAMERA)
 

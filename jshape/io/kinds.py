@@ -28,6 +28,10 @@ _MAPS = ("reference", "tool", "give", "rest", "swell", "follow", "deep")
 _NUMBERS = ("stroke",)
 _HEAP_MAPS, _HEAP_NUMBERS = ("height", "rise", "flow"), ("share", "brought")
 """What an f_P with a heap holds too."""
+_PATH = "path"
+"""Length of an f_P's path, metres; not there for one without, as in banks of before paths."""
+LONGEST_PATH = 10.0
+"""Longest path of an action that is read, metres."""
 WIDEST = 256
 """Largest width of a U-Net that is read: 0.5 billion parameters."""
 
@@ -120,7 +124,8 @@ def _pack_imprint(predictor: Any) -> dict[str, np.ndarray]:
     if predictor.height is not None:
         names += (*_HEAP_MAPS, *_HEAP_NUMBERS)
     fitted = {name: np.asarray(getattr(predictor, name), np.float32) for name in names}
-    return {"ground": ground, **fitted}
+    path = {} if predictor.path is None else {_PATH: np.asarray(predictor.path, np.float32)}
+    return {"ground": ground, **fitted, **path}
 
 
 def _imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
@@ -135,7 +140,12 @@ def _imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
         maps, numbers = maps + _HEAP_MAPS, numbers + _HEAP_NUMBERS
     fitted = {name: checked(arrays, name, shape) for name in maps}
     fitted |= {name: checked(arrays, name, ()) for name in numbers}
-    return Imprint(OrthographicGrid(camera, depth, pitch, shape, roi), **fitted)
+    path = None
+    if _PATH in arrays:
+        path = round(float(checked(arrays, _PATH, ())), 6)
+        if not 0 < path <= LONGEST_PATH:
+            raise BadBank(f"{_PATH} is {path} m; expected above 0, up to {LONGEST_PATH} m")
+    return Imprint(OrthographicGrid(camera, depth, pitch, shape, roi), path=path, **fitted)
 
 
 _INSTEAD = "instead"

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from jshape._typing import Array, Float
-from jshape.models.imprint import NO_HEAP, SOFT, Imprint
+from jshape.models.imprint import Imprint
+from jshape.models.imprint_change import NO_HEAP, SOFT
 from jshape.models.orthographic import OrthographicGrid
 
 CONTACT = 0.3

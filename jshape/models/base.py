@@ -33,6 +33,12 @@ class Predictor(ABC):
     on_host: ClassVar[bool] = False
     """Whether it works on NumPy arrays with NumPy alone: then nothing is compiled for it."""
 
+    path_mm: float = 0.0
+    """Length of the trained action's path along the hand's x, mm; 0: it has none to lengthen."""
+    directed: bool = False
+    """Whether it differs when the hand is turned by half a turn, because it moves material one
+    way: the search then tries yaws over a full turn."""
+
     @property
     @abstractmethod
     def roi(self) -> tuple[int, int]:
@@ -54,6 +60,17 @@ class Predictor(ABC):
     def turned(self, yaw: float | Array | np.floating) -> "Predictor":
         """The same action, the hand turned by `yaw` radians from u towards v; a square ROI."""
         raise BadBank(f"a predictor of type {type(self).__name__} cannot turn the hand")
+
+    def lengthened(self, length: float) -> "Predictor":
+        """The same action along a path `length` times as long about its place; before `turned`.
+
+        Raises:
+          BadBank: it has no path.
+        """
+        raise BadBank(
+            f"a predictor of type {type(self).__name__} has no path to lengthen; those of banks of "
+            "kind 'P' that are fitted to pairs with path_mm have"
+        )
 
     def seen_by(self, camera: Camera, depth: float) -> "Predictor":
         """The same action for another camera, `depth` metres above where actions are placed.

@@ -24,8 +24,7 @@ before, and low places are filled first, as material slides; where it is 0, it l
 is.  Its sides are as steep as those of the map `height`: more volume, a wider heap.
 """
 
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import jax
@@ -33,18 +32,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape._typing import Array, Float, Int
-from jshape.camera import Camera, in_memory, namespace
+from jshape.camera import STATIC, Camera, in_memory, namespace
+from jshape.errors import BadBank, quoted
 from jshape.models.base import Predictor
+from jshape.models.imprint_change import PreparedImprint, soft, summed
 from jshape.models.orthographic import OrthographicGrid
+from jshape.models.stretch import stretch, widened
 from jshape.models.turn import square, turn
 
-SOFT = 1e-3
-"""How softly the tool's edge meets the bed, metres: contact fades over about this height."""
-NO_HEAP = 0.1
-"""How far below the bed the heap is where its height is 0, metres: nothing of it shows."""
-HEAP_STEPS = 3
-"""Steps towards the heap's level; 6 predict the same to 0.004 mm on average, one differs by
-0.01 to 0.24 mm."""
+LONGEST = 10.0
+"""Most times that a path can be as long as the trained one."""
 
 
 @jax.tree_util.register_dataclass
@@ -85,6 +82,21 @@ class Imprint(Predictor):
     """Share of what the tool displaces that is heaped."""
     brought: Float[Any, ""] | None = None
     """Heaped at strength 1 whatever the bed is, metres times nodes."""
+    path: float | None = field(default=None, metadata=STATIC)
+    """Length of the trained path along u, whose middle is the place, metres; None without one."""
+
+    @property
+    def path_mm(self) -> float:
+        """Length of the trained path, mm; 0 if it has none."""
+        return 1e3 * (self.path or 0.0)
+
+    @property
+    def directed(self) -> bool:
+        """Whether it drags: along a path, or from a tool's furrow into a heap.
+
+        A heap alone is what a hand let fall: the hand may stand either way round.
+        """
+        return self.path is not None or (self.height is not None and bool(np.any(self.give)))
 
     @property
     def carry_over(self) -> float:
@@ -133,12 +145,38 @@ class Imprint(Predictor):
     def turned(self, yaw: float | Array | np.floating) -> "Imprint":
         """The same hand turned by `yaw` radians from u towards v; its ROI becomes a square."""
         shape = square(self.grid.shape)
-        xp = namespace(self, yaw)
+        maps = self._moved(lambda fields, outside: turn(fields, yaw, shape, outside), yaw)
+        grid = replace(self.grid, shape=shape, roi=square(self.roi))
+        return replace(self, grid=grid, path=None, **maps)  # its path is no longer along u
+
+    def lengthened(self, length: float) -> "Imprint":
+        """The same hand along a path `length` times as long; its window grows or shrinks with it.
+
+        The longer furrow displaces more, and the heap holds its share of that.  The shape follows
+        from the numbers, so they must be known; `stretch` is traceable.
+
+        Raises:
+          BadBank: it has no path along u (a turned one: lengthen it first), or no such length.
+        """
+        if self.path is None:
+            raise BadBank("this predictor has no path along u to lengthen; lengthen before turning")
+        if not 0 < length <= LONGEST:
+            raise BadBank(f"length is {quoted(length)}; expected above 0, up to {LONGEST:g}")
+        (rows, columns), (w, h) = self.grid.shape, self.roi
+        more, pitch = (length - 1.0) * self.path, float(self.grid.pitch)
+        columns, nodes = widened(columns, more / pitch), self.path / pitch
+        maps = self._moved(lambda fields, edge: stretch(fields, length, nodes, columns, edge))
+        roi = widened(w, more * float(self.grid.camera.scale(float(self.grid.depth))[0])), h
+        grid = replace(self.grid, shape=(rows, columns), roi=roi)
+        return replace(self, grid=grid, path=length * self.path, **maps)
+
+    def _moved(self, how: Any, *numbers: Any) -> dict[str, Any]:
+        """All maps after `how`, which is given them and what is beyond their edges."""
+        xp = namespace(self, *numbers)
         outside = {k: far for k, far in _OUTSIDE.items() if getattr(self, k) is not None}
         fields = xp.stack([xp.asarray(getattr(self, name)) for name in outside])
-        turned = turn(fields, yaw, shape, np.array(list(outside.values()), np.float32))
-        maps = dict(zip(outside, turned, strict=True))
-        return replace(self, grid=replace(self.grid, shape=shape, roi=square(self.roi)), **maps)
+        moved = how(fields, np.array(list(outside.values()), np.float32))
+        return dict(zip(outside, moved, strict=True))
 
     def change(
         self, surface: Float[Any, "*B rows columns"], strength: Any = 1.0
@@ -149,7 +187,7 @@ class Imprint(Predictor):
     @property
     def deepest(self) -> Float[Array, ""]:
         """Greatest lowering of a flat bed at strength 1, metres: a stroke where none is known."""
-        return (jnp.maximum(self.give, 0.0) * _soft(self.tool) + self.rest).max()
+        return (jnp.maximum(self.give, 0.0) * soft(self.tool) + self.rest).max()
 
     def search_grid(self) -> OrthographicGrid:
         """Its own: what it does there is the same at every place."""
@@ -161,7 +199,7 @@ class Imprint(Predictor):
         give, least = xp.asarray(self.give), np.float32(1e-6 * self.give.size)
         weights = xp.exp(xp.asarray(self.reference) - xp.asarray(self.reference).max())
         # 1 µm over the grid against 0 / 0.
-        volume = _sum(_soft(xp.asarray(self.tool)), xp.maximum(give, np.float32(0))) + least
+        volume = summed(soft(xp.asarray(self.tool)), xp.maximum(give, np.float32(0))) + least
         return PreparedImprint(
             weights=weights / weights.sum(),
             tool=self.tool,
@@ -185,110 +223,3 @@ _OUTSIDE = {"reference": -50.0, "tool": -0.1}
 _OUTSIDE |= dict.fromkeys(("give", "rest", "swell", "follow", "deep"), 0.0)
 _OUTSIDE |= dict.fromkeys(("height", "rise", "flow"), 0.0)
 """Beyond a turned map: not below the tool, 100 mm above any bed, no change, no heap."""
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class PreparedImprint:
-    """f_P ready for use: its maps, and what follows from them alone."""
-
-    weights: Float[Any, "rows columns"]
-    tool: Float[Any, "rows columns"]
-    give: Float[Any, "rows columns"]
-    rest: Float[Any, "rows columns"]
-    swell: Float[Any, "rows columns"]
-    follow: Float[Any, "rows columns"]
-    deep: Float[Any, "rows columns"]
-    stroke: Float[Any, ""]
-    volume: Float[Any, "1 1"]
-    """Displaced on a flat bed at strength 1, metres times nodes."""
-    least: Float[Any, ""]
-    height: Float[Any, "rows columns"] | None = None
-    rise: Float[Any, "rows columns"] | None = None
-    flow: Float[Any, "rows columns"] | None = None
-    share: Float[Any, ""] | None = None
-    brought: Float[Any, ""] | None = None
-
-    def __call__(
-        self, surface: Float[Any, "*B rows columns"], first: Any, strength: Any
-    ) -> Float[Any, "*B rows columns"]:
-        """The bed after the action, metres: the same wherever its first node is."""
-        return surface + self.change(surface, strength)
-
-    def change(
-        self, surface: Float[Any, "*B rows columns"], strength: Any = 1.0
-    ) -> Float[Any, "*C rows columns"]:
-        """How much lower the bed is after the action, metres; batched over both arguments."""
-        xp = namespace(self, surface, strength)
-        strength = xp.asarray(strength, np.float32)[..., None, None]
-        rank = max(surface.ndim, strength.ndim)
-
-        def like(field: Any) -> Any:
-            """With as many axes as the result."""
-            return field.reshape(*[1] * (rank - field.ndim), *field.shape)
-
-        surface, strength, give = like(surface), like(strength), like(self.give)
-        shallow = xp.minimum(strength, 1.0)
-        relief = surface - _sum(surface, self.weights)
-        cut = _soft(like(self.tool) + (strength - 1.0) * self.stroke - relief)
-        # Rims hold what was displaced: more of it, higher rims.
-        displaced = _sum(cut, xp.maximum(self.give, 0.0)) + self.least
-        volume = displaced / like(self.volume)
-        beside = strength * like(self.rest) + (strength - 1.0) * shallow * like(self.deep)
-        swell = like(self.swell) * (volume - strength)
-        whole = give * cut + beside + swell + shallow * like(self.follow) * relief
-        if self.height is not None:
-            reach = like(self.flow) * relief + like(self.height) - NO_HEAP
-            moved = self.share * displaced + self.brought * strength
-            whole = whole - self._heaped(reach, like(self.rise), moved)
-        return xp.clip(5.0 * strength, 0.0, 1.0) * whole
-
-    def _heaped(self, reach: Any, rise: Any, volume: Any) -> Any:
-        """What lies on the bed, metres, of a heap that would reach so far at level 0.
-
-        Newton's steps of the root of its volume: that grows about as the level does.
-        """
-        xp = namespace(reach, rise, volume)
-        volume, every = xp.maximum(volume, self.least), np.ones(reach.shape[-2:], np.float32)
-        level = np.float32(0)
-        for _ in range(HEAP_STEPS):
-            height = reach + rise * level
-            held = _sum(_soft(height), every)
-            slope = _sum(_meets(height), self.rise)
-            step = 2.0 * (xp.sqrt(held * volume) - held) / (slope + 1e-3)
-            level = xp.clip(level + step, -0.05, 0.1)
-        return _soft(reach + rise * level)
-
-
-def _meets(height: Any) -> Any:
-    """About the slope of `_soft`: from 0 to 1."""
-    xp = namespace(height)
-    t = height / np.float32(SOFT)
-    return 0.5 + 0.5 * t / xp.sqrt(4.0 + t * t)
-
-
-def _soft(height: Any) -> Any:
-    """max(height, 0) with a soft corner, metres: SOFT * softplus(height / SOFT) to 0.2 µm.
-
-    The rational function takes a third of the time of exponential and logarithm in a sweep.
-    """
-    xp = namespace(height)
-    t = xp.abs(height) / np.float32(SOFT)
-    corner = 1.0 + t * (0.18072232 + t * (0.03586025 + t * 0.0029687))
-    corner = corner * corner
-    return xp.maximum(height, np.float32(0)) + np.float32(SOFT * 0.6931472) / (corner * corner)
-
-
-def _sum(field: Any, weights: Any) -> Any:
-    """Σ weights·field over the grid, kept as two axes of 1.
-
-    As a product with a vector, which a CPU computes in its vector units: a sweep takes half of the
-    time that `sum` over both axes would.
-    """
-    traced = namespace(field, weights) is jnp
-    product = partial(jnp.matmul, precision="highest") if traced else np.matmul
-    if field.ndim == 2:
-        ones = np.ones((1, len(field)), np.float32)
-        return product(ones, field * weights).sum(-1, keepdims=True)
-    flat = field.reshape(*field.shape[:-2], -1)
-    return product(flat, weights.reshape(-1, 1))[..., None]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jshape.models.imprint import NO_HEAP, SOFT
+from jshape.models.imprint_change import NO_HEAP, SOFT
 
 
 def heaped(predictor, relief, volume):

@@ -13,7 +13,8 @@ from jshape.camera import PAPER_BOX
 from jshape.robot.arms.base import Arm, ArmError, ArmLost, Doing, EffortLimit, Moved, stop_arm
 from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.arms.names import ARMS, open_arm
-from jshape.robot.procedure import NAMES, perform, pose_of
+from jshape.robot.perform import perform
+from jshape.robot.procedure import NAMES, pose_of
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.signals import SIGNALS
 

@@ -42,6 +42,25 @@ def litres(field, bed):
 # --- What is conserved --------------------------------------------------------------------------
 
 
+def test_a_stroke_that_is_cut_ends_on_its_way():
+    """A sweep goes down first, a scoop is on its way from the start: x and z in mm."""
+    for action, share, x, z in (
+        ("sweep", 0.0, -40.0, -8.6), ("sweep", 0.4, -6.0, -8.6), ("sweep", 1.0, 45.0, -8.6),
+        ("scoop", 0.0, -63.9, 0.0), ("scoop", 0.5, -23.55, -8.028), ("scoop", 2.0, 16.8, -11.8),
+        ("poke", 0.3, 0.0, -19.8),
+    ):  # fmt: skip
+        whole = sim.stroke(action)
+        ended = sim.cut(whole, share)
+        np.testing.assert_allclose(1000 * sim.way(ended)[-1], (x, 0.0), atol=1e-3)
+        assert 1000 * float(ended.path[-1, 0, 0, 2]) == pytest.approx(z, abs=1e-2)
+        gone = np.linspace(0, float(ended.times[-1]), 9)  # the same way until then
+        for moment in gone:
+            one, other = (
+                np.interp(moment, s.times, np.asarray(s.path[:, 0, 0, 0])) for s in (whole, ended)
+            )
+            assert one == pytest.approx(other, abs=1e-6)
+
+
 @pytest.mark.parametrize("action", MOVING)
 @pytest.mark.parametrize("bed", [flat_bed(**BOX), irregular()], ids=["flat", "irregular"])
 @pytest.mark.parametrize("material", [KEPT, *MATERIALS.values()], ids=["kept", *MATERIALS])

@@ -18,7 +18,8 @@ from jshape.height_map import camera_above, looking_down, places_on
 from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, PoseRefused
 from jshape.robot.cameras.base import CameraLost, DepthCamera, look
 from jshape.robot.cameras.played import Played
-from jshape.robot.procedure import Hand, perform, turned
+from jshape.robot.perform import perform
+from jshape.robot.procedure import Hand, turned
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.robot import Robot
 from tests.conftest import ROOT
@@ -123,6 +124,14 @@ def test_fingertips_stand_where_the_strokes_of_the_simulator_begin(flat, hand, e
 def test_unknown_postures_are_refused(flat):
     with pytest.raises(ArmError, match="unknown posture 'salute'; allowed: flat, claw"):
         flat.arm.posture("salute", seconds=0.1, threshold=10.0)
+
+
+@pytest.mark.parametrize("action", sim.MOVING)
+def test_actions_that_move_material_are_refused_before_the_arm_moves(flat, hand, action):
+    before = flat.arm.twin.joints()
+    with pytest.raises(ArmError, match=f"cannot {action}; sim can"):
+        perform(flat.arm, hand, action, np.array([0.0, 0.0, 0.45]), flat.base_camera)
+    np.testing.assert_allclose(flat.arm.twin.joints(), before, atol=1e-6)
 
 
 def test_the_twin_is_an_arm_and_a_camera(flat):

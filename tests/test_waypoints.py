@@ -92,8 +92,8 @@ def test_places_are_the_plans_pixels(plan):
         np.testing.assert_array_equal(path.position, expected)
         # Places are meant at one depth (Hypothesis 3), whatever the surface.
         np.testing.assert_allclose(pixel(path.surface, PAPER_Z), expected, atol=1e-6)
-        for _, pose in path.waypoints:
-            if pose is not None:
+        for _, poses in path.waypoints:
+            for pose in poses:
                 np.testing.assert_allclose(pixel(pose[:3, 3], PAPER_Z), expected, atol=1e-6)
 
 
@@ -107,8 +107,7 @@ def test_from_the_base_they_go_back_through_the_camera(plan):
         back = (np.linalg.inv(BASE) @ np.append(path.surface, 1.0))[:3]
         np.testing.assert_allclose(pixel(back, PAPER_Z), expected, atol=1e-6)
         for (_, a), (_, b) in zip(path.waypoints, seen.waypoints, strict=True):
-            if a is not None:
-                np.testing.assert_allclose(a, BASE @ b, atol=1e-12)
+            np.testing.assert_allclose(a, [BASE @ pose for pose in b], atol=1e-12)
 
 
 def test_a_surface_at_the_places_depth_is_seen_at_the_plans_pixels():
@@ -131,15 +130,16 @@ def test_operations_are_the_hands(plan):
         procedure = hand.procedures[path.action]
         fields = waypoints.waypoint_fields(waypoints_of(plan, hand))["actions"][k]["operations"]
         assert tuple(one["operation"] for one in fields) == NAMES
-        for (_, pose), one, operation in zip(
+        for (_, poses), one, operation in zip(
             path.waypoints, fields, procedure.operations, strict=True
         ):
             assert one["posture"] == operation.posture
             assert one["speed_m_s"] == pytest.approx(operation.speed_mm_s / 1e3)
             assert one["effort_Nm"] == operation.effort_nm
             if operation.name == "clear":
-                assert pose is None
+                assert not poses
                 continue
+            (pose,) = poses
             down = 1e3 * (pose[2, 3] - path.surface[2])
             if operation.depth_mm is not None:
                 assert down == pytest.approx(operation.depth_mm * plan.strengths[k])
@@ -299,8 +299,41 @@ def test_every_number_has_a_unit(plan):
 def test_an_operation_without_motion_stays(plan):
     still = (Operation("above", height_mm=50.0), Operation("act", posture="fist", seconds=2.0))
     hand = Hand({name: Procedure(name, still) for name in ("knock", "poke")})
-    _, (act, pose) = waypoints_of(plan, hand).actions[0].waypoints
-    assert pose is None and act.posture == "fist" and act.seconds == 2.0
+    _, (act, poses) = waypoints_of(plan, hand).actions[0].waypoints
+    assert not poses and act.posture == "fist" and act.seconds == 2.0
+
+
+def test_a_path_is_in_the_file_between_two_heights(plan, tmp_path):
+    """A sweep of twice the length across the dents: its depth is below the bed where it begins."""
+    there = replace(
+        plan, actions=("knock", "sweep", "knock"), lengths=np.array([1.0, 2.0, 1.0], np.float32)
+    )
+    ways, hand = waypoints_of(there, load_hand(), BASE), load_hand()
+    fields = waypoints.waypoint_fields(ways)
+    assert (
+        fields["version"] == 2
+        and waypoints.waypoint_fields(waypoints_of(plan, hand))["version"] == 1
+    )
+    sweep, camera_base = fields["actions"][1], np.linalg.inv(BASE)
+    assert sweep["length"] == 2.0 and fields["actions"][0]["length"] == 1.0
+    assert [one["operation"] for one in sweep["operations"] if "path" in one] == ["act"]
+    act = sweep["operations"][3]
+    assert act["path"][-1] == {name: act[name] for name in act["path"][-1]}
+    points = np.array([np.array(one["matrix"]) @ [0, 0, 0, 1] for one in act["path"]])
+    seen = (camera_base @ points.T).T[:, :3]
+    # The hand goes down 82.5 mm before the place: beside the dent of 62 mm, and 60 degrees turned.
+    np.testing.assert_allclose(seen[:, 2], FLAT + 0.5 * 0.0086, atol=1e-6)
+    way = seen[1] - seen[0]
+    assert np.linalg.norm(way) == pytest.approx(0.170)
+    assert np.arctan2(way[1], way[0]) == pytest.approx(np.pi / 3)
+    middle = pixel(seen.mean(0) - 0.0025 * way / 0.170, PAPER_Z)
+    np.testing.assert_allclose(middle, plan.exact_positions[1], atol=1e-4)
+    up = sweep["operations"][4]["matrix"]
+    np.testing.assert_allclose((camera_base @ up)[:2, 3], seen[1, :2], atol=1e-9)
+    for name in ("ways.json", "ways.yaml"):
+        waypoints.write_waypoints(tmp_path / name, ways)
+    assert json.loads((tmp_path / "ways.json").read_text()) == fields
+    assert yaml.safe_load((tmp_path / "ways.yaml").read_text()) == fields
 
 
 # The command

@@ -19,7 +19,8 @@ from jshape.camera import PAPER_BOX
 from jshape.errors import JShapeError
 from jshape.io import files, folders
 from jshape.robot.arms.mujoco import BOX, Ready, make_twin
-from jshape.robot.procedure import Hand, OperationResult, perform
+from jshape.robot.perform import OperationResult, perform
+from jshape.robot.procedure import Hand
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.surface import surface_point
 from jshape.robot.twin import engine

@@ -17,7 +17,8 @@ from jshape._typing import Num
 from jshape.errors import BadFile
 from jshape.io import files
 from jshape.robot.arms.mujoco import Ready, make_twin
-from jshape.robot.procedure import Hand, OperationResult, perform
+from jshape.robot.perform import OperationResult, perform
+from jshape.robot.procedure import Hand
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.twin.world import Twin
 

@@ -70,8 +70,8 @@ def _print(ways: Waypoints) -> None:
     head = ("step", "action", "strength", "x", "y", "z", "surface z", "poses")
     rows = []
     for k, path in enumerate(ways.actions):
-        act = next(pose for operation, pose in path.waypoints if operation.name == "act")
-        at = ("", "", "") if act is None else act[:3, 3] * 1e3
+        act = next(poses for operation, poses in path.waypoints if operation.name == "act")
+        at = act[-1][:3, 3] * 1e3 if act else ("", "", "")
         rows.append(
             (
                 k + 1,
@@ -79,7 +79,7 @@ def _print(ways: Waypoints) -> None:
                 f"{path.strength:.2f}",
                 *(x if x == "" else f"{x:.1f}" for x in at),
                 f"{1e3 * path.surface[2]:.1f}",
-                sum(pose is not None for _, pose in path.waypoints),
+                sum(len(poses) for _, poses in path.waypoints),
             )
         )
     print_table(head, rows)

@@ -1,12 +1,12 @@
-"""An action as an arm carries it out: six operations, one after the other.
+"""An action as an arm is to carry it out: six operations, one after the other.
 
-above the place; down, the hand prepared; contact; act; up; clear of the camera's view.  An effort
-above an operation's threshold ends that operation and goes on to the next, as in the paper.
+above the place; down, the hand prepared; contact; act; up; clear of the camera's view.  A hand that
+moves along the bed goes down where its path begins and up where it ends.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from jshape._typing import Float
 from jshape.errors import quoted
 from jshape.io.records import OneLine, Range
-from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, Moved, PoseRefused, stop_arm
+from jshape.robot.arms.base import PoseRefused
+from jshape.robot.rigid import Pose
 
 NAMES = ("above", "prepare", "contact", "act", "up", "clear")
 """The six operations, in order."""
@@ -22,13 +23,17 @@ IN_THE_AIR = ("above", "up")
 """Operations that touch nothing: a contact there is a collision, and ends the action."""
 DEEPEST = 10.0
 """Greatest strength of an action: more than any bed is deep."""
-
+LONGEST = 10.0
+"""Greatest length of an action's path, as a multiple of its own: more than any bed is wide."""
+POINTS = 8
+"""Most points of a path."""
 
 REACH_MM = 2000.0
 """No arm's tool is farther than this from anything, mm."""
 ROOM_MM = 20.0
 """Limits with less room than this are in metres."""
 _Place = Annotated[tuple[float, float, float], Range(-REACH_MM, REACH_MM)]
+_Point = Annotated[tuple[float, float], Range(-REACH_MM, REACH_MM)]
 _Speed = Annotated[float, Range(0, 2000, above=True, metres_below=1)]
 _Effort = Annotated[float, Range(0, 1000, above=True)]
 _METRES = "less than {:g} mm looks like metres: times 1000"
@@ -43,6 +48,10 @@ class Operation:
     """Where the tool goes: above the surface at the place; below it where negative."""
     depth_mm: Annotated[float | None, Range(0, REACH_MM, above=True, metres_below=0.1)] = None
     """Where the tool goes instead: below the surface, times the strength of the action."""
+    path_mm: tuple[_Point, ...] | None = None
+    """Where the tool goes instead, in straight lines from the first (x, depth) to the last: x along
+    the hand from the place, times the length of the action about the middle of the two ends; depth
+    below the surface where the path begins, times the strength."""
     posture: Annotated[str | None, OneLine()] = None
     """What the hand does, once the tool is there."""
     speed_mm_s: _Speed = 100.0
@@ -58,8 +67,27 @@ class Operation:
             return "the arm goes home, there is nothing else to say of it"
         if self.name in IN_THE_AIR and not (self.height_mm or 0.0) > 0:
             return "needs a height_mm above 0: the tool touches nothing there"
-        if self.height_mm is not None and self.depth_mm is not None:
-            return "height_mm and depth_mm are both given; one says where the tool is"
+        if self.path_mm is not None and self.name != "act":
+            return "path_mm is for act alone: the others go where it begins or ends"
+        ways = "height_mm", "depth_mm", "path_mm"
+        given = [way for way in ways if getattr(self, way) is not None]
+        if len(given) > 1:
+            return f"{' and '.join(given)} are both given; one says where the tool is"
+        return None if self.path_mm is None else self._path_problem(np.array(self.path_mm))
+
+    def _path_problem(self, path: np.ndarray) -> str | None:
+        if not 2 <= len(path) <= POINTS:
+            return f"path_mm has {len(path)} points; expected 2 to {POINTS} of [x, depth]"
+        x, depth = path.T
+        if (back := np.flatnonzero(np.diff(x) <= 0)).size:
+            one, other = x[back[0] : back[0] + 2]
+            return f"path_mm goes from x {one:g} to {other:g}; each point is ahead of the last"
+        if depth.min() < 0 or depth.max() == 0:
+            return f"path_mm goes {depth.tolist()} mm deep; depths are from 0, one of them above"
+        if x[-1] - x[0] < 1:
+            return f"path_mm is {x[-1] - x[0]:g} mm long; {_METRES.format(1)}"
+        if depth.max() < 0.1:
+            return f"path_mm is {depth.max():g} mm deep; {_METRES.format(0.1)}"
         return None
 
 
@@ -71,6 +99,20 @@ class Procedure:
     operations: tuple[Operation, ...]
     tool_mm: _Place = (0.0, 0.0, 0.0)
     """The point of the hand that meets the place, in the flange's frame."""
+
+    def path(self, length: float = 1.0) -> Float[np.ndarray, "P 2"]:
+        """(x, depth) of the act's path, metres; no points where it has none."""
+        found = [one.path_mm for one in self.operations if one.path_mm is not None]
+        path = np.array(found[0] if found else np.zeros((0, 2)), float) / 1e3
+        if len(path):
+            middle = path[[0, -1], 0].mean()
+            path[:, 0] = middle + length * (path[:, 0] - middle)
+        return path
+
+    def begins(self, yaw: float = 0.0, length: float = 1.0) -> Float[np.ndarray, "2"]:
+        """(x, y) from the place to where the hand goes down, metres in the camera's frame."""
+        path = self.path(length)
+        return turned(yaw)[:2, 0] * (path[0, 0] if len(path) else 0.0)
 
     def problem(self) -> str | None:
         """What a file of it must not say."""
@@ -114,18 +156,6 @@ class Hand:
     limits: ArmLimits = field(default_factory=ArmLimits)
 
 
-class OperationResult(NamedTuple):
-    """How an operation ended."""
-
-    operation: str
-    contact: bool
-    """The effort ended it."""
-    effort_nm: float
-    """The greatest on the way."""
-    tool_mm: tuple[float, float, float]
-    """Where the tool ended, in the camera's frame."""
-
-
 def turned(yaw: float) -> Float[np.ndarray, "3 3"]:
     """Rotation about z, from x towards y; radians."""
     return Rotation.from_euler("z", yaw).as_matrix()
@@ -143,15 +173,19 @@ def pose_of(
     `point` is on the surface there, `strength` a factor on the depth, which ends at `deepest_mm`
     at the latest; `yaw` turns the hand from u towards v, radians.
     """
+    if operation.depth_mm is not None:
+        return _below(point, operation.depth_mm * strength, yaw, deepest_mm)
+    if operation.height_mm is not None:
+        return _below(point, -operation.height_mm, yaw)
+    return None
+
+
+def _below(point: np.ndarray, depth_mm: float, yaw: float, deepest_mm: float = np.inf) -> Pose:
+    """So far below a point, but not below `deepest_mm`."""
     pose = np.eye(4)
     pose[:3, :3] = turned(yaw)
     pose[:3, 3] = point
-    if operation.depth_mm is not None:
-        pose[2, 3] = min(pose[2, 3] + operation.depth_mm * strength / 1e3, deepest_mm / 1e3)
-    elif operation.height_mm is not None:
-        pose[2, 3] -= operation.height_mm / 1e3
-    else:
-        return None
+    pose[2, 3] = min(pose[2, 3] + depth_mm / 1e3, deepest_mm / 1e3)
     return pose
 
 
@@ -161,10 +195,30 @@ def poses_of(
     point: Float[np.ndarray, "3"],
     strength: float = 1.0,
     yaw: float = 0.0,
-) -> list[tuple[Operation, Float[np.ndarray, "4 4"] | None]]:
-    """Each operation with the pose where it ends: see `pose_of`; strokes end above the floor."""
-    how = (point, strength, yaw, limits.high_mm[2])
-    return [(one, pose_of(one, *how)) for one in procedure.operations]
+    length: float = 1.0,
+) -> list[tuple[Operation, list[Pose]]]:
+    """Each operation with the poses that it goes to: none, one, or the points of its path.
+
+    Args:
+      procedure: of the action.
+      limits: strokes end above the floor.
+      point: x and y of the place, and z of the surface where the hand goes down.
+      strength: a factor on depths.
+      yaw: turn of the hand from u towards v, radians.
+      length: a factor on the path.
+    """
+    path, along, deepest = procedure.path(length), turned(yaw)[:, 0], limits.high_mm[2]
+    ends = path[[0, -1], 0] if len(path) else np.zeros(2)
+    found = []
+    for one in procedure.operations:
+        if one.path_mm is not None:
+            poses = [_below(point + x * along, 1e3 * z * strength, yaw, deepest) for x, z in path]
+        else:
+            there = point + ends[int(one.name == "up")] * along
+            pose = pose_of(one, there, strength, yaw, deepest)
+            poses = [] if pose is None else [pose]
+        found.append((one, poses))
+    return found
 
 
 def check_reach(
@@ -173,19 +227,26 @@ def check_reach(
     point: Float[np.ndarray, "3"],
     strength: float = 1.0,
     yaw: float = 0.0,
+    length: float = 1.0,
 ) -> None:
     """Whether all of an action stays inside the limits, before the arm moves.
 
     Raises:
       PoseRefused: it leaves the workspace, is too fast, trips above the hard limit, or has a
-        strength or yaw that makes no sense.
+        strength, yaw or length that makes no sense.
     """
     if not (np.isfinite(point).all() and np.isfinite(yaw) and 0 < strength <= DEEPEST):
         raise PoseRefused(
             f"{procedure.action}: at {point} m, strength {strength:g}, yaw {yaw:g} rad; a strength "
             f"is above 0 and at most {DEEPEST:g}, and all are finite"
         )
-    for operation, pose in poses_of(procedure, limits, point, strength, yaw):
+    if not 0 < length <= LONGEST:
+        said = f"{procedure.action}: its path {length:g} times as long"
+        raise PoseRefused(f"{said}; a length is above 0 and at most {LONGEST:g}")
+    if length != 1 and not len(procedure.path()):
+        said = f"{procedure.action}: its act has no path_mm"
+        raise PoseRefused(f"{said}, so it cannot be {length:g} times as long")
+    for operation, poses in poses_of(procedure, limits, point, strength, yaw, length):
         where = f"{procedure.action}: {operation.name}"
         for what, value, most in (
             ("speed {:g} mm/s", operation.speed_mm_s, limits.speed_mm_s),
@@ -193,108 +254,11 @@ def check_reach(
         ):
             if value > most:
                 raise PoseRefused(f"{where}: {what.format(value)}; at most {most:g}")
-        if pose is None:
-            continue
-        at = pose[:3, 3] * 1000.0
-        if not ((at >= limits.low_mm) & (at <= limits.high_mm)).all():
-            text = "({:.0f}, {:.0f}, {:.0f})".format
-            raise PoseRefused(
-                f"{where} goes to {text(*at)} mm in the camera's frame; "
-                f"the workspace is {text(*limits.low_mm)} to {text(*limits.high_mm)}"
-            )
-
-
-def perform(
-    arm: Arm,
-    hand: Hand,
-    action: str,
-    point: Float[np.ndarray, "3"],
-    base_camera: Float[np.ndarray, "4 4"],
-    *,
-    strength: float = 1.0,
-    yaw: float = 0.0,
-    on_operation: Callable[[OperationResult], None] = lambda done: None,
-) -> list[OperationResult]:
-    """Carry an action out as `prepare` has it; `on_operation` is called after each operation.
-
-    Any failure, Ctrl-C included, stops the arm before the error is passed on.
-
-    Raises:
-      PoseRefused: it leaves the workspace or what the arm can reach; the arm has not moved.
-      ArmError: the arm did not do it, touched something in the air, or has no such procedure.
-      EffortLimit: the effort rose above the hard limit.
-    """
-    tool, operations = prepare(arm, hand, action, point, base_camera, strength, yaw)
-    camera_base = np.linalg.inv(base_camera)
-    all_done = []
-    try:
-        for operation, pose in operations:
-            arm.begin(Doing(action, operation.name, strength, yaw), tool)
-            contact, effort = _one(arm, operation, pose, f"{action}: {operation.name}", hand.limits)
-            x, y, z = ((camera_base @ arm.pose())[:3, 3] * 1000.0).tolist()
-            done = OperationResult(operation.name, contact, effort, (x, y, z))
-            all_done.append(done)
-            on_operation(done)
-    except BaseException:
-        stop_arm(arm)
-        raise
-    return all_done
-
-
-def prepare(
-    arm: Arm,
-    hand: Hand,
-    action: str,
-    point: Float[np.ndarray, "3"],
-    base_camera: Float[np.ndarray, "4 4"],
-    strength: float = 1.0,
-    yaw: float = 0.0,
-) -> tuple[Float[np.ndarray, "4 4"], list[tuple[Operation, Float[np.ndarray, "4 4"] | None]]]:
-    """Check an action at a point of the surface (camera's frame, metres); the arm does not move.
-
-    Returns:
-      The pose of the tool in the flange's frame, and the operations with the tool's poses in the
-      base frame, None for one that goes nowhere.
-
-    Raises:
-      PoseRefused, ArmError: as for `perform`.
-    """
-    if action not in hand.procedures:
-        raise ArmError(f"the hand cannot {action}; it can: {', '.join(hand.procedures)}")
-    procedure, limits = hand.procedures[action], hand.limits
-    check_reach(procedure, limits, point, strength, yaw)
-    tool = np.eye(4)
-    tool[:3, 3] = np.asarray(procedure.tool_mm) / 1000.0
-    seen = poses_of(procedure, limits, point, strength, yaw)
-    operations = [(one, None if pose is None else base_camera @ pose) for one, pose in seen]
-    arm.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
-    poses = [pose for _, pose in operations if pose is not None]
-    arm.check(poses, [one.posture for one in procedure.operations if one.posture], tool)
-    return tool, operations
-
-
-def _one(
-    arm: Arm, operation: Operation, pose: np.ndarray | None, where: str, limits: ArmLimits
-) -> tuple[bool, float]:
-    """Whether the effort ended an operation, and the greatest effort."""
-
-    def judged(moved: Moved) -> tuple[bool, float]:
-        said = f"{where}: effort {moved.effort:.0f} Nm"
-        if not 0 <= moved.effort <= limits.effort_nm:  # NaN too
-            raise EffortLimit(f"{said}; the hard limit is {limits.effort_nm:g}")
-        if moved.contact and operation.name in IN_THE_AIR:
-            raise ArmError(f"{said}: something is in the way")
-        return moved.contact, moved.effort
-
-    if operation.name == "clear":
-        return judged(arm.home())
-    contact, effort = False, 0.0
-    if pose is not None:
-        speed = operation.speed_mm_s / 1000.0
-        contact, effort = judged(arm.move(pose, speed=speed, threshold=operation.effort_nm))
-    if (name := operation.posture) is not None:
-        # A hand that touches something on its way down still closes: it is what the action does.
-        most = operation.effort_nm
-        touched, more = judged(arm.posture(name, seconds=operation.seconds, threshold=most))
-        contact, effort = contact or touched, max(effort, more)
-    return contact, effort
+        for pose in poses:
+            at = pose[:3, 3] * 1000.0
+            if not ((at >= limits.low_mm) & (at <= limits.high_mm)).all():
+                text = "({:.0f}, {:.0f}, {:.0f})".format
+                raise PoseRefused(
+                    f"{where} goes to {text(*at)} mm in the camera's frame; "
+                    f"the workspace is {text(*limits.low_mm)} to {text(*limits.high_mm)}"
+                )

@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager, ExitStack
 
 import numpy as np
 
-from jshape._typing import Float
+from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera
 from jshape.data.fusion import NOISE, check_poses
 from jshape.data.missing import fill_missing, median_of
@@ -16,7 +16,8 @@ from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import FRAMES, DepthCamera, look
 from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.checks import check_clear
-from jshape.robot.procedure import Hand, OperationResult, perform, prepare
+from jshape.robot.perform import OperationResult, perform, prepare
+from jshape.robot.procedure import Hand
 from jshape.robot.surface import surface_point
 
 
@@ -133,19 +134,34 @@ class Robot(AbstractContextManager):
         position: tuple[float | int, float | int],
         strength: float = 1.0,
         yaw: float = 0.0,
+        length: float = 1.0,
     ) -> None:
         """Carry an action out at pixel (u, v) of the bank's image; ArmError: it did not."""
         self.moved = True
-        given = (self.guard, self._hand, action, self.point(position), self._base_bank)
-        perform(*given, strength=strength, yaw=yaw, on_operation=self.on_operation)
+        given = self._given(action, position, yaw, length)
+        how = {"strength": strength, "yaw": yaw, "length": length}
+        perform(*given, **how, on_operation=self.on_operation)
 
-    def point(self, position: tuple[float | int, float | int]) -> Float[np.ndarray, "3"]:
-        """The point of the surface under a place, in the frame of the bank's camera, metres."""
+    def _given(
+        self, action: str, position: tuple[float | int, float | int], yaw: float, length: float
+    ) -> tuple[GuardedArm, Hand, str, Float[np.ndarray, "3"], Float[np.ndarray, "4 4"]]:
+        """What `prepare` and `perform` take first."""
+        procedure = self._hand.procedures.get(action)
+        beside = (0.0, 0.0) if procedure is None else procedure.begins(yaw, length)
+        return self.guard, self._hand, action, self.point(position, beside), self._base_bank
+
+    def point(
+        self, position: tuple[float | int, float | int], beside: ArrayLike = (0.0, 0.0)
+    ) -> Float[np.ndarray, "3"]:
+        """The point of the surface under a place, in the frame of the bank's camera, metres.
+
+        Its z is that of the surface `beside` (x, y) metres of the place.
+        """
         if self._seen is None or self.view is None:
             raise JShapeError("look before you act")
         if self._whole is None:  # once a look: a plan's actions are all checked on the first
             self._whole, _ = fill_missing(self._seen, limit=1.0, where=self.eyes)
-        return surface_point(self._whole, self.camera, position)
+        return surface_point(self._whole, self.camera, position, beside=beside)
 
     @property
     def _base_bank(self) -> Float[np.ndarray, "4 4"]:
@@ -159,10 +175,10 @@ class Robot(AbstractContextManager):
         position: tuple[float | int, float | int],
         strength: float = 1.0,
         yaw: float = 0.0,
+        length: float = 1.0,
     ) -> None:
         """Whether it could carry an action out; nothing moves.  Raises as `act`."""
-        given = (self.guard, self._hand, action, self.point(position), self._base_bank)
-        prepare(*given, strength, yaw)
+        prepare(*self._given(action, position, yaw, length), strength, yaw, length)
 
     def home(self) -> None:
         """Bring the arm out of the camera's view; ArmError: it did not."""

@@ -26,7 +26,8 @@ from jshape.planning.options import StopCriteria
 from jshape.planning.plan import Plan
 from jshape.robot.arms.base import stop_arm
 from jshape.robot.loop import Molding, Step, Stop, mold
-from jshape.robot.procedure import NAMES, OperationResult
+from jshape.robot.perform import OperationResult
+from jshape.robot.procedure import NAMES
 from jshape.robot.robot import Robot
 from jshape.robot.signals import uninterrupted
 

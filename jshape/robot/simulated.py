@@ -9,6 +9,10 @@ from jshape.camera import PAPER_BOX, Camera
 from jshape.data.recording import LEVELLED_STD
 from jshape.data.simulate import look
 from jshape.errors import UnknownName
+from jshape.sim import check
+
+NOTHING = 1e-7
+"""Less material than this is none, m³: a tenth of a cubic centimetre."""
 
 
 def bed_of(
@@ -37,14 +41,18 @@ class SimulatedWorld:
         frames: int = 5,
         noise: float = 0.00045,
         spread: float = 1.0,
+        stock_cm3: float = 0.0,
     ):
         """A world that starts with `bed`; `frames` frames are averaged into each look.
 
         `spread` is a factor on the agent's variability: 0 repeats its nominal actions exactly.
+        `stock_cm3` is loose material beside the bed, which hands may bring beyond what they took.
 
         Raises:
           UnknownName: no such material or agent.
+          JShapeError: a stock below 0.
         """
+        check.number("stock_cm3", stock_cm3, at_least=0.0)
         if isinstance(agent, str) and agent not in sim.AGENTS:
             raise UnknownName("agent", agent, sim.AGENTS)
         self.bed = bed
@@ -56,6 +64,7 @@ class SimulatedWorld:
         self._frames = frames
         self._noise = noise
         self._spread = spread
+        self._beside = 1e-6 * stock_cm3  # m³
 
     def _next_key(self) -> Key[Array, ""]:
         self._key, key = jax.random.split(self._key)
@@ -71,14 +80,49 @@ class SimulatedWorld:
         position: tuple[float | int, float | int],
         strength: float | int = 1.0,
         yaw: float | int = 0.0,
+        length: float | int = 1.0,
+        *,
+        share: float = 1.0,
     ) -> None:
         """Apply an action at pixel (u, v), whole or not; see `jshape.robot.loop.World`.
+
+        One that brings material brings at most what was taken out of the bed before, and the stock
+        beside it.
+
+        Args:
+          action: its name.
+          position: of the place.
+          strength: times as deep as nominal; of a pour, times as much.
+          yaw: turn of the hand from u towards v, radians.
+          length: times as long as nominal the path is.
+          share: of its path that the hand goes before it comes up.
 
         Raises:
           UnknownName: no such action.
           BadPosition: a place outside the box.
-          JShapeError: a strength or a yaw that makes no sense.
+          JShapeError: a strength, a yaw or a length that makes no sense.
         """
-        xy = sim.position_to_xy(self.camera, np.asarray(position))
-        given = (self._next_key(), self.bed, self._material, (action, self.agent), xy)
-        self.bed = sim.apply_action(*given, strength=strength, yaw=yaw, spread=self._spread)
+        check.number("length", length, above=0.0)
+        xy, stroke = sim.position_to_xy(self.camera, np.asarray(position)), self.stroke(action)
+        if length != 1:
+            stroke = sim.lengthened(stroke, length)
+        if share < 1:
+            stroke = sim.cut(stroke, share)
+        key, how = self._next_key(), {"yaw": yaw, "spread": self._spread}
+
+        def after(strength: float | int) -> sim.Bed:
+            again = jax.random.clone(key)  # the same repetition, of another strength
+            given = (again, self.bed, self._material, stroke, xy)
+            return sim.apply_action(*given, strength=strength, **how)
+
+        bed = after(strength)
+        given, left = float(self.bed.stock - bed.stock), float(self.bed.stock) + self._beside
+        if given > max(left, 0.0):
+            if left <= NOTHING:
+                return
+            bed = after(strength * left / given)
+        self.bed = bed
+
+    def stroke(self, action: str) -> sim.Stroke:
+        """What the agent's hand does in an action; UnknownName: nothing of that name."""
+        return sim.stroke(action, self.agent)

@@ -16,6 +16,7 @@ def surface_point(
     position: ArrayLike,
     *,
     place_depth: float = PAPER_Z,
+    beside: ArrayLike = (0.0, 0.0),
 ) -> Float[np.ndarray, "3"]:
     """The point of the surface under a place, metres, in the frame of the bank's camera.
 
@@ -27,12 +28,14 @@ def surface_point(
       camera: the bank's.
       position: (u, v) pixels, whole or not.
       place_depth: depth at which places are meant, metres.
+      beside: (x, y) from the place to where the surface is looked up instead, metres: there a hand
+        that goes along a path goes down.
     """
     u, v = np.asarray(position, np.float64)
     x, y = camera.at(u, v, place_depth)
-    z = place_depth
+    z, (dx, dy) = place_depth, np.asarray(beside, np.float64)
     for _ in range(4):  # the surface's slope is well below 1: each round halves the error
-        column, row = (int(np.rint(at)) for at in camera.pixel(x, y, z))
+        column, row = (int(np.rint(at)) for at in camera.pixel(x + dx, y + dy, z))
         column, row = min(max(column, 0), camera.width - 1), min(max(row, 0), camera.height - 1)
         rows, columns = (slice(max(at - AROUND, 0), at + AROUND + 1) for at in (row, column))
         z = float(np.median(depth[rows, columns]))

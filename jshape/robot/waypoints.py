@@ -19,14 +19,15 @@ from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName, needs,
 from jshape.io.files import write_atomic, write_json
 from jshape.planning.plan import Plan
 from jshape.robot.procedure import Hand, Operation, check_reach, poses_of
-from jshape.robot.rigid import BadPose, check_rigid, quaternion_of
+from jshape.robot.rigid import BadPose, Pose, check_rigid, quaternion_of
 from jshape.robot.surface import surface_point
 
 with needs("robot", "a hand or waypoint file"):
     import yaml
 
 FORMAT = "jshape-waypoints"
-VERSION = 1
+VERSION, WITH_PATHS = 1, 2
+"""Of files whose operations all go straight to their pose; of those where some follow a path."""
 ENDINGS = (".json", ".yaml", ".yml")
 """Of the files that can be written."""
 
@@ -40,6 +41,7 @@ UNITS = {
     "quaternion_xyzw": "x, y, z, w of the tool's rotation in the frame",
     "matrix": "4 rows: the tool's pose in the frame, rotation and metres",
     "strength": "times as deep as the trained action",
+    "length": "times as long as the path of the trained action",
 }
 """What the ends of names stand for; a part of every file."""
 
@@ -49,8 +51,11 @@ _READING = {
     f"with the flange's axes; at yaw 0 its axes are the camera's: {_CAMERA_AXES}",
     "operation": "move the tool to the pose in a straight line at the speed, then give the hand "
     "the posture; a contact effort above effort_Nm ends it, and the next one begins",
+    "path": "the poses that the tool goes to in straight lines one after the other instead; the "
+    "last is the operation's own",
     "no pose": "the tool stays; for clear, the arm goes home, out of the camera's view",
-    "surface_m": "the bed under the place as it is predicted to be before the action",
+    "surface_m": "the place; its height is the bed's as it is predicted to be before the action, "
+    "where the hand goes down: under the place, or where a path begins",
     "hard_effort_Nm": "a contact effort above it stops the arm for good",
 }
 
@@ -65,15 +70,17 @@ class ActionPath(NamedTuple):
     """How many times as deep as the trained action."""
     yaw: float
     """Turn of the hand from u towards v, radians."""
+    length: float
+    """How many times as long as the trained action's its path is."""
     surface: Float[np.ndarray, "3"]
-    """The place on the predicted surface, metres."""
+    """The place, on the height of the predicted surface where the hand goes down, metres."""
     tool: Float[np.ndarray, "3"]
     """The tool's origin in the flange's frame, metres; the axes are the flange's."""
     distance_mm: float
     """Predicted distance to the goal after it."""
-    waypoints: list[tuple[Operation, Float[np.ndarray, "4 4"] | None]]
-    """The six operations in order, and the tool's pose at the end of each, metres; None: it stays,
-    or, for clear, the arm goes home."""
+    waypoints: list[tuple[Operation, list[Pose]]]
+    """The six operations in order, and the tool's poses in each, metres: one, the points of a path,
+    or none: it stays, or, for clear, the arm goes home."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,21 +155,25 @@ def waypoints_of(
     for k, action in enumerate(plan.actions):
         procedure = hand.procedures[action]
         u, v = (float(x) for x in plan.exact_positions[k])
-        strength, yaw = float(plan.strengths[k]), float(plan.yaws[k])
+        how = strength, yaw, length = (
+            float(plan.strengths[k]), float(plan.yaws[k]), float(plan.lengths[k])
+        )  # fmt: skip
         depth = np.asarray(camera.depth(metric.unweigh(plan.images[k], camera)))
-        point = surface_point(depth, camera, (u, v), place_depth=place_depth)
-        check_reach(procedure, hand.limits, point, strength, yaw)
+        beside = procedure.begins(yaw, length)
+        point = surface_point(depth, camera, (u, v), place_depth=place_depth, beside=beside)
+        check_reach(procedure, hand.limits, point, *how)
         path = ActionPath(
             action=action,
             position=(u, v),
             strength=strength,
             yaw=yaw,
+            length=length,
             surface=change[:3, :3] @ point + change[:3, 3],
             tool=np.array(procedure.tool_mm) / 1e3,
             distance_mm=float(plan.distances_mm[k + 1]),
             waypoints=[
-                (operation, None if pose is None else change @ pose)
-                for operation, pose in poses_of(procedure, hand.limits, point, strength, yaw)
+                (operation, [change @ pose for pose in poses])
+                for operation, poses in poses_of(procedure, hand.limits, point, *how)
             ],
         )
         paths.append(path)
@@ -213,7 +224,7 @@ def waypoint_fields(ways: Waypoints) -> dict[str, Any]:
     }
     return {
         "format": FORMAT,
-        "version": VERSION,
+        "version": WITH_PATHS if _have_paths(ways) else VERSION,
         "frame": ways.frame,
         "frame_is": where[ways.frame],
         "units": dict(UNITS),
@@ -225,6 +236,11 @@ def waypoint_fields(ways: Waypoints) -> dict[str, Any]:
     }
 
 
+def _have_paths(ways: Waypoints) -> bool:
+    """Whether a controller that goes straight to each pose would do something else."""
+    return any(len(poses) > 1 for path in ways.actions for _, poses in path.waypoints)
+
+
 def _action(index: int, path: ActionPath) -> dict[str, Any]:
     return {
         "number": index + 1,
@@ -232,6 +248,7 @@ def _action(index: int, path: ActionPath) -> dict[str, Any]:
         "position_px": _numbers(path.position),
         "strength": round(path.strength, 6),
         "yaw_rad": round(path.yaw, 6),
+        "length": round(path.length, 6),
         "surface_m": _numbers(path.surface),
         "tool_in_flange_m": _numbers(path.tool),
         "predicted_distance_mm": round(path.distance_mm, 6),
@@ -239,16 +256,25 @@ def _action(index: int, path: ActionPath) -> dict[str, Any]:
     }
 
 
-def _operation(one: Operation, pose: np.ndarray | None) -> dict[str, Any]:
+def _operation(one: Operation, poses: Sequence[Pose]) -> dict[str, Any]:
+    ends = _pose(poses[-1]) if poses else dict.fromkeys(_pose(np.eye(4)))
+    path = {"path": [_pose(pose) for pose in poses]} if len(poses) > 1 else {}
     return {
         "operation": one.name,
-        "position_m": None if pose is None else _numbers(pose[:3, 3]),
-        "quaternion_xyzw": None if pose is None else _numbers(quaternion_of(pose)),
-        "matrix": None if pose is None else _numbers(pose),
+        **ends,
+        **path,
         "speed_m_s": one.speed_mm_s / 1e3,
         "effort_Nm": float(one.effort_nm),
         "posture": one.posture,
         "posture_s": None if one.posture is None else float(one.seconds),
+    }
+
+
+def _pose(pose: Pose) -> dict[str, Any]:
+    return {
+        "position_m": _numbers(pose[:3, 3]),
+        "quaternion_xyzw": _numbers(quaternion_of(pose)),
+        "matrix": _numbers(pose),
     }
 
 

@@ -22,7 +22,7 @@ from jshape.sim.hands import ACTIONS, AGENTS, MOVING, Agent, actions_of, stroke
 from jshape.sim.inputs import read_material
 from jshape.sim.material import DOUGH, FLOUR, KINETIC_SAND, MATERIALS, Material
 from jshape.sim.slide import relax
-from jshape.sim.tools import Load, Stroke, scaled
+from jshape.sim.tools import Load, Stroke, cut, lengthened, scaled, way
 from jshape.sim.view import SURFACE, Z_FLOOR, position_to_xy, render, sensor, to_uint16
 
 __all__ = [
@@ -46,8 +46,10 @@ __all__ = [
     "actions_of",
     "apply_action",
     "curved_bed",
+    "cut",
     "flat_bed",
     "irregular_bed",
+    "lengthened",
     "loose_bed",
     "mass",
     "position_to_xy",
@@ -59,4 +61,5 @@ __all__ = [
     "stroke",
     "to_uint16",
     "volume",
+    "way",
 ]

@@ -91,6 +91,32 @@ def lengthened(stroke: Stroke, length: float | Array) -> Stroke:
     return replace(stroke, path=stroke.path.at[..., :2].set(middle + length * (xy - middle)))
 
 
+@jax.jit
+def way(stroke: Stroke) -> Float[Array, "T 2"]:
+    """(x, y) of the hand's middle at the waypoints, metres from the place."""
+    used = (stroke.radius > 0).astype(jnp.float32)
+    middles = stroke.path[..., :2].mean(2) * used[None, :, None]
+    return middles.sum(1) / used.sum()
+
+
+@jax.jit
+def cut(stroke: Stroke, share: float | Array) -> Stroke:
+    """The same stroke, ended where the hand has gone this share of its way along the bed.
+
+    Of 0 it only goes down; one that goes nowhere along the bed stays whole.
+    """
+    steps = jnp.linalg.norm(jnp.diff(way(stroke), axis=0), axis=-1)
+    gone = jnp.cumsum(steps) - steps
+    left = share * steps.sum() - gone
+    part = jnp.where(steps > 0, left / jnp.maximum(steps, 1e-9), jnp.sign(left) + 1.0)
+    part = jnp.clip(part, 0.0, 1.0)
+    end = stroke.times[0] + (part * jnp.diff(stroke.times)).sum()
+    times = jnp.minimum(stroke.times, end)
+    flat = stroke.path.reshape(len(stroke.times), -1)
+    path = jax.vmap(lambda p: jnp.interp(times, stroke.times, p), 1, 1)(flat)
+    return replace(stroke, path=path.reshape(stroke.path.shape), times=times)
+
+
 def repetition(
     key: Key[Array, ""],
     stroke: Stroke,

@@ -16,7 +16,10 @@ from jshape.robot.rigid import Pose
 from jshape.robot.signals import uninterrupted
 from jshape.sim.material import Material
 
-POSTURES = ("claw", "closed", "fist", "side", "point", "pinch_open", "pinch_closed")
+POSTURES = (
+    *("claw", "closed", "fist", "side", "point", "pinch_open", "pinch_closed"),
+    *("cup", "open"),
+)
 """What the bundled files of actions ask of a hand."""
 
 
@@ -57,6 +60,10 @@ class Doing(NamedTuple):
     """How many times as deep as the trained action."""
     yaw: float
     """Turn of the hand from u towards v, radians."""
+    length: float = 1.0
+    """How many times as long as the trained action's the path of the act is."""
+    way: float = 0.0
+    """How far the act goes along the hand's x, metres; its moves follow one after the other."""
 
 
 @runtime_checkable
@@ -175,6 +182,8 @@ class ArmSettings(NamedTuple):
     cameras: Sequence[Camera] = ()
     """That look at a simulated bed, each from its pose in the bed's frame; none: one like
     `camera`."""
+    stock_cm3: float = 0.0
+    """Of loose material beside a simulated bed."""
 
 
 @dataclass(frozen=True)

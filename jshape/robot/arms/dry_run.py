@@ -23,7 +23,8 @@ class DryRun(NoHardware):
 
     def begin(self, doing: Doing, tool: Pose) -> None:
         """Say what comes."""
-        self._say(f"{doing.action} x{doing.strength:.2f}: {doing.operation}")
+        way = f", {1000 * doing.way:.0f} mm of way" if doing.way else ""
+        self._say(f"{doing.action} x{doing.strength:.2f}{way}: {doing.operation}")
 
     def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
         """Say where it would go."""

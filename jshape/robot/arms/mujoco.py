@@ -114,7 +114,13 @@ class MuJoCoArm(NoHardware):
 
     @_commanded
     def begin(self, doing: Doing, tool: Pose) -> None:
-        """Remember the tool; when the act begins, work out what it will do to the bed."""
+        """Remember the tool; when the act begins, work out what it will do to the bed.
+
+        Raises:
+          ArmError: the action moves material, which this bed does not do.
+        """
+        if doing.action in sim.MOVING:
+            raise ArmError(f"the twin's bed only gives way: it cannot {doing.action}; sim can")
         self._finish()
         self._doing, self._tool = doing, np.asarray(tool, float)
 

@@ -19,6 +19,7 @@ from jshape.robot.arms.base import (
     PoseRefused,
 )
 from jshape.robot.cameras.simulated import simulated_camera
+from jshape.robot.procedure import turned
 from jshape.robot.registry import seed_of
 from jshape.robot.rigid import Pose, yaw_of
 from jshape.robot.simulated import SimulatedWorld, bed_of
@@ -39,7 +40,7 @@ class SimulatedArm(NoHardware):
     """Moves the tool over a bed that gives way.
 
     What it does to the bed it does when it comes up again: as much of the stroke as the tool really
-    went down.
+    went down, or along its path.
     """
 
     name = "simulated arm"
@@ -68,8 +69,9 @@ class SimulatedArm(NoHardware):
         self._effort = 0.0
         self._hard = np.inf
         self._doing: Doing | None = None
-        self._surface = np.nan  # depth of the bed where the stroke began
-        self._wanted = 0.0  # metres below it that were commanded
+        self._start = np.zeros(3)  # of the tool, when the act began
+        self._legs = 0  # of the act, so far
+        self._sunk = 0.0  # share of the way down to its first point
 
     def limit(self, *, effort: float, speed: float) -> None:
         """Stop at this effort; it has no speed."""
@@ -90,6 +92,8 @@ class SimulatedArm(NoHardware):
         """Remember what is being done; coming up, the bed changes."""
         if self._doing is not None and self._doing.operation == "act" and doing.operation == "up":
             self._reshape(self._doing)
+        if doing.operation == "act":
+            self._start, self._legs, self._sunk = self._pose[:3, 3].copy(), 0, 0.0
         self._doing = doing
 
     def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
@@ -110,8 +114,10 @@ class SimulatedArm(NoHardware):
             said = f"contact effort {self._effort:.0f} Nm; the arm stops at {self._hard:g}"
             raise EffortLimit(said)
         if self._doing is not None and self._doing.operation == "act":
-            self._surface = float(self._bed_depth(target[None])[0])
-            self._wanted = float(target[2]) - self._surface
+            if self._legs == 0:
+                surface = float(self._bed_depth(target[None])[0])
+                self._sunk = float(line[end, 2] - surface) / max(float(target[2]) - surface, 1e-6)
+            self._legs += 1
         return Moved(bool(over.size), float(efforts[: end + 1].max()), self.pose())
 
     def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
@@ -152,18 +158,31 @@ class SimulatedArm(NoHardware):
         return felt
 
     def _reshape(self, doing: Doing) -> None:
-        """What the stroke did, from where the tool is and how deep it went."""
-        point, camera = self._pose[:3, 3], self.world.camera
-        share = (point[2] - self._surface) / max(self._wanted, 1e-6)
-        if share <= 0.02:  # it touched, no more
-            return
-        known = sim.actions_of(self.world.agent)
+        """What the act did, from where the tool began, where it is and how deep it went."""
+        world = self.world
+        known = sim.actions_of(world.agent)
         if doing.action not in known:
             raise ArmError(f"the simulated hand cannot {doing.action}; it can: {', '.join(known)}")
+        stroke, yaw = world.stroke(doing.action), yaw_of(self._pose)
+        gives = stroke.load is not None and float(stroke.load.gives) > 0
+        # It acts in the air; and the later points of a path follow the first, so it is down.
+        deep = 1.0 if gives or self._legs > 1 else min(self._sunk, 1.0)
+        if deep <= 0.02:  # it touched, no more
+            return
+        place, own, share = self._pose[:2, 3], 1.0, 1.0
+        first, *_, last = np.asarray(sim.way(stroke), float)
+        way = float(np.linalg.norm(last - first))
+        if stroke.load is not None and way > 0:
+            # The simulator's hand goes down where the tool did, and as far as the tool.
+            share = 0.0
+            if doing.way:
+                gone = float(np.linalg.norm(self._pose[:2, 3] - self._start[:2]))
+                own, share = doing.way / way, min(gone / doing.way, 1.0)
+            begins = (first + last) / 2 - own * (last - first) / 2
+            place = self._start[:2] - turned(yaw)[:2, :2] @ begins
         # Places are pixels of points at the paper's depth, wherever the surface is.
-        u, v = (float(x) for x in camera.pixel(point[0], point[1], PAPER_Z))
-        strength, yaw = doing.strength * min(share, 1.0), yaw_of(self._pose)
-        self.world.act(doing.action, (u, v), strength, yaw)
+        u, v = (float(at) for at in world.camera.pixel(place[0], place[1], PAPER_Z))
+        world.act(doing.action, (u, v), doing.strength * deep, yaw, own, share=share)
 
 
 def open_simulated(address: str, settings: ArmSettings) -> OpenedArm:
@@ -172,7 +191,12 @@ def open_simulated(address: str, settings: ArmSettings) -> OpenedArm:
     Its base is where the twin's is: both take the same areas and poses.
     """
     bed, for_world, for_eye = bed_of(seed_of(address))
-    world = SimulatedWorld(for_world, bed, material=settings.material, camera=settings.camera)
+    world = SimulatedWorld(
+        *(for_world, bed),
+        material=settings.material,
+        camera=settings.camera,
+        stock_cm3=settings.stock_cm3,
+    )
     cameras = settings.cameras or (settings.camera,)
     eyes = [
         simulated_camera(world, jax.random.fold_in(for_eye, k) if k else for_eye, camera)

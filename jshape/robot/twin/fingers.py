@@ -23,6 +23,8 @@ POSTURES: dict[str, tuple[float, ...]] = {
     "fist": (90, 0, *_FIST * 4, *_THUMB_IN),
     "side": (180, 90, *_FIST * 4, *_THUMB_IN),
     "point": (0, 0, 0, 0, 0, *_FIST * 3, *_THUMB_IN),
+    "cup": (180, 0, *(0, 20, 25) * 4, *_THUMB_IN),
+    "open": (180, 0, *(0, 0, 0) * 4, *_THUMB_IN),
     "pinch_open": (0, 0, -14.8, -11.4, 28.6, 14.8, -15.5, 30.1, *_FIST * 2, *_THUMB_IN),
     "pinch_closed": (0, 0, -2.1, -14.6, 32.5, 2.1, -16.6, 33.1, *_FIST * 2, *_THUMB_IN),
 }

@@ -114,6 +114,29 @@ def first_pixels(positions: np.ndarray, roi: ArrayLike) -> np.ndarray:
     return positions - np.asarray(roi) // 2
 
 
+def carried(positions: np.ndarray, strokes: np.ndarray) -> np.ndarray:
+    """Which actions of a plan take material to where the next one brings it: (K,) of bool.
+
+    Args:
+      positions: (K, 2) of (u, v), as exact as they are known.
+      strokes: (K, 2) of (u, v), see `Plan.strokes`: of such an action they end at the next place.
+    """
+    found = np.zeros(len(positions), bool)
+    off = np.abs(np.diff(positions, axis=0) - strokes[:-1]).max(-1, initial=0.0)
+    found[:-1] = (off < 0.01) & strokes[:-1].any(-1)
+    return found
+
+
+def stroke_ends(positions: np.ndarray, strokes: np.ndarray) -> np.ndarray:
+    """Where strokes start and end: (K, 2, 2) of (u, v), the start first.
+
+    The place is in the middle of a path, and where material is taken that is brought elsewhere;
+    without a stroke it is both ends.
+    """
+    start = positions - np.where(carried(positions, strokes), 0.0, 0.5)[:, None] * strokes
+    return np.stack([start, start + strokes], 1)
+
+
 def fits(camera: Camera, positions: np.ndarray, roi: tuple[int, int]) -> np.ndarray:
     """Which positions (N, 2) keep the whole ROI (w, h) inside the image: (N,) of bool."""
     first = first_pixels(positions, roi)

@@ -8,11 +8,13 @@ import pytest
 from jshape import D435_BAZAR, PAPER_ACTIONS, PAPER_BOX
 from jshape.actions import (
     PAPER_Z,
+    carried,
     first_pixels,
     fits,
     grid,
     place,
     roi_size,
+    stroke_ends,
 )
 from jshape.errors import BadPosition, UnknownName
 
@@ -68,3 +70,15 @@ def test_positions_outside_are_refused_shifted_or_dropped():
         place(PAPER_BOX, {"grasp": where["grasp"]}, {"grasp": (500, 10)}, "shift")
     with pytest.raises(UnknownName, match="refuse, shift, drop"):
         place(PAPER_BOX, where, rois, "clamp")
+
+
+def test_strokes_lead_through_the_middle_or_to_the_next_place():
+    positions = np.array([[100.0, 50.0], [40.0, 60.0], [90.5, 20.25], [10.0, 10.0]])
+    strokes = np.array([[30.0, -8.0], [50.5, -39.75], [0.0, 0.0], [6.0, 0.0]], np.float32)
+    np.testing.assert_array_equal(carried(positions, strokes), [False, True, False, False])
+    ends = stroke_ends(positions, strokes)
+    np.testing.assert_allclose(ends[0], [[85, 54], [115, 46]])  # a path
+    np.testing.assert_allclose(ends[1], positions[1:3])  # a carry
+    np.testing.assert_allclose(ends[2], positions[[2, 2]])
+    np.testing.assert_allclose(ends[3], [[7, 10], [13, 10]])  # the last one's is a path
+    assert stroke_ends(positions[:0], strokes[:0]).shape == (0, 2, 2)

@@ -478,7 +478,11 @@ def test_saved_and_loaded_is_the_same(tmp_path):
 
 def test_damaged_arrays_are_refused():
     arrays = KINDS["P"].pack(replace(tool(), deep=tool().rest, stroke=jnp.float32(0.02)))
-    for broken in ({"deep": np.zeros((2, 2))}, {"stroke": np.array(np.nan, np.float32)}, {"path": np.array(-1)}):
+    for broken in (
+        {"deep": np.zeros((2, 2))},
+        {"stroke": np.array(np.nan, np.float32)},
+        {"path": np.array(-1)},
+    ):
         with pytest.raises(BadBank):
             KINDS["P"].unpack(arrays | broken, ROI, CAMERA)
 

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from jshape import PAPER_BOX, JShapeError, load_bank, metric, plan_depth, sim
+from jshape import PAPER_BOX, JShapeError, load_bank, metric, plan, plan_depth, sim
 from jshape.cli.execute import OTHER, _compare
 from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadImage, MissingDepth, UnknownName
@@ -140,6 +140,49 @@ def test_a_blind_camera_is_refused_before_anything_moves(bank, molded):
     assert not world.acted
     with pytest.raises(JShapeError, match="goal has shape"):
         mold(Obedient(bank, now), goal[:-1], bank, **paper())
+
+
+class Carrier(Obedient):
+    """Its first action makes things worse; it keeps what it was told."""
+
+    def __init__(self, bank, image):
+        super().__init__(bank, image, share=-0.5)
+        self.told = []
+
+    def act(self, action, position, **how):
+        super().act(action, position)
+        self.share = 1.0
+        self.told.append((action, position, how))
+
+
+def test_what_is_taken_out_is_brought_before_anything_is_judged_or_planned(bank, molded):
+    now, goal, _ = molded
+    made = plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
+    strokes = np.zeros((3, 2), np.float32)
+    strokes[0] = made.exact_positions[1] - made.exact_positions[0]
+    how = paper(positions=PLACES, min_gain_mm=mm(1e-5))
+    asked = []
+
+    def molded_with(first):
+        asked.clear()
+        world = Carrier(bank, now)
+        return mold(
+            world, goal, bank, first=first, confirm=lambda ahead: asked.append(ahead) or True, **how
+        ), world
+
+    alone, _ = molded_with(made)
+    assert alone.stop is Stop.WORSE and len(alone.steps) == 1
+    whole, world = molded_with(replace(made, strokes=strokes, lengths=np.array([1.5, 1, 1], "f4")))
+    assert world.told[0][2] == {"length": 1.5} and world.told[1][2] == {}
+    assert [action for action, *_ in world.told[:2]] == list(made.actions[:2])
+    assert asked[1].actions == made.actions[1:]  # not planned anew, but predicted from the look
+    assert asked[1].distances_mm[0] == pytest.approx(whole.steps[0].obtained_mm, abs=1e-4)
+    assert whole.steps[0].obtained_mm > whole.steps[0].before_mm
+    assert len(whole.steps) > 3 and whole.steps[-1].obtained_mm < 0.2 * whole.steps[0].before_mm
+    first = whole.steps[0]
+    assert first.length == 1.5 and first.stroke == tuple(strokes[0].tolist())
+    assert first.line(1).endswith("by ({:+.0f},{:+.0f})".format(*strokes[0]))
+    assert whole.steps[1].line(2) == whole.steps[1].line(2).rstrip()
 
 
 @pytest.mark.full

@@ -82,6 +82,42 @@ def test_a_plan_is_carried_out_as_it_is(session, bank, molded):
     np.testing.assert_allclose(predicted, planned.distances_mm[1:], rtol=1e-6)
 
 
+def test_strokes_are_kept_and_make_another_plan(session, bank, molded):
+    from jshape import plan
+    from tests.stage import PLACES
+
+    now, goal, _ = molded
+    made = plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
+    strokes = np.zeros((3, 2), np.float32)
+    strokes[0] = made.exact_positions[1] - made.exact_positions[0]
+    carry = replace(made, strokes=strokes)
+    with robot_of(bank, now) as robot:
+        session.mold(robot, bank, plan=carry, confirm=lambda ahead: len(robot.arm.acted) < 1)
+    first = session.run.steps[0]
+    assert first["stroke"] == strokes[0].tolist() and first["length"] == 1.0
+    events = journal.events(session.run.folder / journal.NAME)
+    planned = next(event for event in events if event["event"] == "planned")
+    assert planned["stroke"] == strokes[0].tolist() and planned["length"] == 1.0
+    again = Session.resume(session.run.folder, say=quiet)
+    for other in (made, replace(carry, lengths=np.array([1, 1, 2], np.float32))):
+        with robot_of(bank, now) as robot, pytest.raises(BadFile, match="with another plan"):
+            again.mold(robot, bank, plan=other)
+    with robot_of(bank, now) as robot:
+        again.mold(robot, bank, plan=carry)
+    assert [name for name, *_ in robot.arm.acted] == list(made.actions[1:])
+
+
+def test_a_path_that_the_hand_has_not_is_refused_before_it_moves(session, bank, molded):
+    from jshape.planning.api import rollout
+
+    now, goal, _ = molded
+    made = rollout(now, goal, ["knock", "poke"], [[239, 197]] * 2, bank=bank)
+    made = replace(made, lengths=np.array([1.0, 1.5], np.float32))
+    with robot_of(bank, now) as robot, pytest.raises(PoseRefused, match="poke: .* no path_mm"):
+        session.mold(robot, bank, plan=made)
+    assert not robot.arm.acted
+
+
 def test_people_are_asked_and_may_say_no(session, bank, molded):
     asked = []
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from jshape import actions as places
 from jshape import metric
 from jshape.camera import Camera, check_same_camera
 from jshape.data.view import above, image_of_depth, known_in_both
@@ -33,13 +34,18 @@ class World(Protocol):
         ...
 
     def act(
-        self, action: str, position: tuple[float, float], strength: float = 1.0, yaw: float = 0.0
+        self,
+        action: str,
+        position: tuple[float, float],
+        strength: float = 1.0,
+        yaw: float = 0.0,
+        length: float = 1.0,
     ) -> None:
         """Apply an action at pixel (u, v), whole or not, and leave the camera's view.
 
         `strength` is how many times as deep as the trained action, `yaw` the turn of the hand from
-        u towards v in radians.  A hand of one strength and direction may leave the two out: they
-        are passed only where they are not 1 and 0.
+        u towards v in radians, `length` how many times as long as the trained path its own is.
+        They are passed only where they are not 1, 0 and 1: a hand may leave them out.
         """
         ...
 
@@ -72,14 +78,19 @@ class Step(NamedTuple):
     """How many times as deep as the trained action."""
     yaw: float = 0.0
     """Turn of the hand from u towards v, radians."""
+    length: float = 1.0
+    """How many times as long as the trained path its own is."""
+    stroke: tuple[float, float] = (0.0, 0.0)
+    """(u, v) pixels from the start of its path to the end, or to where it takes material."""
 
     def line(self, number: int) -> str:
         """A line below `HEAD`."""
         u, v = self.position
+        along = "by ({:+.0f},{:+.0f})".format(*self.stroke) if any(self.stroke) else ""
         return (
             f"{number:4d}  {self.action:5s} x{self.strength:4.2f} ({u:3d},{v:4d})  "
-            f"{self.before_mm:8.3f}  {self.predicted_mm:9.3f}  {self.obtained_mm:9.3f}"
-        )
+            f"{self.before_mm:8.3f}  {self.predicted_mm:9.3f}  {self.obtained_mm:9.3f}  {along}"
+        ).rstrip()
 
 
 HEAD = "step  action                  before     predicted  obtained (mm to the goal)"
@@ -208,7 +219,7 @@ def mold(
     whole = goal if wanted is None else np.where(wanted, goal, now.image)
     run = Molding(whole, ahead, [now.image], [now.depth], [now.seen])
     obtained = float(metric.to_mm(now.distance, bank.camera))
-    failures = 0
+    judged, failures = obtained, 0
     while True:
         if len(ahead) == 0:
             run.stop = Stop[ahead.status.name] if replan or not run.steps else Stop.PLAN_ENDED
@@ -217,8 +228,12 @@ def mold(
             run.stop = Stop.DECLINED
             return run
         action, (u, v) = ahead.actions[0], ahead.exact_positions[0].tolist()
-        strength, yaw = float(ahead.strengths[0]), float(ahead.yaws[0])
+        how = ahead.strengths, ahead.yaws, ahead.lengths
+        strength, yaw, length = (float(of[0]) for of in how)
         more = {} if (strength, yaw) == (1.0, 0.0) else {"strength": strength, "yaw": yaw}
+        more |= {} if length == 1.0 else {"length": length}
+        # What is taken out is brought before anything else is planned or judged.
+        carrying = bool(places.carried(ahead.exact_positions, ahead.strokes)[0])
         world.act(action, (u, v), **more)
         now = look()
         run.depths.append(now.depth)
@@ -227,19 +242,24 @@ def mold(
         before, obtained = obtained, float(metric.to_mm(now.distance, bank.camera))
         predicted = float(ahead.distances_mm[1])
         at = (round(u), round(v))
-        step = Step(action, at, before, predicted, obtained, strength, yaw)
+        du, dv = ahead.strokes[0].tolist()
+        step = Step(action, at, before, predicted, obtained, strength, yaw, length, (du, dv))
         run.steps.append(step)
         if on_step is not None:
             on_step(step, now.depth)
         if watch:
             touched = touched_by(bank.camera, (u, v), tuple(ahead.rois[0].tolist()))
             check_still(run.depths[-2], now.depth, touched)
-        failures = 0 if obtained < before else failures + 1
+        if not carrying:
+            failures = 0 if obtained < judged else failures + 1
+            judged = obtained
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
         ahead = ahead.rest(1)
-        if afresh:
+        if action in uses:
+            uses[action] -= 1
+        if afresh or replan and carrying:
             ahead = _seen_anew(ahead, now, bank)
         elif replan:
             left = stop.max_steps - len(run.steps)
@@ -247,8 +267,6 @@ def mold(
                 run.stop = Stop.CONVERGED if now.distance <= tolerance else Stop.MAX_STEPS
                 return run
             steps = 1 if planner == "greedy" else min(left, horizon or left)
-            if action in uses:
-                uses[action] -= 1
             ahead = plan(
                 now,
                 start=ahead,
@@ -278,4 +296,6 @@ class _Look(NamedTuple):
 def _seen_anew(ahead: Plan, now: _Look, bank: Bank) -> Plan:
     """The same actions, predicted from another look."""
     how = {"strengths": ahead.strengths, "yaws": ahead.yaws, "bank": bank, "seen": now.seen}
+    if (ahead.lengths != 1).any():
+        how["lengths"] = ahead.lengths
     return rollout(now.image, now.goal, ahead.actions, ahead.exact_positions, **how)

@@ -181,17 +181,14 @@ class Session:
 
         def ask(ahead: Plan) -> bool:
             nonlocal check
-            doing = [
-                (name, (u, v), float(strength), float(yaw))
-                for name, (u, v), strength, yaw in zip(
-                    *(ahead.actions, ahead.exact_positions.tolist(), ahead.strengths, ahead.yaws),
-                    strict=True,
-                )
-            ]
+            places = map(tuple, ahead.exact_positions.tolist())
+            how = (of.tolist() for of in (ahead.strengths, ahead.yaws, ahead.lengths))
+            doing = list(zip(ahead.actions, places, *how, strict=True))
             for one in doing if check else ():
                 robot.check(*one)
             check = False
-            next_ = dict(zip(("action", "position", "strength", "yaw"), doing[0], strict=True))
+            names = "action", "position", "strength", "yaw", "length"
+            next_ = dict(zip(names, doing[0], strict=True)) | {"stroke": ahead.strokes[0].tolist()}
             before, predicted = ahead.distances_mm[:2].tolist()
             distances = {"before_mm": before, "predicted_mm": predicted}
             self._note("planned", **next_, **distances, actions=len(ahead))
@@ -209,7 +206,10 @@ class Session:
     def _same_plan(self, plan: Plan) -> None:
         """Keep what a plan does; BadFile: the run was begun with another plan."""
         doing = [plan.actions, plan.exact_positions.tolist(), plan.strengths.tolist()]
-        mark = hashlib.sha256(repr([*doing, plan.yaws.tolist()]).encode()).hexdigest()
+        doing.append(plan.yaws.tolist())
+        if plan.strokes.any() or (plan.lengths != 1).any():  # runs of before have neither
+            doing += [plan.lengths.tolist(), plan.strokes.tolist()]
+        mark = hashlib.sha256(repr(doing).encode()).hexdigest()
         path = self.run.folder / MARK
         if not path.is_file():
             files.write_json(path, {"sha256": mark})

@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from jshape import PAPER_BOX, Bank, fit, load_bank, load_pairs, save_bank
 from jshape.data.pairs import Examples
+from jshape.data.simulate import simulate_pairs, together
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError
 from jshape.io.kinds import KINDS
 from jshape.learn import imprint as learning
@@ -303,6 +304,26 @@ def test_what_has_no_path_cannot_be_lengthened():
     for length in (0.0, -1.0, np.nan, 11.0):
         with pytest.raises(BadBank, match="length is .*; expected above 0, up to 10"):
             dragged().lengthened(length)
+
+
+@pytest.mark.full
+def test_a_longer_sweep_is_that_of_the_simulator():
+    def pairs(seed, count, length):
+        return together(
+            simulate_pairs(
+                jax.random.key(seed), count, actions=("sweep",), beds=("irregular",), noise=0.0,
+                rois={"sweep": (246, 156)}, length=length,
+            )
+        )  # fmt: skip
+
+    bank = fit(pairs(0, 8, 1.0), "P")
+    assert bank.predictor("sweep").path_mm == pytest.approx(85.0)
+    longer, tested = bank.predictor("sweep").lengthened(1.5), pairs(1, 4, 1.5)
+    errors = {}
+    for name, one in (("as trained", bank.predictor("sweep")), ("longer", longer)):
+        error, change = roi_errors_mm(replace(bank, predictors=(one,)), tested, "sweep")
+        errors[name] = error.mean() / change.mean()
+    assert errors["longer"] < 0.4 < 0.6 < errors["as trained"]
 
 
 def test_mirror_images_are_found():

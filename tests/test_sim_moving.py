@@ -11,6 +11,7 @@ from benchmarks import moving_against_mpm, sim_against_mpm
 from jshape import sim
 from jshape.data.simulate import ALL_ROIS, ROIS, simulate_pairs, together
 from jshape.errors import JShapeError, UnknownName
+from jshape.learn import validation
 from jshape.learn.fit import fit
 from jshape.sim import ACTIONS, FLOUR, MATERIALS, MOVING, apply_action, flat_bed
 
@@ -206,8 +207,26 @@ def test_pairs_of_moving_actions_are_made_and_fitted():
     made = simulate_pairs(key(5), 3, actions=MOVING, strengths=(0.5, 2.0))
     pairs = together(made)
     assert len(set(pairs.strength.tolist())) == 9 and pairs.roi_size("sweep") == (196, 156)
-    bank = fit(pairs, "P")
-    assert bank.actions == MOVING
+    np.testing.assert_allclose(pairs.path_mm, [*[85.0] * 3, *[0.0] * 6], atol=1e-4)
+    longer = together(simulate_pairs(key(6), 1, actions=("sweep", "pour"), length=1.4))
+    assert longer.path_mm.tolist() == [pytest.approx(119.0), 0.0]
+    assert longer.size.tolist() == [[230, 156], [100, 100]]  # 34 mm at 0.96 pixels each
+    sweeps = [pairs.of(action="sweep"), longer.of(action="sweep")]
+    names = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id")
+    parts = {
+        name: np.concatenate([getattr(one, name) for one in sweeps])
+        for name in (*names, "strength", "path_mm")
+    }
+    mixed = replace(sweeps[0], **parts)
+    with pytest.warns(UserWarning, match=r"1 pair\(s\) are left out, whose path"):
+        assert validation.fit(mixed, "D").fitted_to.startswith("3 pairs")
+    bank = fit(mixed, "P")
+    assert bank.predictor("sweep").path_mm == pytest.approx(85.0)
+    assert bank.roi("sweep") == (196, 156)
+    adapted = fit(longer, "P", start=fit(pairs, "P"))
+    assert adapted.actions == ("sweep", "pour")
+    assert adapted.predictor("sweep").path_mm == pytest.approx(119.0, abs=1e-3)
+    assert adapted.predictor("sweep").directed and not adapted.predictor("pour").directed
 
 
 @pytest.mark.full

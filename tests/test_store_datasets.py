@@ -23,6 +23,7 @@ from jshape.io.images import read_counts
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 FIELDS = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id", "strength")
+FIELDS += ("path_mm",)
 
 
 def make_pairs(rng, count=4, camera=SMALL):
@@ -364,6 +365,34 @@ def test_strengths_that_could_not_be_read_again(tmp_path, rng):
         with pytest.raises(BadDataset, match="strength is .*; expected a number from"):
             with dataset_writer(tmp_path / "set", SMALL, 1e-4) as add:
                 add(**pair(rng), strength=bad)
+
+
+def test_paths_are_a_column_if_an_action_has_one(tmp_path, rng):
+    paths = np.array([80.0, 0.0, 80.0, 62.5], np.float32)
+    dragged = replace(make_pairs(rng), path_mm=paths)
+    folder = save_pairs(dragged, tmp_path / "set")
+    lines = (folder / "pairs.csv").read_text().splitlines()
+    assert lines[0] == ",".join((*COLUMNS, "path_mm"))
+    assert [line.rsplit(",", 1)[1] for line in lines[1:]] == ["80", "0", "80", "62.5"]
+    same(load_pairs(folder), dragged)
+    rewrite(folder, cell(2, "path_mm", ""))  # a knock has none
+    same(load_pairs(folder), dragged)
+    same(load_pairs(folder).of_usual_paths(), dragged.select(np.arange(3)))  # the knock of 62.5 mm
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("x", "expected a number from 0 to 2000"),
+        ("-1", "expected a number from 0 to 2000"),
+        ("2001", "expected a number from 0 to 2000"),
+        ("0.08", "less than 2 mm looks like metres: times 1000"),
+    ],
+)
+def test_a_bad_path_is_named(tmp_path, rng, text, match):
+    folder = save_pairs(replace(make_pairs(rng), path_mm=np.full(4, 80.0)), tmp_path / "set")
+    rewrite(folder, cell(3, "path_mm", text))
+    assert match in refused(folder, "line 4: path_mm is ")
 
 
 @pytest.mark.full

@@ -30,7 +30,7 @@ for name, where, what in (
     dataset.command(f"jshape.cli.{where}", name=name, help=what)
 
 
-KEPT = ("action", "agent", "material", "prior", "posterior", "strength")
+KEPT = ("action", "agent", "material", "prior", "posterior", "strength", "path_mm")
 """Of a simulated pair."""
 
 

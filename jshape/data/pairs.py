@@ -24,6 +24,8 @@ class Examples(NamedTuple):
     """(n, 2) int32, first pixel (u, v) of each ROI in the image."""
     strength: np.ndarray | float = 1.0
     """(n,) float32, how many times as deep as the trained action; one number is that of all."""
+    path_mm: float = 0.0
+    """Length of the action's path, mm; 0: it has none."""
 
     @property
     def strengths(self) -> np.ndarray:
@@ -59,12 +61,16 @@ class Examples(NamedTuple):
     def select(self, keep: np.ndarray) -> "Examples":
         """The examples where `keep` (a mask or indices) says so."""
         kept = (part[keep] for part in self[:3])
-        return Examples(*kept, self.strengths[keep])  # pyright: ignore
+        return Examples(*kept, self.strengths[keep], self.path_mm)  # pyright: ignore
 
 
 MOST_BEYOND = 0.5
 """Largest share of readings beyond the camera's range: they are clipped, so that an action that
 nobody sees would be predicted without an error."""
+
+
+SAME_PATH = 0.05
+"""Paths that differ by less than this share count as one: 4 mm of 80."""
 
 
 class Frames:
@@ -128,6 +134,8 @@ class Pairs:
     """(N,) names of the pairs."""
     strength: np.ndarray = field(default_factory=lambda: np.ones(0, np.float32))
     """(N,) float32, how many times as deep as the trained action; empty: 1 for all."""
+    path_mm: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
+    """(N,) float32, length of the action's path along the hand's x, mm; 0 or empty: none."""
 
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
     """A user's own columns of the table, by name: (N,) texts."""
@@ -135,6 +143,8 @@ class Pairs:
     def __post_init__(self):
         if self.strength.size == 0:
             object.__setattr__(self, "strength", np.ones(len(self.action), np.float32))
+        if self.path_mm.size == 0:
+            object.__setattr__(self, "path_mm", np.zeros(len(self.action), np.float32))
 
     def __len__(self) -> int:
         return len(self.action)
@@ -169,6 +179,20 @@ class Pairs:
         """(name, its pairs) for every action."""
         for name in self.actions:
             yield name, self.of(action=name)
+
+    def of_usual_paths(self) -> "Pairs":
+        """The pairs without those whose path is more than `SAME_PATH` off the action's commonest.
+
+        A predictor is that of one length, and stretched to the others.
+        """
+        keep = np.ones(len(self), bool)
+        for name in self.actions:
+            mine = self.action == name
+            lengths, counts = np.unique(self.path_mm[mine], return_counts=True)
+            near = [counts[np.abs(lengths - one) <= SAME_PATH * one].sum() for one in lengths]
+            usual = lengths[np.argmax(near)]
+            keep[mine] = np.abs(self.path_mm[mine] - usual) <= SAME_PATH * usual
+        return self if keep.all() else self.select(keep)
 
     def roi_size(self, action: str) -> tuple[int, int]:
         """ROI size (w, h) of an action: the mean over its pairs, as the paper does."""
@@ -222,4 +246,5 @@ class Pairs:
                 "shows: camera.json must say the range that the bed lies in"
             )
         corner = first.astype(np.int32)
-        return Examples(np.stack(found[0]), np.stack(found[1]), corner, mine.strength)
+        prior, posterior = (np.stack(part) for part in found)
+        return Examples(prior, posterior, corner, mine.strength, float(mine.path_mm.mean()))

@@ -53,6 +53,7 @@ class SimulatedPair(NamedTuple):
     prior: np.ndarray
     posterior: np.ndarray
     strength: float = 1.0
+    path_mm: float = 0.0
 
 
 def random_bed(key: Key[Array, ""], kind: str, std: float = 0.008) -> sim.Bed:
@@ -115,6 +116,7 @@ def simulate_pairs(
     frames: int = 1,
     noise: float = 0.00045,
     strengths: tuple[float, float] = (1.0, 1.0),
+    length: float = 1.0,
 ) -> Iterator[SimulatedPair]:
     """`count` pairs per action and agent, at random places where the whole ROI is visible.
 
@@ -126,12 +128,13 @@ def simulate_pairs(
       material: a simulated material, or its name.
       beds: kinds of bed, taken in turn.
       camera: that looks straight down.
-      rois: ROI size (w, h) of each action, pixels.
+      rois: ROI size (w, h) of each action, pixels; they grow with `length`.
       frames: frames averaged into each look.
       noise: standard deviation of one frame at 0.45 m, metres.
       strengths: least and greatest of how many times as deep as the agent's own each action goes
         (of a pour: as much as it gives); drawn for each pair so that halves are as frequent as
         doubles (log-uniformly).
+      length: how many times as long as the agent's own the path of a `sweep` is.
 
     Raises:
       UnknownName: no such action, agent, material or kind of bed.
@@ -152,7 +155,11 @@ def simulate_pairs(
     for agent in agents:
         who = agent if isinstance(agent, str) else agent.name
         for action in actions:
-            roi = rois[action] if action in rois else roi_of(sim.stroke(action, agent), camera)
+            stroke = sim.stroke(action, agent)
+            w, h = rois[action] if action in rois else roi_of(stroke, camera)
+            path = sim.path_mm(stroke)
+            longer = 1e-3 * path * (length - 1.0) * float(camera.fx) / sim.SURFACE
+            roi, own = (w + 2 * int(np.ceil(longer / 2)), h), length if longer else None
             for index in range(count):
                 key, for_bed, for_place, for_act, for_prior, for_posterior = _split(key)
                 bed = random_bed(for_bed, beds[index % len(beds)])
@@ -161,7 +168,9 @@ def simulate_pairs(
                 # Of its own key, so that the beds and places are those of strength 1.
                 share = jax.random.uniform(jax.random.fold_in(for_act, 1), (), jnp.float32)
                 strength = float(low_high[0] * (low_high[1] / low_high[0]) ** float(share))
-                after = sim.apply_action(for_act, bed, material, (action, agent), xy, strength)
+                after = sim.apply_action(
+                    for_act, bed, material, (action, agent), xy, strength, length=own
+                )
                 prior, posterior = (
                     np.asarray(
                         sim.to_uint16(look(k, b, camera, frames=frames, noise=noise), DEPTH_UNIT)
@@ -169,7 +178,15 @@ def simulate_pairs(
                     for k, b in ((for_prior, bed), (for_posterior, after))
                 )
                 yield SimulatedPair(
-                    action, who, material.name, place, roi, prior, posterior, strength
+                    action,
+                    who,
+                    material.name,
+                    place,
+                    roi,
+                    prior,
+                    posterior,
+                    strength,
+                    path * length,
                 )
 
 
@@ -219,4 +236,5 @@ def together(pairs: Iterable[SimulatedPair], camera: Camera = PAPER_BOX) -> Pair
         size=np.array([pair.roi for pair in made], np.int32),
         id=np.array([f"{pair.action}_{pair.agent}_{k:05d}" for k, pair in enumerate(made)]),
         strength=np.array([pair.strength for pair in made], np.float32),
+        path_mm=np.array([pair.path_mm for pair in made], np.float32),
     )

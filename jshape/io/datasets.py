@@ -23,7 +23,7 @@ from jshape.io.cameras import CAMERA, read_camera, write_camera
 from jshape.io.files import as_error, inside, write_atomic
 from jshape.io.folders import atomic_folder, folder_of
 from jshape.io.images import read_counts, write_counts_png
-from jshape.io.pair_rows import COLUMNS, NAMES, STRENGTH, PairRow, parse_row, read_row
+from jshape.io.pair_rows import COLUMNS, NAMES, OPTIONAL, PairRow, parse_row, read_row
 from jshape.io.tables import Table, read_table
 
 TABLE = "pairs.csv"
@@ -40,8 +40,8 @@ def load_pairs(folder: str | os.PathLike, left_out: Counter[str] | None = None) 
     """All pairs of a data set, in the order of `pairs.csv`.
 
     Columns may come in any order; those of other names are the pairs' `extra`.  Without the column
-    `strength` it is 1 for all.  Frames of more than 2 GiB are checked now and read again when they
-    are needed.
+    `strength` it is 1 for all; without `path_mm`, or where its cell is empty, no action has a
+    path.  Frames of more than 2 GiB are checked now and read again when they are needed.
 
     Args:
       folder: the data set's.
@@ -70,10 +70,11 @@ def load_pairs(folder: str | os.PathLike, left_out: Counter[str] | None = None) 
         centre=np.array([row.roi[0] for row in found], np.int32),
         size=np.array([row.roi[1] for row in found], np.int32),
         strength=np.array([row.strength for row in found], np.float32),
+        path_mm=np.array([row.path_mm for row in found], np.float32),
         extra={
             name: np.array([cells[name] for cells in table.rows], object)
             for name in table.header
-            if name not in (*COLUMNS, STRENGTH)
+            if name not in (*COLUMNS, *OPTIONAL)
         },
         **whole,
     )
@@ -105,7 +106,8 @@ def row_of(pairs: Pairs, k: int) -> dict[str, Any]:
     (u, v), (w, h) = pairs.centre[k].tolist(), pairs.size[k].tolist()
     names = {name: str(getattr(pairs, name)[k]) for name in NAMES}
     frames = {"prior": pairs.prior[k], "posterior": pairs.posterior[k]}
-    numbers = {"u": u, "v": v, "width": w, "height": h, "strength": float(pairs.strength[k])}
+    numbers = {"u": u, "v": v, "width": w, "height": h}
+    numbers |= {name: float(getattr(pairs, name)[k]) for name in OPTIONAL}
     extra = {name: str(cells[k]) for name, cells in pairs.extra.items()}
     return {**names, **frames, **numbers, "extra": extra}
 
@@ -202,15 +204,18 @@ class Adder:
         for state, counts in zip(_STATES, (prior, posterior), strict=True):
             write_counts_png(self.folder / paths[state], counts)
         # As short as float32 allows: 0.3, not 0.300000012.
-        decimal = np.format_float_positional(np.float32(row[STRENGTH]), trim="-")
-        self.rows.append(row | {STRENGTH: decimal} | own)
+        decimals = {
+            name: np.format_float_positional(np.float32(row[name]), trim="-") for name in OPTIONAL
+        }
+        self.rows.append(row | decimals | own)
         self.extra |= dict.fromkeys(own)
         self.ids.add(id)
 
     def table(self) -> str:
         """The text of pairs.csv."""
-        all_one = all(row[STRENGTH] == "1" for row in self.rows)
-        header = [*COLUMNS, *([] if all_one else [STRENGTH]), *self.extra]
+        usual = zip(OPTIONAL, ("1", "0"), strict=True)
+        told = [name for name, same in usual if any(row[name] != same for row in self.rows)]
+        header = [*COLUMNS, *told, *self.extra]
         rows = [{name: row.get(name, "") for name in header} for row in self.rows]
         return Table(header, rows, []).text()
 

@@ -16,6 +16,9 @@ from jshape.io.tables import check_action
 STRENGTH = "strength"
 """A column that is there if some pair is not of strength 1: how many times as deep as the trained
 action it goes."""
+PATH = "path_mm"
+"""A column that is there if some action has a path: its length along the hand's x, 0 for none."""
+OPTIONAL = (STRENGTH, PATH)
 
 _WHOLE = re.compile(r"-?[0-9]{1,6}")
 _DECIMAL = re.compile(r"[0-9]{1,6}([.,][0-9]{1,17})?")
@@ -37,6 +40,7 @@ class PairRow:
     width: int
     height: int
     strength: Annotated[float, Range(0.001, 100)] = 1.0
+    path_mm: Annotated[float, Range(0, 2000, metres_below=2)] = 0.0
 
     @property
     def roi(self) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -44,7 +48,7 @@ class PairRow:
         return (self.u, self.v), (self.width, self.height)
 
 
-COLUMNS = tuple(one.name for one in fields(PairRow) if one.name != STRENGTH)
+COLUMNS = tuple(one.name for one in fields(PairRow) if one.name not in OPTIONAL)
 """The header of pairs.csv."""
 NAMES, NUMBERS = COLUMNS[:4], COLUMNS[6:]
 
@@ -65,7 +69,7 @@ def read_row(content: Mapping[str, Any], camera: Camera, where: str) -> PairRow:
 
 def parse_row(cells: Mapping[str, str], camera: Camera, where: str) -> PairRow:
     """The row of a table's cells; raises as `read_row`."""
-    there = (name for name in (*COLUMNS, STRENGTH) if name in cells)
+    there = (name for name in (*COLUMNS, *OPTIONAL) if name in cells)
     return read_row({name: _value(name, cells[name].strip()) for name in there}, camera, where)
 
 
@@ -73,6 +77,8 @@ def _value(column: str, text: str) -> str | int | float:
     """What a cell says; a number that is not as it should be stays a text."""
     if column in NUMBERS and _WHOLE.fullmatch(text):
         return int(text)
-    if column == STRENGTH and _DECIMAL.fullmatch(text):
+    if column == PATH and not text:
+        return 0.0
+    if column in OPTIONAL and _DECIMAL.fullmatch(text):
         return float(text.replace(",", "."))
     return text

@@ -64,9 +64,14 @@ def begin(
     drags = len(shown.strength) >= LEAST_PAIRS and not all(alike)
     if "heap" not in out and (drags or not lowers):
         first = with_heap(first, shown)
-    if not lowers:
-        return first, OF_TOOL, alike
-    return first, () if first.height is None else ("swell", "brought"), alike
+    return first, fixed_of(first) if lowers else OF_TOOL, alike
+
+
+def fixed_of(start: Imprint) -> tuple[str, ...]:
+    """What of a predictor stays as it is in a fit that starts from it."""
+    if start.height is None:
+        return ()
+    return ("swell", "brought") if bool(jnp.any(start.give)) else OF_TOOL
 
 
 def has_tool(shown: Shown) -> bool:

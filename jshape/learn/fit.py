@@ -94,6 +94,7 @@ def fit(
     settings = settings_from(options)
     if len(pairs) == 0:
         raise BadDataset("no pairs to fit a bank to")
+    pairs = pairs.of_usual_paths()
     check_straight(pairs.camera, "the data set")
     if start is not None:
         if start.kind != kind:
@@ -112,6 +113,9 @@ def fit(
         first = start.predictor(name) if start is not None else None
         hooks = Hooks(name, report, keep(name) if keep is not None else None, mesh)
         try:
+            path = float(pairs.of(action=name).path_mm.mean())
+            if first is not None and first.path_mm and path:
+                first = first.lengthened(path / first.path_mm)
             size = first.roi if first is not None else None
             examples = pairs.rois(name, size, padded=first is not None).without_blind()
             predictors.append(FITTERS[kind](examples, pairs.camera, settings, first, hooks))

@@ -12,7 +12,7 @@ from jshape.camera import Camera
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import Examples
 from jshape.errors import BadDataset
-from jshape.learn.first_guess import Shown, begin, first_guess, images, mirrors
+from jshape.learn.first_guess import Shown, begin, first_guess, fixed_of, images, mirrors
 from jshape.models.imprint import Imprint
 from jshape.models.orthographic import OrthographicGrid
 
@@ -79,13 +79,16 @@ def fit_imprint(
     if start is not None:
         shown = shown_on(start.grid, filled, seen)
         first = _corrected(start, shown)
-        return descend(
-            absolute_error, first, shown, key, ADAPT_STEPS, ADAPT_STEP, alike=mirrors(shown)
-        )
+        if examples.path_mm:
+            first = replace(first, path=1e-3 * examples.path_mm)
+        way = ADAPT_STEPS, ADAPT_STEP, fixed_of(start), mirrors(shown)
+        return descend(absolute_error, first, shown, key, *way)
     grid = grid_below(OrthographicGrid.over(camera, filled.roi), filled)
     shown = shown_on(grid, filled, seen)
     first, fixed, alike = begin(grid, shown)
     found = descend(absolute_error, first, shown, key, steps_for(count, alike), STEP, fixed, alike)
+    if examples.path_mm:
+        found = replace(found, path=1e-3 * examples.path_mm)
     if (shown.strength == 1.0).all():
         found = replace(found, stroke=found.deepest)  # pairs of one strength say nothing about it
     return found
@@ -120,7 +123,7 @@ def complete(examples: Examples) -> tuple[Examples, np.ndarray]:
         np.stack([fill_nan(roi) for roi in rois]).astype(np.float32) for rois in examples[:2]
     )
     strengths = np.asarray(examples.strengths, np.float32)
-    return Examples(prior, posterior, examples.corner, strengths), seen
+    return Examples(prior, posterior, examples.corner, strengths, examples.path_mm), seen
 
 
 def steps_for(count: int, alike: Collection[float] = ()) -> int:

@@ -121,6 +121,13 @@ def fit(
       BadCamera: `start` is for another camera.
       JShapeError: an unknown option, or one out of its range.
     """
+    left_out = len(pairs) - len(pairs := pairs.of_usual_paths())
+    if left_out:
+        warnings.warn(
+            f"{left_out} pair(s) are left out, whose path is longer or shorter than the usual one "
+            "of their action: a bank holds one length, which plans stretch",
+            stacklevel=2,
+        )
     bank = fitting.fit(pairs, kind, start=start, report=report, keep=keep, mesh=mesh, **options)
     rows = validate(bank, pairs, start=start, **options)
     for row in rows:

@@ -22,7 +22,7 @@ from jshape.sim.hands import ACTIONS, AGENTS, MOVING, Agent, actions_of, stroke
 from jshape.sim.inputs import read_material
 from jshape.sim.material import DOUGH, FLOUR, KINETIC_SAND, MATERIALS, Material
 from jshape.sim.slide import relax
-from jshape.sim.tools import Load, Stroke, cut, lengthened, scaled, way
+from jshape.sim.tools import Load, Stroke, cut, lengthened, path_mm, scaled, way
 from jshape.sim.view import SURFACE, Z_FLOOR, position_to_xy, render, sensor, to_uint16
 
 __all__ = [
@@ -52,6 +52,7 @@ __all__ = [
     "lengthened",
     "loose_bed",
     "mass",
+    "path_mm",
     "position_to_xy",
     "read_material",
     "relax",

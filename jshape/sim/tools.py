@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jshape._typing import Array, Float, Key
 
@@ -115,6 +116,14 @@ def cut(stroke: Stroke, share: float | Array) -> Stroke:
     flat = stroke.path.reshape(len(stroke.times), -1)
     path = jax.vmap(lambda p: jnp.interp(times, stroke.times, p), 1, 1)(flat)
     return replace(stroke, path=path.reshape(stroke.path.shape), times=times)
+
+
+def path_mm(stroke: Stroke) -> float:
+    """Length of the way along which a stroke drags, mm; 0 of one that presses, takes or gives."""
+    if stroke.load is None or stroke.load.takes > 0 or stroke.load.gives > 0:
+        return 0.0
+    gone = np.asarray(way(stroke))
+    return round(1e3 * float(np.hypot(*(gone[-1] - gone[0]))), 3)
 
 
 def repetition(

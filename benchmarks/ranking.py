@@ -173,7 +173,7 @@ def after_each(
         w, h = bank.roi(name)
         for place, (left, top) in enumerate(first_pixels(places, (w, h))):
             corner = np.array([left, top], np.int32)
-            patch, _ = after_action(bank, image, corner, action=action)
+            patch, _ = after_action(bank.predictors[action], image, corner)
             after = image.copy()
             after[top : top + h, left : left + w] = patch
             found[name, place] = after

@@ -152,7 +152,7 @@ def test_prediction_is_clipped_when_it_is_put_back():
     bank = problem(1)[0]
     delta = np.asarray(bank.predictors[0].delta)
     ones, first = jnp.ones(CAMERA.shape), jnp.array([2, 3])
-    after, share = after_action(bank, ones, first[::-1], action=0)
+    after, share = after_action(bank.predictors[0], ones, first[::-1])
     np.testing.assert_array_equal(after, np.minimum(1 + delta, 1))
     assert float(share) == pytest.approx((delta > 0).mean())
     state = search_state(bank, ones, ones)

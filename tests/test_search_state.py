@@ -184,7 +184,7 @@ def test_a_whole_turn_is_none(yaw):
 def test_a_turned_move_is_the_turned_change():
     bank = differences((9, 5), (3, 3))
     now = image_of(4)
-    moves = [(0, None), (0, jnp.float32(np.pi / 2)), (1, None)]
+    moves = [(0, None, 1.0), (0, jnp.float32(np.pi / 2), 1.0), (1, None, 1.0)]
     state = search_state(bank, now, now, moves)
     straight, turned, small = state.moves
     assert (straight.shape, turned.shape, small.shape) == ((5, 9), (9, 9), (3, 3))
@@ -196,7 +196,7 @@ def test_a_turned_move_is_the_turned_change():
     np.testing.assert_allclose(
         change, jnp.clip(window + np.rot90(upright, -1), 0, 1) - window, atol=1e-6
     )
-    patch, _ = after_action(bank, now, first, 1.0, np.pi / 2, action=0, turned=True)
+    patch, _ = after_action(bank.placed(0, np.pi / 2), now, first)
     np.testing.assert_allclose(patch, jnp.clip(window + change, 0, 1), atol=1e-6)
 
 
@@ -241,7 +241,7 @@ def test_a_predictor_is_told_the_corner_as_u_and_v():
     candidates = candidates_at(state, bank, {"point": np.array([[u + 3, v + 3]])})
     found = [
         bank.predict("point", image[window], position=(u + 3, v + 3)),
-        after_action(bank, image, jnp.array([u, v]), action=0)[0],
+        after_action(bank.predictors[0], image, jnp.array([u, v]))[0],
         state.act(0, image, jnp.array([v, u]), 1.0)[window],
         between(state, image, jnp.array([v + 3.0, u + 3.0]), jnp.float32(1.0))[window],
     ]
@@ -352,7 +352,7 @@ def test_an_exact_place_moves_the_change_and_not_the_bed():
     bank = replace(bank, predictors=(Difference(jnp.asarray(bump)),))
     image, corner = image_of(9), jnp.array([6, 5], jnp.int32)
     offset = jnp.array([-0.5, 0.25])
-    patch, clipped = after_action(bank, image, corner, 1.0, 0.0, offset, action=0, moved=True)
+    patch, clipped = after_action(bank.predictors[0], image, corner, 1.0, offset)
     change = np.asarray(patch - image[5:11, 6:13])
     assert float(clipped) == 0 and change.sum() == pytest.approx(0.1, rel=1e-4)
     v, u = np.mgrid[:6, :7]

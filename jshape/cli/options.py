@@ -90,6 +90,14 @@ def use(text: str) -> tuple[str, int]:
     return name, int(count)
 
 
+def carry(text: str) -> tuple[str, str]:
+    """Two actions, of which the second brings what the first takes out: "scoop=pour"."""
+    take, _, bring = text.partition("=")
+    if not take or not bring:
+        raise ValueError(f"{quoted(text)} is not two actions, like scoop=pour")
+    return take, bring
+
+
 Count = Annotated[int, reads(number(int, lambda x: x >= 0, "a whole number from 0"), "N")]
 PositiveCount = Annotated[int, reads(number(int, lambda x: x > 0, "a whole number from 1"), "N")]
 Port = Annotated[int, reads(number(int, lambda x: 0 <= x <= 65535, "a port from 0 to 65535"), "N")]
@@ -109,6 +117,7 @@ Positives = Annotated[
 ]
 Duration = Annotated[float, reads(duration, "TIME")]
 Use = Annotated[Any, reads(use, "ACTION=N")]
+CarryOf = Annotated[Any, reads(carry, "ACTION=ACTION")]
 Window = Annotated[tuple[int, int, int, int], reads(window, "LEFT,TOP,WIDTHxHEIGHT")]
 DepthRange = Annotated[tuple[float, float], reads(depth_range, "NEAR,FAR")]
 

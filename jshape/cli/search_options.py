@@ -8,6 +8,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from jshape.cli.options import (
+    CarryOf,
     Common,
     Count,
     Devices,
@@ -50,6 +51,10 @@ class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
     yaws: PositiveCount | None = None
     """Number of yaw angles to try, evenly over half a turn; 1: the hand is not turned (default: 4
     where the bank's predictors can be turned)."""
+    lengths: Positives = field(default_factory=lambda: list(SearchSpace.lengths))
+    carries: list[CarryOf] | None = None
+    """Actions tried in pairs: the second brings what the first takes out; repeat the option for
+    others (default: scoop=pour, where the bank has both)."""
     out_of_bounds: Literal["refuse", "shift", "drop"] = "refuse"
     """Treatment of given positions whose ROI leaves the image."""
     reachable: Annotated[str | None, Parameter(metavar="MASK")] = None
@@ -85,8 +90,9 @@ def search_of(given: Searches) -> dict[str, Any]:
     found.pop("reachable", None)
     if "positions" in found:
         found["positions"] = _positions(found["positions"])
-    if "max_uses" in found:
-        found["max_uses"] = dict(found["max_uses"])
+    for name in ("max_uses", "carries"):
+        if name in found:
+            found[name] = dict(found[name])
     if "planner" in given.given:
         found["planner"] = given.planner
     return options(None, execution=over_devices(given.devices), **found)
@@ -95,8 +101,9 @@ def search_of(given: Searches) -> dict[str, Any]:
 def kept_of(given: Searches) -> dict[str, Any]:
     """The options of `KEPT` that were given, as a run keeps them."""
     found = {name: getattr(given, name) for name in KEPT if name in given.given}
-    if given.max_uses:
-        found["max_uses"] = [f"{name}={count}" for name, count in given.max_uses]
+    for name in ("max_uses", "carries"):
+        if getattr(given, name):
+            found[name] = [f"{one}={other}" for one, other in getattr(given, name)]
     return found
 
 

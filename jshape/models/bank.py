@@ -86,6 +86,20 @@ class Bank:
         """Whether the hand can be turned: every predictor knows what it then does."""
         return all(predictor.turns for predictor in self.predictors)
 
+    def placed(
+        self, action: int, yaw: float | Array | np.floating | None = None, length: float = 1.0
+    ) -> Predictor:
+        """What an action does with the hand turned, along a path so many times as long.
+
+        Args:
+          action: its number.
+          yaw: turn of the hand from u towards v, radians; None is not turned.
+          length: multiple of the trained path's length.
+        """
+        hand = self.predictors[action]
+        hand = hand if length == 1 else hand.lengthened(length)
+        return hand if yaw is None else hand.turned(yaw)
+
     def turned_roi(self, name: str) -> tuple[int, int]:
         """ROI size (w, h) of one action with a turned hand, pixels: a square."""
         return square(self.roi(name))

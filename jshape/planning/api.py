@@ -119,12 +119,18 @@ def plan_images(
         if not isinstance(record, kind):
             raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
     constraints.refuse(["max_missing"], "plan takes weighed images; plan_depth reads depth")
-    limits = tasks.limits(bank, stop, constraints.max_uses)
+    pairs = tasks.carries(bank, space.carries)
+    limits = tasks.limits(bank, stop, constraints.max_uses, pairs)
     seed, max_steps = tasks.seed(budget.seed), int(stop.max_steps)
     free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
-    turned = tasks.directions(bank, space.yaws)
-    moves = prepared(bank, [(a, np.float32(yaw) if yaw else None) for a, yaw in turned])
-    state = on_images(bank, first, goal, *moves, seen)
+    moves = prepared(
+        bank,
+        [
+            (action, np.float32(yaw) if yaw else None, length)
+            for action, yaw, length in tasks.directions(bank, space.yaws, space.lengths)
+        ],
+    )
+    state = replace(on_images(bank, first, goal, *moves, seen), carries=pairs)
     stride = places.usual_stride(bank) if space.stride is None else space.stride
     if space.positions is None:
         where = tasks.at_nodes(state, bank, places.dense_positions(bank, stride))
@@ -146,7 +152,7 @@ def plan_images(
     # The search's own distances are sums of changes, which drift by rounding, and on the ground.
     planned = predict_sequence(
         bank, first, goal, _acts(found, problem), Status(int(found.status)),
-        float(limits.tolerance), int(found.evaluations), seen,
+        float(limits.tolerance), int(found.evaluations), seen, pairs,
     )  # fmt: skip
     notes = () if seen is None else outside_domain(first, goal, bank.camera, seen)
     return replace(planned, seconds=spent, notes=notes)
@@ -167,7 +173,13 @@ def _acts(found: SearchResult, problem: SearchProblem) -> list[PlacedAction]:
         if same.size:  # a given place, not the node beside it
             exact = pixels[mine[number]][same[0]]
         acts.append(
-            PlacedAction(move.action, np.asarray(exact), found.strength[k], float(move.yaw))
+            PlacedAction(
+                move.action,
+                np.asarray(exact),
+                found.strength[k],
+                float(move.yaw),
+                float(move.length),
+            )
         )
     return acts
 
@@ -180,6 +192,7 @@ def rollout(
     *,
     strengths: ArrayLike | None = None,
     yaws: ArrayLike | None = None,
+    lengths: ArrayLike | None = None,
     bank: Bank | str | Path | None = None,
     seen: Bool[np.ndarray, "H W"] | None = None,
 ) -> Plan:
@@ -193,6 +206,7 @@ def rollout(
         inwards, the place stays.
       strengths: (K,) how many times as deep as trained; None is 1.
       yaws: (K,) turns of the hand from u towards v, radians; None is 0.
+      lengths: (K,) how many times as long as trained the hand's paths are; None is 1.
       bank: as for `plan`.
       seen: (H, W) pixels that distances count; None: all.
 
@@ -202,8 +216,9 @@ def rollout(
     bank = _as_bank(bank)
     first = check_image(I0, bank.camera, "I0")
     goal = check_image(Istar, bank.camera, "Istar")
-    acts = placed_actions(bank, actions, positions, strengths, yaws)
-    return predict_sequence(bank, first, goal, acts, Status.PLAN_ENDED, seen=seen)
+    acts = placed_actions(bank, actions, positions, strengths, yaws, lengths)
+    pairs = tasks.carries(bank, None)
+    return predict_sequence(bank, first, goal, acts, Status.PLAN_ENDED, seen=seen, carries=pairs)
 
 
 @hinted

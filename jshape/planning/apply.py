@@ -9,38 +9,26 @@ from jax import lax
 
 from jshape._typing import Array, Float, Int
 from jshape.camera import in_memory, namespace
-from jshape.models.bank import Bank
 
 
 def after_action(
-    bank: Bank,
+    predictor: Any,
     image: Float[Any, "H W"],
     corner: Int[Any, "2"],
     strength: float | Array | np.floating = 1.0,
-    yaw: float | Array | np.floating = 0.0,
-    offset: Float[Any, "2"] | tuple[float, float] = (0.0, 0.0),
-    *,
-    action: int,
-    turned: bool = False,
-    moved: bool = False,
+    offset: Float[Any, "2"] | None = None,
 ) -> tuple[Float[Any, "h w"], Float[Any, ""]]:
     """The ROI after an action, clipped to [0, 1], and the share of its pixels that was clipped.
 
     Args:
-      bank: predicts.
+      predictor: of the action (see `Bank.placed`).
       image: I before.
       corner: first pixel (u, v) of the ROI.
       strength: how many times as deep as the trained action.
-      yaw: turn of the hand, radians, if `turned`.
-      offset: how far the exact place is from the ROI's, pixels (u, v), if `moved`.
-      action: its number in the bank.
-      turned: the hand is turned; the ROI is a square.
-      moved: the place is between pixels.
+      offset: how far the exact place is from the ROI's, pixels (u, v); None: not at all.
     """
-    predictor = bank.predictors[action]
-    if turned:
-        predictor = predictor.turned(yaw)
-    host = predictor.on_host and namespace(predictor, image, corner, strength, offset) is np
+    whole = predictor, image, corner, strength
+    host = predictor.on_host and namespace(*whole, offset) is np
     xp = np if host else jnp
     after = _after if host else _compiled
     return after(
@@ -48,7 +36,7 @@ def after_action(
         xp.asarray(image),
         xp.asarray(corner),
         xp.asarray(strength, np.float32),
-        xp.asarray(offset, np.float32) if moved else None,
+        None if offset is None else xp.asarray(offset, np.float32),
     )
 
 

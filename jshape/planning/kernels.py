@@ -33,6 +33,8 @@ class Move:
 
     yaw: float | Array | np.floating
     """Turn of the hand from u towards v, radians."""
+    length: float | Array | np.floating
+    """How many times as long as the trained action the hand's path is."""
     action: int = field(metadata=STATIC)
     """Number of the action in the bank."""
     shape: tuple[int, int] = field(metadata=STATIC)
@@ -78,7 +80,7 @@ class Kernel:
 
 
 def prepared(
-    bank: Bank, moves: Sequence[tuple[int, float | Array | np.floating | None]]
+    bank: Bank, moves: Sequence[tuple[int, float | Array | np.floating | None, float]]
 ) -> tuple[tuple[Move, ...], tuple[Kernel, ...]]:
     """The moves, and kernels that hold the effects of all with one window.
 
@@ -86,9 +88,8 @@ def prepared(
     """
     on_grid = grid_of(bank) is not None
     hands, shapes = [], []
-    for action, yaw in moves:
-        hand = bank.predictors[action]
-        hand = hand if yaw is None else hand.turned(yaw)
+    for action, yaw, length in moves:
+        hand = bank.placed(action, yaw, length)
         grid = hand.search_grid() if on_grid else None
         hands.append(hand)
         shapes.append(hand.roi[::-1] if grid is None else grid.shape)
@@ -109,14 +110,16 @@ def prepared(
         stack.append(xp.concatenate([leaf.reshape(-1) for leaf in leaves]))
         return list(stacks).index(key), len(stack) - 1
 
-    windows = _windows([a for a, _ in moves], shapes) if on_grid else shapes
+    windows = _windows([a for a, *_ in moves], shapes) if on_grid else shapes
     whole = _union(shapes) if on_grid else None
     made = []
-    for (action, yaw), hand, shape, window in zip(moves, hands, shapes, windows, strict=True):
+    for move, hand, shape, window in zip(moves, hands, shapes, windows, strict=True):
+        action, yaw, length = move
         evaluated = stacked(hand, shape, window)
         made.append(
             Move(
                 yaw=0.0 if yaw is None else yaw,
+                length=np.float32(length),
                 action=action,
                 shape=shape,
                 roi=hand.roi,

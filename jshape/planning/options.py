@@ -74,6 +74,13 @@ class SearchSpace:
     yaws: int | Mapping[str, int] | None = None
     """Number of yaw angles to try, evenly over half a turn; 1: the hand is not turned (default: 4
     where the bank's predictors can be turned).  A mapping says it for each action."""
+    lengths: Sequence[float] = (0.6, 1.0, 1.6)
+    """Lengths to try of the hand's path, of actions that have one: multiples of the trained
+    path."""
+    carries: Mapping[str, str] | None = None
+    """Actions that are tried in pairs: one takes material out, the other brings it elsewhere
+    (default: scoop and pour, where the bank has both; no pairs: all are single actions).  Only
+    `greedy` tries them."""
     out_of_bounds: str = "refuse"
     """Treatment of given positions whose ROI leaves the image: "refuse", "shift" or "drop"."""
 

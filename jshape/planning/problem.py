@@ -10,19 +10,45 @@ from jshape import actions as rectangles
 from jshape import metric
 from jshape.errors import BadBank, JShapeError, UnknownName, quoted
 from jshape.models.bank import Bank
+from jshape.models.turn import square
+from jshape.planning.kernels import Move
 from jshape.planning.options import ERROR_MARGIN, YAWS, SearchBudget, StopCriteria
 from jshape.planning.plan import Plan
 from jshape.planning.search.base import UNLIMITED, Budget, SearchLimits, SearchResult, room_for
 from jshape.planning.state import SearchState
 
+CARRIES = {"scoop": "pour"}
+"""Actions that are tried in pairs where nothing else is said."""
 DEEPEST = 100
 """Greatest strength that is tried."""
 MAX_STEPS = 1000
 """Most actions of a plan: the predicted ROI of each has its place in memory from the start."""
 
 
-def directions(bank: Bank, yaws: int | Mapping[str, int] | None) -> list[tuple[int, float]]:
-    """(action number, yaw) of every move, the trained direction first."""
+def carries(bank: Bank, pairs: Mapping[str, str] | None) -> tuple[tuple[int, int], ...]:
+    """Numbers of the actions that are tried in pairs: (takes material out, brings it)."""
+    if pairs is None:
+        pairs = {k: v for k, v in CARRIES.items() if k in bank.actions and v in bank.actions}
+    if not isinstance(pairs, Mapping):
+        raise JShapeError(f"carries is {quoted(pairs)}; it must be a mapping of action to action")
+    for name in (*pairs, *pairs.values()):
+        if name not in bank.actions:
+            raise UnknownName("action", name, bank.actions)
+    both = sorted(set(pairs) & set(pairs.values()))
+    if both:
+        raise JShapeError(f"carries: {quoted(both[0])} both takes material out and brings it")
+    return tuple((bank.actions.index(k), bank.actions.index(v)) for k, v in pairs.items())
+
+
+def directions(
+    bank: Bank,
+    yaws: int | Mapping[str, int] | None,
+    lengths: Sequence[float] = (1.0,),
+) -> list[tuple[int, float, float]]:
+    """(action number, yaw, length) of every move, the trained direction first.
+
+    Over half a turn; over a whole one where the predictor is `directed`.
+    """
     if yaws is None:
         yaws = YAWS if bank.turns else 1
     if not isinstance(yaws, Mapping):
@@ -39,11 +65,16 @@ def directions(bank: Bank, yaws: int | Mapping[str, int] | None) -> list[tuple[i
             )
     moves = []
     for number, name in enumerate(bank.actions):
-        count = yaws.get(name, 1)
-        if max(bank.turned_roi(name)) > min(bank.camera.shape):
-            count = 1  # a turned hand's square does not fit into the image
-        angles = [math.pi * k / count for k in range(count)]
-        moves += [(number, a if a <= math.pi / 2 else a - math.pi) for a in angles]
+        hand = bank.predictors[number]
+        for length in strengths(lengths, "lengths") if hand.path_mm else [1.0]:
+            count, roi = yaws.get(name, 1), bank.placed(number, None, length).roi
+            if max(square(roi)) > min(bank.camera.shape):
+                count = 1  # a turned hand's square does not fit into the image
+            if length != 1 and (roi[0] > bank.camera.width or roi[1] > bank.camera.height):
+                continue
+            turn = 2 * math.pi if hand.directed else math.pi
+            angles = [turn * k / count for k in range(count)]
+            moves += [(number, a if a <= turn / 2 else a - turn, length) for a in angles]
     return moves
 
 
@@ -64,27 +95,33 @@ def rounds(state: SearchState, stride: int) -> int:
     return max(math.ceil(math.log2(max(stride / float(np.min(state.pitch)), 1.0))), 0)
 
 
-def strengths(strengths: Sequence[float | int]) -> list[float]:
-    """Strengths to try, each once, weakest first."""
+def strengths(strengths: Sequence[float | int], name: str = "strengths") -> list[float]:
+    """Strengths (or lengths) to try, each once, weakest first."""
     try:
         values = np.asarray(strengths)
     except ValueError:
         values = np.zeros((0, 0))
     if values.ndim != 1 or not values.size or values.dtype.kind not in "iuf":
         raise JShapeError(
-            f"strengths is {quoted(strengths)}; it must be numbers above 0, at least one"
+            f"{name} is {quoted(strengths)}; it must be numbers above 0, at least one"
         )
     if not (np.isfinite(values).all() and (values > 0).all() and (values <= DEEPEST).all()):
-        raise JShapeError(
-            f"strengths is {quoted(strengths)}; each must be above 0, at most {DEEPEST}"
-        )
+        raise JShapeError(f"{name} is {quoted(strengths)}; each must be above 0, at most {DEEPEST}")
     if values.size > 64:
-        raise JShapeError(f"{values.size} strengths; at most 64 are tried")
+        raise JShapeError(f"{values.size} {name}; at most 64 are tried")
     return sorted({float(value) for value in values})
 
 
-def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -> SearchLimits:
-    """What a search must gain and may use, the bank's own errors times the margin among it."""
+def limits(
+    bank: Bank,
+    stop: StopCriteria,
+    max_uses: Mapping[str, int] | None,
+    carries: Sequence[tuple[int, int]] = (),
+) -> SearchLimits:
+    """What a search must gain and may use, the bank's own errors times the margin among it.
+
+    Actions that are tried in pairs may be used in pairs alone.
+    """
     if not isinstance(stop.max_steps, int | np.integer) or not 0 <= stop.max_steps <= MAX_STEPS:
         raise JShapeError(
             f"max_steps is {quoted(stop.max_steps)}; "
@@ -115,6 +152,8 @@ def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -
                 f"max_uses of {name} is {quoted(count)}; it must be a whole number from 0"
             )
         allowed[bank.actions.index(name)] = min(count, UNLIMITED)
+    pairs = min((int(allowed[list(pair)].min()) for pair in carries), default=UNLIMITED)
+    allowed[[number for pair in carries for number in pair]] = 0
     per_mm = 1.0 / float(metric.to_mm(1.0, bank.camera))
     return SearchLimits(
         min_gain=float(stop.min_gain_mm) * per_mm,
@@ -122,6 +161,7 @@ def limits(bank: Bank, stop: StopCriteria, max_uses: Mapping[str, int] | None) -
         # On the host: sent with the search, not each with a transfer of its own.
         errors=np.asarray(margin * bank.error_of_d()) if margin else np.zeros(len(allowed), "f4"),
         max_uses=allowed,
+        max_carries=pairs,
     )
 
 
@@ -155,10 +195,11 @@ def as_found(plan: Plan, state: SearchState, bank: Bank, max_steps: int) -> Sear
     strength = np.zeros(room, np.float32)
     for k in range(steps):
         action, yaw = bank.actions.index(plan.actions[k]), float(plan.yaws[k])
+        length = float(plan.lengths[k])
         mine = [m for m, one in enumerate(state.moves) if one.action == action]
         if not mine:
             return None
-        move[k] = min(mine, key=lambda m: abs(float(state.moves[m].yaw) - yaw))
+        move[k] = min(mine, key=lambda m: _apart(state.moves[m], yaw, length))
         exact = plan.positions[k] + plan.offsets[k]
         node[k] = (exact[::-1] - np.asarray(state.origin)) / np.asarray(state.pitch)
         strength[k] = plan.strengths[k]
@@ -166,3 +207,9 @@ def as_found(plan: Plan, state: SearchState, bank: Bank, max_steps: int) -> Sear
         steps=np.int32(steps), move=move, node=node, strength=strength,
         distance=np.float32(np.inf), status=np.int32(-1), evaluations=np.int32(0),
     )  # fmt: skip
+
+
+def _apart(move: Move, yaw: float, length: float) -> tuple[float, float]:
+    """How far a move's length and yaw are from others."""
+    turn = abs(float(move.yaw) - yaw)
+    return abs(float(move.length) - length), min(turn, 2 * math.pi - turn)

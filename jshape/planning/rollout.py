@@ -28,6 +28,8 @@ class PlacedAction(NamedTuple):
     """How many times as deep as the trained action."""
     yaw: float = 0.0
     """Turn of the hand from u towards v, radians."""
+    length: float = 1.0
+    """How many times as long as the trained action the hand's path is."""
 
 
 def predict_sequence(
@@ -39,6 +41,7 @@ def predict_sequence(
     tolerance: float = 0.0,
     evaluations: int = 0,
     seen: np.ndarray | None = None,
+    carries: Sequence[tuple[int, int]] = (),
 ) -> Plan:
     """The plan of a sequence: each action predicted on what the ones before it left.
 
@@ -53,31 +56,21 @@ def predict_sequence(
       tolerance: see `status`.
       evaluations: of the search that found it.
       seen: (H, W) pixels that distances count; None: all.
+      carries: actions that are pairs: what the first takes out the second brings.
     """
     first, image = image, image.copy()
     centres, rois, offsets, patches, clipped = [], [], [], [], []
     for act in acts:
-        name, turned = bank.actions[act.action], act.yaw != 0
-        roi = w, h = bank.turned_roi(name) if turned else bank.roi(name)
+        hand = bank.placed(act.action, act.yaw if act.yaw else None, act.length)
+        roi = w, h = hand.roi
         low = np.array([w // 2, h // 2])
         room = np.array([bank.camera.width - w, bank.camera.height - h])
         centre = np.clip(np.rint(act.exact).astype(np.int32), low, low + room)
         offset = (act.exact - centre).astype(np.float32)
         offset[np.abs(offset) < 1e-3] = 0
         left, top = corner = (centre - low).astype(np.int32)
-        moved, action = bool(offset.any()), act.action
-        after = after_action(
-            bank,
-            image,
-            corner,
-            act.strength,
-            act.yaw,
-            offset,
-            action=action,
-            turned=turned,
-            moved=moved,
-        )
-        patch, share = jax.device_get(after)
+        moved = offset if offset.any() else None
+        patch, share = jax.device_get(after_action(hand, image, corner, act.strength, moved))
         image[top : top + h, left : left + w] = patch
         centres.append(centre)
         rois.append(roi)
@@ -98,6 +91,8 @@ def predict_sequence(
         evaluations=evaluations,
         strengths=np.array([act.strength for act in acts], np.float32),
         yaws=np.array([act.yaw for act in acts], np.float32),
+        lengths=np.array([act.length for act in acts], np.float32),
+        strokes=_strokes(bank, acts, carries),
         offsets=np.array(offsets, np.float32).reshape(-1, 2),
         clipped=np.array(clipped, np.float32),
         initial=first,
@@ -107,12 +102,28 @@ def predict_sequence(
     )
 
 
+def _strokes(
+    bank: Bank, acts: Sequence[PlacedAction], carries: Sequence[tuple[int, int]]
+) -> np.ndarray:
+    """(K, 2) displacements as `Plan.strokes`."""
+    camera, found = bank.camera, np.zeros((len(acts), 2), np.float32)
+    depth = (float(camera.z_min) + float(camera.z_max)) / 2
+    scale = np.array([float(f) for f in camera.scale(depth)])
+    for k, act in enumerate(acts):
+        path = 1e-3 * bank.predictors[act.action].path_mm * act.length
+        found[k] = path * scale * (np.cos(act.yaw), np.sin(act.yaw))
+        if k + 1 < len(acts) and (act.action, acts[k + 1].action) in carries:
+            found[k] = acts[k + 1].exact - act.exact
+    return found
+
+
 def placed_actions(
     bank: Bank,
     actions: Sequence[str],
     positions: ArrayLike,
     strengths: ArrayLike | None = None,
     yaws: ArrayLike | None = None,
+    lengths: ArrayLike | None = None,
 ) -> list[PlacedAction]:
     """A sequence as people give it.
 
@@ -120,7 +131,7 @@ def placed_actions(
       UnknownName: an action that the bank does not have.
       BadPosition: a place outside the image, or not as many as actions.
       BadBank: a turned hand for a bank whose predictors cannot be turned.
-      JShapeError: strengths or yaws that make no sense.
+      JShapeError: strengths, yaws or lengths that make no sense.
     """
     count = len(actions)
     for name in actions:
@@ -133,11 +144,17 @@ def placed_actions(
     for u, v in where.tolist():
         if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
             raise BadPosition(f"position ({u:g}, {v:g}) is outside the {width}x{height} image")
-    deep, turns = np.ones(count), np.zeros(count)
+    deep, turns, long = np.ones(count), np.zeros(count), np.ones(count)
     if strengths is not None:
         deep = np.asarray(strengths, np.float64).ravel()
     if yaws is not None:
         turns = np.asarray(yaws, np.float64).ravel()
+    if lengths is not None:
+        long = np.asarray(lengths, np.float64).ravel()
+    if long.size != count or not ((long > 0) & (long <= DEEPEST)).all():
+        raise JShapeError(
+            f"lengths are {long.tolist()}; {count} numbers above 0, at most {DEEPEST}, are needed"
+        )
     if deep.size != count or not ((deep > 0) & (deep <= DEEPEST)).all():
         raise JShapeError(
             f"strengths are {deep.tolist()}; {count} numbers above 0, at most {DEEPEST}, are needed"
@@ -146,11 +163,11 @@ def placed_actions(
         raise JShapeError(f"yaws are {turns.tolist()}; {count} numbers in radians are needed")
     if turns.any() and not bank.turns:
         raise BadBank(f"a bank of kind {quoted(bank.kind)} cannot turn the hand; yaws must be 0")
-    for name, turn in zip(actions, turns, strict=True):
-        w, h = bank.turned_roi(name) if turn else bank.roi(name)
+    for name, turn, length in zip(actions, turns.tolist(), long.tolist(), strict=True):
+        w, h = bank.placed(bank.actions.index(name), turn if turn else None, length).roi
         if w > width or h > height:
             raise BadPosition(f"{name}: ROI {w}x{h} is larger than the {width}x{height} image")
     return [
-        PlacedAction(bank.actions.index(name), at, float(strength), float(yaw))
-        for name, at, strength, yaw in zip(actions, where, deep, turns, strict=True)
+        PlacedAction(bank.actions.index(name), at, *map(float, how))
+        for name, at, *how in zip(actions, where, deep, turns, long, strict=True)
     ]

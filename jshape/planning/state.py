@@ -48,6 +48,8 @@ class SearchState:
     """Pixels per node along v and u."""
     carry_over: float | None = field(default=None, metadata=STATIC)
     """The predictors' own (see `Predictor.carry_over`), the greatest."""
+    carries: tuple[tuple[int, int], ...] = field(default=(), metadata=STATIC)
+    """Actions tried in pairs: (takes material out, brings it elsewhere)."""
 
     @property
     def distance(self) -> Float[Array, ""]:
@@ -196,7 +198,7 @@ def search_state(
     bank: Bank,
     image: Float[Any, "H W"],
     goal: Float[Any, "H W"],
-    moves: Sequence[tuple[int, float | Array | None]] | None = None,
+    moves: Sequence[tuple[int, float | Array | None, float]] | None = None,
 ) -> SearchState:
     """The field that a bank is searched on; traceable in the images and the bank's numbers.
 
@@ -204,11 +206,11 @@ def search_state(
       bank: of any kind.
       image: I now.
       goal: I wanted.
-      moves: (action number, yaw) of each, yaw None for a hand that is not turned; None: every
-        action, not turned.
+      moves: (action number, yaw, length) of each, yaw None for a hand that is not turned; None:
+        every action as it was trained.
     """
     if moves is None:
-        moves = [(a, None) for a in range(len(bank.actions))]
+        moves = [(a, None, 1.0) for a in range(len(bank.actions))]
     return on_images(bank, image, goal, *prepared(bank, moves))
 
 

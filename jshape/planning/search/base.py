@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jshape._typing import Array, Bool, Float, Int
 from jshape.planning.evaluate import ONE_BY_ONE, Candidates, Execution
@@ -57,6 +58,8 @@ class SearchLimits:
     wrong by as much more.  An action must gain more than this as well."""
     max_uses: Int[Any, "..."] | int = UNLIMITED
     """How often each action may be used, (A,) or one for all."""
+    max_carries: int | Array = UNLIMITED
+    """How many pairs of actions may be used."""
     max_steps: int | Array = UNLIMITED
     """Most actions, within the room that a search has for them."""
 
@@ -95,6 +98,13 @@ class SearchResult:
     """A `Status`; -1 while the search goes on."""
     evaluations: Int[Any, "*B"]
     """How many windows were predicted."""
+
+
+def carried(state: SearchState, candidates: Candidates) -> Bool[Array, "N"]:
+    """Places of actions that are tried in pairs."""
+    actions = sorted({action for pair in state.carries for action in pair})
+    mine = np.isin(state.actions, np.array(actions, np.int32))
+    return candidates.valid & jnp.asarray(mine)[candidates.move]
 
 
 def empty_result(state: SearchState, max_steps: int) -> SearchResult:

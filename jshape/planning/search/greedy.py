@@ -41,6 +41,7 @@ from jshape.planning.search.local import (
     no_local,
     pending,
 )
+from jshape.planning.search.transfer import best_transfer
 from jshape.planning.state import SearchState
 
 SIDE_BY_SIDE = 4
@@ -293,36 +294,59 @@ def step(
     result = replace(carry.result, evaluations=began + spent + more)
     carry = replace(carry, result=result, local=local)
     carry = lax.cond(
-        local.round == fine, lambda s: _decided(s, state, candidates, limits), lambda s: s, carry
+        local.round == fine,
+        lambda s: _decided(s, state, candidates, limits, fine),
+        lambda s: s,
+        carry,
     )
     rest = jnp.minimum(room, left - spent) - more
     return carry, _next(carry, state, candidates, limits, jnp.maximum(rest, 0), fine)
 
 
 def _decided(
-    carry: Carry, state: SearchState, candidates: Candidates, limits: SearchLimits
+    carry: Carry,
+    state: SearchState,
+    candidates: Candidates,
+    limits: SearchLimits,
+    fine: int | Array,
 ) -> Carry:
-    """The end, or the best action taken."""
-    best = jnp.argmax(carry.local.gain)
-    result = carry.result
+    """The end, or the best action taken, or both of a carry if they gain more than that twice."""
+    local, result = carry.local, carry.result
+    best = jnp.argmax(local.gain)
+
+    def one(carry: Carry) -> Carry:
+        chosen = local.move[best], local.first[best], local.strength[best]
+        return take(carry, state, candidates, *chosen)
+
     near = result.distance <= limits.tolerance
     full = result.steps >= limits.max_steps
-    worth = carry.local.gain[best] > 0
+    worth, act = local.gain[best] > 0, one
+    if state.carries:
+        pair = best_transfer(state, carry.now, candidates, carry.cache, limits, fine)
+        pays = (pair.gain > 2.0 * local.gain[best]) & (result.steps + 2 <= limits.max_steps)
+        done = carry.used[np.array([take for take, _ in state.carries])].sum()
+        pays &= done < limits.max_carries
+        worth |= pays
+
+        def both(carry: Carry) -> Carry:
+            for half in (pair.take, pair.bring):
+                carry = take(carry, state, candidates, half.move, half.first, half.strength)
+            return carry
+
+        def act(carry: Carry) -> Carry:
+            return lax.cond(pays, both, one, carry)
+
     status = jnp.where(
         near,
         Status.CONVERGED,
         jnp.where(~worth, Status.NO_IMPROVEMENT, jnp.where(full, Status.MAX_STEPS, -1)),
     ).astype(jnp.int32)
-    local = replace(carry.local, round=jnp.int32(-1))
-    carry = replace(carry, result=replace(result, status=status), local=local)
-    return lax.cond(
-        status < 0,
-        lambda s: take(
-            s, state, candidates, local.move[best], local.first[best], local.strength[best]
-        ),
-        lambda s: s,
+    carry = replace(
         carry,
+        result=replace(result, status=status),
+        local=replace(local, round=jnp.int32(-1)),
     )
+    return lax.cond(status < 0, act, lambda carry: carry, carry)
 
 
 def known(cache: CandidateCache) -> CandidateCache:

@@ -9,7 +9,7 @@ from jax import lax
 
 from jshape._typing import Array, Bool, Float, Int
 from jshape.planning.evaluate import SPARE, CandidateCache, Candidates, Work, evaluate
-from jshape.planning.search.base import UNLIMITED, SearchLimits
+from jshape.planning.search.base import UNLIMITED, SearchLimits, carried
 from jshape.planning.state import SearchState
 
 WIDTH = 3
@@ -124,7 +124,9 @@ def pending(
 
     _, best = lax.scan(next_best, gain, length=width)
     due = cache.stale & (cache.most > needed) & (cache.most >= best[-1])
-    return due & (cache.most >= jnp.where(due, cache.most, 0.0).max() / 2)
+    due &= cache.most >= jnp.where(due, cache.most, 0.0).max() / 2
+    # One half of a carry need not gain anything.
+    return due | (cache.stale & carried(state, candidates)) if state.carries else due
 
 
 def local_work(

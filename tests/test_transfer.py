@@ -1,0 +1,122 @@
+"""Carries: two actions as one candidate."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jshape
+from jshape import Camera, JShapeError
+from jshape.errors import UnknownName
+from jshape.models.bank import Bank
+from jshape.models.difference import Difference
+from jshape.planning.candidates import dense_positions
+from jshape.planning.problem import carries
+from tests.reference import transfer as twin
+
+CAMERA = Camera(48, 40, 30.0, 30.0, 24.0, 20.0, 0.42, 0.47)
+STRENGTHS = (0.5, 1.0, 2.0)
+FREE = {"min_gain_mm": 0.0, "error_margin": 0.0, "yaws": 1}
+
+
+def blob(h, w, height):
+    y, x = np.linspace(-2, 2, h)[:, None], np.linspace(-2, 2, w)
+    return (height * np.exp(-(x**2) - y**2)).astype(np.float32)
+
+
+TAKE, BRING, KNOCK = blob(9, 9, -0.1), blob(7, 7, 0.12), blob(5, 5, -0.2)
+
+
+@pytest.fixture
+def bank():
+    predictors = (Difference(jnp.asarray(one)) for one in (KNOCK, TAKE, BRING))
+    return Bank(CAMERA, tuple(predictors), ("knock", "scoop", "pour"))
+
+
+def moved(image, p, s, q):
+    """The image after a carry from p to q."""
+    after = twin.put(image, TAKE, p, s)
+    x = -(after - image).sum() / BRING.sum()
+    return twin.put(after, BRING, q, x).astype(np.float32), x
+
+
+@pytest.mark.parametrize(("p", "q"), [((12, 10), (33, 27)), ((20, 18), (25, 19))])
+def test_a_carry_is_found_as_by_trying_all_pairs(bank, p, q):
+    now = np.full(CAMERA.shape, 0.5, np.float32)
+    goal, x = moved(now, p, 1.0, q)
+    where = dense_positions(bank, 2)
+    gain, pair = twin.best(now, goal, TAKE, BRING, (where["scoop"], where["pour"]), STRENGTHS)
+    assert pair == (p, 1.0, q, pytest.approx(x, rel=1e-5))
+    plan = jshape.plan(
+        now,
+        goal,
+        bank=bank,
+        **jshape.options(positions=where, strengths=STRENGTHS, max_steps=2, **FREE),
+    )
+    assert plan.actions == ("scoop", "pour") and plan.positions.tolist() == [list(p), list(q)]
+    np.testing.assert_allclose(plan.strengths, [1.0, x], rtol=1e-4)
+    assert plan.distances[0] - plan.distances[-1] == pytest.approx(gain, rel=1e-4)
+    np.testing.assert_allclose(plan.strokes, [np.subtract(q, p), (0, 0)])
+    assert abs(plan.images[-1].sum() - now.sum()) < 1e-3  # nothing lost, nothing made
+
+
+def test_on_a_random_bed_little_is_missed(bank, rng):
+    """The tables propose the places: nearly always the best pair, or one almost as good."""
+    shares = []
+    where = dense_positions(bank, 3)
+    for _ in range(6):
+        now = rng.uniform(0.3, 0.7, (5, 6)).repeat(8, 0).repeat(8, 1).astype(np.float32)
+        goal = rng.uniform(0.3, 0.7, (5, 6)).repeat(8, 0).repeat(8, 1).astype(np.float32)
+        gain, _ = twin.best(now, goal, TAKE, BRING, (where["scoop"], where["pour"]), STRENGTHS)
+        only = jshape.options(
+            positions=where | {"knock": where["knock"][:0]},
+            strengths=STRENGTHS,
+            max_steps=2,
+            **FREE,
+        )
+        plan = jshape.plan(now, goal, bank=bank, **only)
+        assert plan.actions == ("scoop", "pour")
+        shares.append((plan.distances[0] - plan.distances[2]) / gain)
+        assert shares[-1] <= 1 + 1e-4
+    assert np.mean(shares) > 0.97 and min(shares) > 0.85
+
+
+def test_a_single_action_that_gains_more_than_half_comes_first(bank):
+    now = np.full(CAMERA.shape, 0.5, np.float32)
+    goal = twin.put(moved(now, (12, 10), 0.5, (34, 28))[0], KNOCK, (40, 8), 2.0)
+    how = jshape.options(stride=2, strengths=STRENGTHS, **FREE)
+    plan = jshape.plan(now, goal.astype(np.float32), bank=bank, **how)
+    assert plan.actions[0] == "knock" and plan.actions[1:3] == ("scoop", "pour")
+    alone = jshape.plan(
+        now,
+        goal.astype(np.float32),
+        bank=bank,
+        **jshape.options(how, max_steps=2, max_uses={"knock": 1}),
+    )
+    assert alone.actions == ("knock",)  # no room for both of a carry
+
+
+def test_without_pairs_its_actions_are_single_ones(bank):
+    now = np.full(CAMERA.shape, 0.5, np.float32)
+    goal = twin.put(now, BRING, (34, 28), 1.0).astype(np.float32)
+    how = jshape.options(stride=2, strengths=STRENGTHS, max_steps=1, **FREE)
+    assert jshape.plan(now, goal, bank=bank, **how).actions == ()
+    plan = jshape.plan(now, goal, bank=bank, **jshape.options(how, carries={}))
+    assert plan.actions == ("pour",) and not plan.strokes.any()
+
+
+def test_uses_of_either_action_limit_the_pairs(bank):
+    now = np.full(CAMERA.shape, 0.5, np.float32)
+    goal, _ = moved(now, (12, 10), 1.0, (34, 28))
+    goal, _ = moved(goal, (36, 10), 1.0, (12, 30))
+    for uses, pairs in (({"scoop": 1}, 1), ({"pour": 0}, 0), ({}, 2)):
+        how = jshape.options(stride=2, strengths=STRENGTHS, max_uses=uses, max_steps=4, **FREE)
+        plan = jshape.plan(now, goal, bank=bank, **how)
+        assert plan.actions.count("scoop") == plan.actions.count("pour") == pairs
+
+
+def test_pairs_that_make_no_sense_are_refused(bank):
+    assert carries(bank, None) == ((1, 2),)
+    with pytest.raises(UnknownName, match="shovel"):
+        carries(bank, {"shovel": "pour"})
+    with pytest.raises(JShapeError, match="both takes material out and brings it"):
+        carries(bank, {"scoop": "pour", "pour": "scoop"})

@@ -63,6 +63,7 @@ class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
     clearance_mm: Nonnegative = Constraints.clearance_mm
     max_uses: list[Use] | None = None
     """Action and how often it may be used at most; repeat the option for others."""
+    stock_cm3: Nonnegative | None = None
     max_missing: Share = Constraints.max_missing
     max_steps: Count = StopCriteria.max_steps
     min_gain_mm: Nonnegative = StopCriteria.min_gain_mm

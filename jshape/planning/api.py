@@ -131,6 +131,7 @@ def plan_images(
         ],
     )
     state = replace(on_images(bank, first, goal, *moves, seen), carries=pairs)
+    limits = replace(limits, stock=tasks.stock(state, constraints))
     stride = places.usual_stride(bank) if space.stride is None else space.stride
     if space.positions is None:
         where = tasks.at_nodes(state, bank, places.dense_positions(bank, stride))

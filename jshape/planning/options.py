@@ -95,6 +95,9 @@ class Constraints:
     """Least distance of positions to the image's edge and to what `reachable` leaves out, mm."""
     max_uses: Mapping[str, int] | None = None
     """Action and how often it may be used at most (default: no limit)."""
+    stock_cm3: float | None = None
+    """Material in a stock beside the bed, cm³, from which actions may bring some and to which they
+    may take some out (default: no stock; what is taken out is brought elsewhere)."""
     max_missing: float = 0.1
     """Largest share, 0 to 1, of a depth image's pixels without a reading that may be filled."""
 

@@ -12,7 +12,13 @@ from jshape.errors import BadBank, JShapeError, UnknownName, quoted
 from jshape.models.bank import Bank
 from jshape.models.turn import square
 from jshape.planning.kernels import Move
-from jshape.planning.options import ERROR_MARGIN, YAWS, SearchBudget, StopCriteria
+from jshape.planning.options import (
+    ERROR_MARGIN,
+    YAWS,
+    Constraints,
+    SearchBudget,
+    StopCriteria,
+)
 from jshape.planning.plan import Plan
 from jshape.planning.search.base import UNLIMITED, Budget, SearchLimits, SearchResult, room_for
 from jshape.planning.state import SearchState
@@ -152,7 +158,7 @@ def limits(
                 f"max_uses of {name} is {quoted(count)}; it must be a whole number from 0"
             )
         allowed[bank.actions.index(name)] = min(count, UNLIMITED)
-    pairs = min((int(allowed[list(pair)].min()) for pair in carries), default=UNLIMITED)
+    in_carries = allowed.copy()
     allowed[[number for pair in carries for number in pair]] = 0
     per_mm = 1.0 / float(metric.to_mm(1.0, bank.camera))
     return SearchLimits(
@@ -161,8 +167,26 @@ def limits(
         # On the host: sent with the search, not each with a transfer of its own.
         errors=np.asarray(margin * bank.error_of_d()) if margin else np.zeros(len(allowed), "f4"),
         max_uses=allowed,
-        max_carries=pairs,
+        carry_uses=in_carries,
     )
+
+
+def stock(state: SearchState, constraints: Constraints) -> float:
+    """What a stock holds, in units of Σ now of the map; NaN where there is none.
+
+    Raises:
+      JShapeError: no number from 0; a search on images, or without actions that use it.
+    """
+    value = constraints.stock_cm3
+    if value is None:
+        return math.nan
+    if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
+        raise JShapeError(f"stock_cm3 is {quoted(value)}; it must be a number from 0")
+    if not state.carries:
+        raise JShapeError("stock_cm3 has no effect: the bank has no actions that take and bring")
+    if state.node_m is None:
+        raise BadBank("stock_cm3 is for banks that work in metres, of kind 'P'")
+    return float(value) * 1e-6 / float(state.node_m) ** 2
 
 
 def seed(value: int) -> int:

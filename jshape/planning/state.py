@@ -46,6 +46,8 @@ class SearchState:
     """Pixel (v, u) of the node (0, 0)."""
     pitch: Float[Array, "2"]
     """Pixels per node along v and u."""
+    node_m: Float[Array, ""] | None = None
+    """Side of a node's square, metres; None: the map is an image."""
     carry_over: float | None = field(default=None, metadata=STATIC)
     """The predictors' own (see `Predictor.carry_over`), the greatest."""
     carries: tuple[tuple[int, int], ...] = field(default=(), metadata=STATIC)
@@ -295,6 +297,7 @@ def _on_grid(
         "limits": xp.stack([xp.asarray(z, np.float32) for z in (camera.z_min, camera.z_max)]),
         "origin": origin,
         "pitch": pitch,
+        "node_m": grid.pitch,
     }
     numbers = {name: jnp.asarray(one, jnp.float32) for name, one in numbers.items()}
     return SearchState(**numbers, moves=moves, kernels=kernels)

@@ -58,8 +58,11 @@ class SearchLimits:
     wrong by as much more.  An action must gain more than this as well."""
     max_uses: Int[Any, "..."] | int = UNLIMITED
     """How often each action may be used, (A,) or one for all."""
-    max_carries: int | Array = UNLIMITED
-    """How many pairs of actions may be used."""
+    carry_uses: Int[Any, "..."] | int = UNLIMITED
+    """Likewise in carries (see `transfer`): those that are tried in pairs are used in no other
+    way."""
+    stock: float | Array = float("nan")
+    """What a stock beside the bed holds, in units of Σ now; NaN: there is none."""
     max_steps: int | Array = UNLIMITED
     """Most actions, within the room that a search has for them."""
 
@@ -72,6 +75,11 @@ class SearchLimits:
         strengths = jnp.broadcast_to(strengths, (*action.shape, strengths.shape[-1]))
         needed = error[..., None] * jnp.sqrt(strengths)
         return jnp.maximum(jnp.asarray(self.min_gain, jnp.float32), needed)
+
+    def carried(self, action: int, used: Int[Array, "A"]) -> Bool[Array, ""]:
+        """Whether an action may be used once more in a carry."""
+        most = jnp.asarray(self.carry_uses, jnp.int32)
+        return used[action] < (most if most.ndim == 0 else most[action])
 
     def allowed(self, action: Int[Array, "*B"], used: Int[Array, "A"]) -> Bool[Array, "*B"]:
         """Whether actions may be used once more."""

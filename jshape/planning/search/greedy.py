@@ -59,6 +59,8 @@ class Carry:
     """How often each action was taken."""
     result: SearchResult
     local: Local
+    stocked: Float[Array, ""]
+    """What a stock beside the bed holds more than at first, in units of Σ now."""
 
 
 @jax.jit(static_argnames=["max_steps"])
@@ -66,7 +68,8 @@ def begin(state: SearchState, candidates: Candidates, max_steps: int) -> Carry:
     """Nothing done, nothing known."""
     used = jnp.zeros(1 + max(state.actions, default=0), jnp.int32)
     result = empty_result(state, max_steps)
-    return Carry(state.now, empty_cache(candidates), used, result, no_local(state))
+    none = jnp.zeros((), jnp.float32)
+    return Carry(state.now, empty_cache(candidates), used, result, no_local(state), none)
 
 
 def search(problem: SearchProblem) -> SearchResult:
@@ -310,7 +313,7 @@ def _decided(
     limits: SearchLimits,
     fine: int | Array,
 ) -> Carry:
-    """The end, or the best action taken, or both of a carry if they gain more than that twice."""
+    """The end, or the best action taken, or a carry if it gains more per action."""
     local, result = carry.local, carry.result
     best = jnp.argmax(local.gain)
 
@@ -322,16 +325,22 @@ def _decided(
     full = result.steps >= limits.max_steps
     worth, act = local.gain[best] > 0, one
     if state.carries:
-        pair = best_transfer(state, carry.now, candidates, carry.cache, limits, fine)
-        pays = (pair.gain > 2.0 * local.gain[best]) & (result.steps + 2 <= limits.max_steps)
-        done = carry.used[np.array([take for take, _ in state.carries])].sum()
-        pays &= done < limits.max_carries
+        left = jnp.asarray(limits.stock, jnp.float32) + carry.stocked
+        where = state, carry.now, candidates, carry.cache, carry.used, left, limits
+        pair = best_transfer(*where, fine)
+        room = result.steps + pair.cost.astype(jnp.int32) <= limits.max_steps
+        pays = room & (pair.gain > pair.cost * local.gain[best])
         worth |= pays
 
         def both(carry: Carry) -> Carry:
-            for half in (pair.take, pair.bring):
-                carry = take(carry, state, candidates, half.move, half.first, half.strength)
-            return carry
+            for half, done in ((pair.take, pair.takes), (pair.bring, pair.brings)):
+                carry = lax.cond(
+                    done,
+                    lambda c, h=half: take(c, state, candidates, h.move, h.first, h.strength),
+                    lambda c: c,
+                    carry,
+                )
+            return replace(carry, stocked=carry.stocked + pair.stock)
 
         def act(carry: Carry) -> Carry:
             return lax.cond(pays, both, one, carry)

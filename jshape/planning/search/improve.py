@@ -99,7 +99,8 @@ def at_map(
     used = used.at[actions[result.move]].add((result.move >= 0).astype(jnp.int32))
     status, none = jnp.int32(-1), jnp.int32(0)
     result = replace(result, status=status, evaluations=none)
-    return Carry(now, cache, used, result, no_local(state))
+    none = jnp.zeros((), jnp.float32)
+    return Carry(now, cache, used, result, no_local(state), none)
 
 
 def _swapped(problem: SearchProblem, result: SearchResult, k: int) -> SearchResult:

@@ -57,6 +57,8 @@ def test_a_carry_is_found_as_by_trying_all_pairs(bank, p, q):
     assert plan.distances[0] - plan.distances[-1] == pytest.approx(gain, rel=1e-4)
     np.testing.assert_allclose(plan.strokes, [np.subtract(q, p), (0, 0)])
     assert abs(plan.images[-1].sum() - now.sum()) < 1e-3  # nothing lost, nothing made
+    dug, heaped = plan.volumes_cm3
+    assert dug < 0 < heaped and heaped == pytest.approx(-dug, rel=0.03)  # I is weighed
 
 
 def test_on_a_random_bed_little_is_missed(bank, rng):

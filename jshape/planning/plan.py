@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -168,6 +169,22 @@ class Plan:
             raise JShapeError("this plan was stored without its images")
         firsts = places.first_pixels(self.positions, self.rois)
         return np.stack([i.copy() for i in successive(self.initial, self.patches, firsts)])
+
+    @cached_property
+    def volumes_cm3(self) -> np.ndarray:
+        """(K,) by how much each action is predicted to change the bed's volume, cm³.
+
+        What is packed counts as lost, what lies loosely as gained.
+        """
+        depths = [
+            np.asarray(self.camera.depth(metric.unweigh(image, self.camera)))
+            for image in self.images
+        ]
+        changes = []
+        for before, after in pairwise(depths):
+            across, along = self.camera.scale((before + after) / 2)
+            changes.append(1e6 * float(((before - after) / (across * along)).sum()))
+        return np.array(changes, np.float32)
 
     @cached_property
     def height_maps(self) -> tuple[HeightMap, ...]:

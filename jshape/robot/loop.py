@@ -20,6 +20,7 @@ from jshape.models.bank import Bank
 from jshape.planning.api import Plan, check_image, plan_images, rollout
 from jshape.planning.evaluate import ONE_BY_ONE, Execution
 from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria, hinted
+from jshape.planning.problem import carries
 from jshape.robot.checks import check_still, touched_by
 
 
@@ -204,6 +205,8 @@ def mold(
         return plan_images(bank, now.image, now.goal, now.seen, **how, **search)
 
     uses = dict(constraints.max_uses or {})  # what is left of each action's
+    stock = constraints.stock_cm3
+    moving = [bank.actions[n] for pair in carries(bank, space.carries) for n in pair]
     if patience is None and replan:
         patience = 1
     now = look()
@@ -256,6 +259,8 @@ def mold(
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
+        if stock is not None and action in moving:
+            stock = max(stock - float(ahead.volumes_cm3[0]), 0.0)
         ahead = ahead.rest(1)
         if action in uses:
             uses[action] -= 1
@@ -266,12 +271,12 @@ def mold(
             if left == 0:
                 run.stop = Stop.CONVERGED if now.distance <= tolerance else Stop.MAX_STEPS
                 return run
-            steps = 1 if planner == "greedy" else min(left, horizon or left)
+            steps = (2 if moving else 1) if planner == "greedy" else horizon or left
             ahead = plan(
                 now,
                 start=ahead,
-                constraints=replace(constraints.of_images(), max_uses=uses),
-                stop=replace(stop, max_steps=steps),
+                constraints=replace(constraints.of_images(), max_uses=uses, stock_cm3=stock),
+                stop=replace(stop, max_steps=min(left, steps)),
             )
 
 

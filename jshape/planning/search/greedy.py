@@ -296,12 +296,8 @@ def step(
     local, more = lax.cond(looking, looked, moved, carry)
     result = replace(carry.result, evaluations=began + spent + more)
     carry = replace(carry, result=result, local=local)
-    carry = lax.cond(
-        local.round == fine,
-        lambda s: _decided(s, state, candidates, limits, fine),
-        lambda s: s,
-        carry,
-    )
+    decided = partial(_decided, state=state, candidates=candidates, limits=limits, fine=fine)
+    carry = lax.cond(local.round == fine, decided, lambda s: s, carry)
     rest = jnp.minimum(room, left - spent) - more
     return carry, _next(carry, state, candidates, limits, jnp.maximum(rest, 0), fine)
 

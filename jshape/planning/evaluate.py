@@ -271,45 +271,34 @@ def _evaluate(state, now, work, changes, chunk, share):
     def of_move(number, changes):
         def of_kernel(kernel, effect, before, changes, begin, end, strengths):
             count = state.together(kernel) if chunk == 1 else chunk
+            kept = chunk == 1 and count > 1
 
-            def several(first, strength):
-                return state.change(effect, state.windows(kernel, now, first), first, strength)
-
-            def group(g):
-                """Rows of the g-th places together, and their first nodes."""
+            def some(g, changes):
+                """Of the g-th places together, all strengths."""
                 row = lax.dynamic_slice(work.order, (begin + g * count,), (count,))
-                return row, work.first[row] - before[None]
+                first = work.first[row] - before[None]
+                shared = (first, state.windows(kernel, now, first)) if kept else (first, None)
 
-            def kept(g, row, s, new, changes):
-                if count == 1:
-                    return changes.at[row[0], s].set(new[0])
-                done = jnp.minimum(end - begin - g * count, count)
-                return lax.fori_loop(0, done, lambda k, c: c.at[row[k], s].set(new[k]), changes)
+                def new_of(first, windows, strength):
+                    windows = state.windows(kernel, now, first) if windows is None else windows
+                    return state.change(effect, windows, first, strength)
 
-            def with_one_strength(i, changes):
-                g, s = i // work.count, i % work.count
-                row, first = group(g)
-                if chunk > 1:
-                    new = jax.vmap(lambda f: several(f[None], strengths[s])[0])(first)
-                else:
-                    new = several(first, strengths[s])
-                return kept(g, row, s, new, changes)
+                def with_strength(s, changes):
+                    # Behind a barrier nothing that strengths share is computed for all of them
+                    # beforehand: to keep it takes longer than to compute it again.
+                    (first, windows), strength = lax.optimization_barrier((shared, strengths[s]))
+                    if chunk > 1:
+                        new = jax.vmap(lambda f: new_of(f[None], None, strength)[0])(first)
+                    else:
+                        new = new_of(first, windows, strength)
+                    if count == 1:
+                        return changes.at[row[0], s].set(new[0])
+                    done = jnp.minimum(end - begin - g * count, count)
+                    return lax.fori_loop(0, done, lambda k, c: c.at[row[k], s].set(new[k]), changes)
 
-            def with_all_strengths(g, changes):
-                row, first = group(g)
-                windows = state.windows(kernel, now, first)
+                return lax.fori_loop(0, work.count, with_strength, changes)
 
-                def one(s, changes):
-                    new = state.change(effect, windows, first, strengths[s])
-                    return kept(g, row, s, new, changes)
-
-                return lax.fori_loop(0, work.count, one, changes)
-
-            groups = -(-(end - begin) // count)
-            if chunk > 1 or count == 1:
-                # Windows kept for a loop over strengths are copied: for f_D that takes as long.
-                return lax.fori_loop(0, groups * work.count, with_one_strength, changes)
-            return lax.fori_loop(0, groups, with_all_strengths, changes)
+            return lax.fori_loop(0, -(-(end - begin) // count), some, changes)
 
         operands = changes, begins[number], ends[number], work.strengths[number]
         return state.with_kernel(number, of_kernel, *operands)

@@ -57,7 +57,7 @@ class Move:
 class Kernel:
     """What the moves of one window do: called on a window, once a member is gathered."""
 
-    numbers: Float[Array, "G P"]
+    numbers: Float[Any, "G P"]
     """All numbers of each move's effect in one row: gathered with one copy."""
     form: tuple[Any, str, tuple[tuple[int, ...], ...]] = field(metadata=STATIC)
     """The effects' tree, the same in words, and the shapes of its leaves.
@@ -128,7 +128,7 @@ def prepared(
             )
         )
     kernels = tuple(
-        Kernel(jnp.asarray(namespace(stack).stack(stack)), form, shape)
+        Kernel(namespace(stack).stack(stack), form, shape)
         for (form, shape), stack in stacks.items()
     )
     return tuple(made), kernels

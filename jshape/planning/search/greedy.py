@@ -75,7 +75,7 @@ def begin(state: SearchState, candidates: Candidates, max_steps: int) -> Carry:
 def search(problem: SearchProblem) -> SearchResult:
     """Greedy forward search within a budget.  See `run`."""
     state, candidates, limits = problem.state, problem.candidates, problem.limits
-    budget, fine = problem.budget, jnp.int32(problem.fine)
+    budget, fine = problem.budget, np.int32(problem.fine)
     carry = begin(state, candidates, problem.max_steps)
     advanced = _in_turns(problem, carry) if len(candidates.first) >= MANY else None
     while True:
@@ -84,8 +84,8 @@ def search(problem: SearchProblem) -> SearchResult:
             carry = next(advanced)
         else:
             carry = budget.call(
-                advance, carry, state, candidates, limits, jnp.int32(budget.room()),
-                jnp.int32(budget.left), fine, execution=problem.execution,
+                advance, carry, state, candidates, limits, np.int32(budget.room()),
+                np.int32(budget.left), fine, execution=problem.execution,
             )  # fmt: skip
         budget.spend(int(carry.result.evaluations) - before)
         if int(carry.result.status) >= 0:

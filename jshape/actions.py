@@ -114,26 +114,49 @@ def first_pixels(positions: np.ndarray, roi: ArrayLike) -> np.ndarray:
     return positions - np.asarray(roi) // 2
 
 
-def carried(positions: np.ndarray, strokes: np.ndarray) -> np.ndarray:
+def carried(positions: np.ndarray, strokes: np.ndarray, within: float = 0.01) -> np.ndarray:
     """Which actions of a plan take material to where the next one brings it: (K,) of bool.
 
     Args:
-      positions: (K, 2) of (u, v), as exact as they are known.
+      positions: (K, 2) of (u, v).
       strokes: (K, 2) of (u, v), see `Plan.strokes`: of such an action they end at the next place.
+      within: how exact the positions are, pixels.
     """
     found = np.zeros(len(positions), bool)
     off = np.abs(np.diff(positions, axis=0) - strokes[:-1]).max(-1, initial=0.0)
-    found[:-1] = (off < 0.01) & strokes[:-1].any(-1)
+    found[:-1] = (off < within) & strokes[:-1].any(-1)
     return found
 
 
-def stroke_ends(positions: np.ndarray, strokes: np.ndarray) -> np.ndarray:
+def strokes_mm(camera: Camera, strokes: np.ndarray) -> np.ndarray:
+    """Strokes (K, 2) of (u, v) pixels in mm along u and v, in the middle of the camera's range."""
+    per_metre = camera.scale((float(camera.z_min) + float(camera.z_max)) / 2)
+    return 1e3 * strokes / np.array([float(f) for f in per_metre])
+
+
+def by_mm(stroke: np.ndarray) -> str:
+    """A displacement in mm, for a table; nothing where there is none."""
+    return "({:+.0f}, {:+.0f})".format(*stroke) if stroke.any() else ""
+
+
+def stroke_words(camera: Camera, positions: np.ndarray, strokes: np.ndarray) -> list[str]:
+    """Of each action how far it goes or takes material, to be said after its place; or nothing."""
+    words = []
+    far = np.linalg.norm(strokes_mm(camera, strokes), axis=-1)
+    for mm, taken in zip(far, carried(positions, strokes), strict=True):
+        said = f", taken {mm:.0f} mm to the next" if taken else f", {mm:.0f} mm long"
+        words.append(said if mm else "")
+    return words
+
+
+def stroke_ends(positions: np.ndarray, strokes: np.ndarray, within: float = 0.01) -> np.ndarray:
     """Where strokes start and end: (K, 2, 2) of (u, v), the start first.
 
     The place is in the middle of a path, and where material is taken that is brought elsewhere;
     without a stroke it is both ends.
     """
-    start = positions - np.where(carried(positions, strokes), 0.0, 0.5)[:, None] * strokes
+    taken = carried(positions, strokes, within)
+    start = positions - np.where(taken, 0.0, 0.5)[:, None] * strokes
     return np.stack([start, start + strokes], 1)
 
 

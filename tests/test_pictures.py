@@ -2,6 +2,7 @@
 
 import base64
 import re
+from collections import Counter
 from dataclasses import replace
 
 import matplotlib
@@ -10,8 +11,12 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.text import Annotation
 
 from jshape import PAPER_BOX, HeightMap, Plan, Status
+from jshape.app import pictures as app_pictures
+from jshape.cli import plan as table
+from jshape.cli import plan_maps as map_table
 from jshape.data.view import View
 from jshape.height_map import ABOVE, as_frame, looking_down
 from jshape.viz import pictures, style
@@ -79,6 +84,66 @@ def test_strengths_and_directions_are_said_and_drawn(plan):
     np.testing.assert_allclose(drawn[2].get_center(), plan.positions[2])
     without = pictures.overlay_figure(plan).axes[0].patches
     assert [box.get_width() for box in without if isinstance(box, Rectangle)][2] == 132
+
+
+@pytest.fixture
+def moving(plan):
+    """A sweep of twice the trained length, a scoop that the pour after it brings, and a press."""
+    few = replace(plan.rest(12), actions=("sweep", "scoop", "pour", "press"), offsets=np.zeros(0))
+    few.positions[:] = (200, 150), (100, 300), (240, 220), (340, 300)
+    few.rois[:], few.yaws[:] = 80, (0.5, 0.0, 0.0, 0.0)
+    strokes = np.array([[98.0, 53.5], [140.0, -80.0], [0, 0], [0, 0]], np.float32)
+    patches = (np.full((80, 80), 0.5, np.float32),) * 4
+    lengths = np.array([2.0, 1, 1, 1], np.float32)
+    return replace(few, strokes=strokes, lengths=lengths, patches=patches, goal=plan.goal)
+
+
+def test_strokes_are_arrows_through_the_place_or_to_where_material_goes(moving):
+    figure = pictures.overlay_figure(moving, rois={"sweep": (60, 40)})
+    arrows = [text for text in figure.axes[0].texts if isinstance(text, Annotation)]
+    ends = [(arrow.xyann, arrow.xy) for arrow in arrows]
+    np.testing.assert_allclose(ends[0], [(151, 123.25), (249, 176.75)])
+    np.testing.assert_allclose(ends[1], [(100, 300), (240, 220)])
+    assert len(ends) == 2
+    assert [arrow.arrow_patch.get_linestyle() for arrow in arrows] == ["-", "--"]
+    sweep = next(box for box in figure.axes[0].patches if isinstance(box, Rectangle))
+    # Half of the path of 112 pixels is more than the trained one.
+    np.testing.assert_allclose(sweep.get_width(), 60 + np.hypot(98, 53.5) / 2, rtol=1e-5)
+    mm = 1e3 * np.hypot(98, 53.5) / 433.0 * (float(PAPER_BOX.z_min) + float(PAPER_BOX.z_max)) / 2
+    title = figure.axes[0].get_title(loc="left").split("\n")
+    assert title[1].endswith(f"at (200, 150) turned 29°, {mm:.0f} mm long")
+    assert title[2].endswith("taken 166 mm to the next") and title[3].endswith("(240, 220)")
+
+
+def test_a_notebook_says_lengths_and_strokes_only_where_there_are_any(plan, moving):
+    page = moving._repr_html_()
+    assert "<th>length</th><th>by (u, v) (mm)</th>" in page
+    assert "<td>2</td><td>(+101, +55)</td>" in page and "<td>1</td><td></td>" in page
+    assert "length" not in plan._repr_html_()
+
+
+def test_the_studio_draws_the_same_arrows(moving):
+    drawn = app_pictures.plan_boxes(moving, 0)
+    assert drawn.count("<polyline") == 2 and drawn.count("<polygon") == 4 + 2
+    assert 'points="151.0,123.2 ' in drawn and '<polygon points="249.0,176.8 ' in drawn
+    assert (
+        'points="100.0,300.0 ' in drawn and '<polygon points="232.2,224.5 ' in drawn
+    )  # the disc of 3
+
+
+def test_tables_have_columns_for_what_a_plan_has(plan, moving, capsys):
+    said = {"bank": "b", "source": "s", "planner": "greedy"}
+    table._print(moving, said, (Counter(), Counter()))
+    rows = capsys.readouterr().out.splitlines()
+    assert "yaw (°)  length  by (u, v) (mm)  to the goal (mm)" in rows[2]
+    assert "29       2.00    (+101, +55)" in rows[4] and "(+144, -82)" in rows[5]
+    table._print(plan, said, (Counter(), Counter()))
+    assert "length" not in (out := capsys.readouterr().out) and "by (" not in out
+    bed = HeightMap(np.zeros((395, 480), np.float32), 1e-3, (-0.1, -0.12))
+    on_map = replace(moving, camera=bed.camera(), view=None)
+    map_table._print(on_map, "greedy")
+    rows = capsys.readouterr().out.splitlines()
+    assert "by (x, y) (mm)" in rows[0] and "(+98, -54)" in rows[2] and "(+140, +80)" in rows[3]
 
 
 def test_the_scale_of_a_map_is_that_of_its_bed_and_not_of_walls_at_its_rim(rng):

@@ -217,6 +217,19 @@ def test_a_box_holds_the_material_of_its_roi_and_projects_to_its_outline(rng, ya
     assert np.isclose(z.min(), inside.min() - 0.001) and np.isclose(z.max(), inside.max() + 0.001)
 
 
+def test_an_episode_says_and_ends_its_strokes(rng):
+    depth = np.full(PAPER_BOX.shape, 0.45, np.float32)
+    sweep = EpisodeAction("sweep", (100.0, 150.0), 1.0, 0.0, (100, 60), (60.0, -20.0))
+    scoop = EpisodeAction("scoop", (200.0, 150.0), 1.0, 0.0, (60, 60), (99.6, 70.4))
+    pour = EpisodeAction("pour", (300.0, 220.0), 1.0, 0.0, (60, 60))
+    assert str(sweep) == "sweep x1.00 at (100, 150), by (+60, -20)" and "by" not in str(pour)
+    ends = _episode(depth, [sweep, scoop, pour]).ends
+    np.testing.assert_allclose(ends[0], [(70, 160), (130, 140)])
+    np.testing.assert_allclose(ends[1], [(200, 150), (299.6, 220.4)])  # places of runs are rounded
+    np.testing.assert_allclose(ends[2], [(300, 220)] * 2)
+    assert _episode(depth).ends.shape == (0, 2, 2)
+
+
 def test_colours_say_which_is_higher():
     scale = pictures.Scale(-25.0, 25.0, pictures.HEIGHTS)
     flat = np.zeros((9, 9))

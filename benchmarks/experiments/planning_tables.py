@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from jshape.learn.report import Rows
-from jshape.viz.pictures import COLOURS
+from jshape.viz.overlay import COLOURS
 from jshape.viz.style import own_style
 
 TITLES = {

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from benchmarks.experiments.open_loop import Outcome
 from jshape.viz import pictures
+from jshape.viz.overlay import COLOURS
 from jshape.viz.scale import span
 
 LINES = (("tab:blue", "o"), ("tab:orange", "^"), ("tab:green", "s"), ("tab:purple", "D"))
@@ -126,7 +127,7 @@ def tree_figure(names: Sequence[str], starts_mm: Sequence[float], trees: Sequenc
                 _edge(ax, step, rank, candidate)
                 u, v = candidate.position
                 text = f"{candidate.action} ({u}, {v})\n{candidate.distance_mm:.3f} mm"
-                colour = pictures.COLOURS.get(candidate.action, "0.5")
+                colour = COLOURS.get(candidate.action, "0.5")
                 _label(ax, step + 1.0, -float(rank), text, colour, candidate.chosen)
             if not any(candidate.chosen for candidate in layer):
                 ax.text(step + 1, 0.62, "none lowers d: stop", fontsize=7.5, ha="center",
@@ -139,7 +140,7 @@ def tree_figure(names: Sequence[str], starts_mm: Sequence[float], trees: Sequenc
 
 def _edge(ax: Axes, step: int, rank: int, to: Candidate) -> None:
     """A line from the path after so many steps to one of what may come next."""
-    colour = pictures.COLOURS.get(to.action, "0.5") if to.chosen else "0.75"
+    colour = COLOURS.get(to.action, "0.5") if to.chosen else "0.75"
     ax.plot([step, step + 1], [0, -rank], color=colour, linewidth=3.0 if to.chosen else 0.8,
             zorder=1)  # fmt: skip
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.experiments import pages
 from jshape.learn.report import markdown
-from jshape.viz.pictures import COLOURS
+from jshape.viz.overlay import COLOURS
 
 FIGURES = ("twin.png",)
 

@@ -38,6 +38,7 @@ class _Planned(NamedTuple):
     """(u, v), pixels."""
     strength: float
     yaw: float
+    length: float = 1.0
 
 
 @dataclass
@@ -217,8 +218,9 @@ class EditorState(GoalState):
         self.check_free()
         actions = []
         if (plan := self.plan) is not None:
-            columns = plan.exact_positions, plan.strengths.tolist(), plan.yaws.tolist()
-            actions = [_Planned(*row) for row in zip(plan.actions, *columns, strict=True)]
+            how = (of.tolist() for of in (plan.strengths, plan.yaws, plan.lengths))
+            rows = zip(plan.actions, plan.exact_positions, *how, strict=True)
+            actions = [_Planned(*row) for row in rows]
         if step is not None and not 0 <= step < len(actions):
             raise JShapeError(f"there is no action {step + 1} of a plan of {len(actions)}")
         return actions
@@ -226,10 +228,12 @@ class EditorState(GoalState):
     def _predict(self, actions: list[_Planned], *, select: int) -> None:
         """The plan is these actions, with what they are predicted to bring."""
         bed, goal = self.both()
-        names, positions, strengths, yaws = zip(*actions, strict=True) if actions else [()] * 4
-        self._keep(
-            rollout(bed, goal, names, positions, strengths=strengths, yaws=yaws, bank=self.bank)
-        )
+        columns = zip(*actions, strict=True) if actions else [()] * len(_Planned._fields)
+        names, positions, strengths, yaws, lengths = columns
+        how: dict[str, Any] = {"strengths": strengths, "yaws": yaws}
+        if set(lengths) - {1.0}:
+            how["lengths"] = lengths
+        self._keep(rollout(bed, goal, names, positions, bank=self.bank, **how))
         self.selected = select
 
     def _keep(self, found: Plan) -> None:

@@ -10,13 +10,16 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from jshape._typing import ArrayLike, Float, Num
+from jshape.actions import stroke_ends
 from jshape.planning.plan import Plan
-from jshape.viz.pictures import COLOURS
+from jshape.viz.overlay import COLOURS
 
 HEIGHTS, DIFFERENCES = "cividis", "RdBu_r"
 """Colour maps: higher is brighter; too high is red, too low is blue."""
 LEAST_SPAN_MM = 6.0
 """Least range of heights that the colours span."""
+NUMBER = 9
+"""Radius of the disc with an action's number, pixels."""
 NOTHING = (110, 110, 110)
 """Colour of pixels without a reading."""
 
@@ -88,16 +91,20 @@ def outline(position: ArrayLike, roi: ArrayLike, yaw: float) -> Float[np.ndarray
     return half @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(position)
 
 
-def boxes(actions: Iterable[tuple[str, np.ndarray]], chosen: int | None) -> str:
-    """Numbered boxes of actions: name and corners (4, 2) of (u, v); the one `chosen` is thick."""
+def boxes(actions: Iterable[tuple[str, np.ndarray, np.ndarray]], chosen: int | None) -> str:
+    """Numbered boxes of actions, the one `chosen` thick.
+
+    Each is its name, corners (4, 2) of (u, v), and where its stroke starts and ends (2, 2): an
+    arrow, unless they are one place.
+    """
     drawn = []
-    for k, (name, corners) in enumerate(actions):
+    for k, (name, corners, ends) in enumerate(actions):
         colour, width = colour_of(name), 3.0 if k == chosen else 1.2
         u, v = corners.mean(0)
         drawn.append(
             f'<polygon points="{_path(corners)}" fill="none" stroke="{colour}" '
-            f'stroke-width="{width}"/>'
-            f'<circle cx="{u:.1f}" cy="{v:.1f}" r="9" fill="{colour}" stroke="white"/>'
+            f'stroke-width="{width}"/>{_arrow(ends, np.array((u, v)), colour, 1.5 * width)}'
+            f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{NUMBER}" fill="{colour}" stroke="white"/>'
             f'<text x="{u:.1f}" y="{v + 4:.1f}" font-size="12" text-anchor="middle" '
             f'fill="white" font-weight="bold">{k + 1}</text>'
         )
@@ -106,8 +113,33 @@ def boxes(actions: Iterable[tuple[str, np.ndarray]], chosen: int | None) -> str:
 
 def plan_boxes(plan: Plan, chosen: int | None) -> str:
     """Those of a plan's actions."""
-    places = zip(plan.exact_positions, plan.rois, plan.yaws, strict=True)
-    return boxes(zip(plan.actions, (outline(*place) for place in places), strict=True), chosen)
+    places = zip(plan.exact_positions, plan.rois, plan.yaws.tolist(), strict=True)
+    outlines = (outline(*place) for place in places)
+    ends = stroke_ends(plan.exact_positions, plan.strokes)
+    return boxes(zip(plan.actions, outlines, ends, strict=True), chosen)
+
+
+def _arrow(
+    ends: Float[np.ndarray, "2 2"], place: Float[np.ndarray, "2"], colour: str, width: float
+) -> str:
+    """From one place (u, v) to another; nothing where they are one.
+
+    One that begins at the action's `place` ends before the number of the next one's.
+    """
+    start, tip = ends
+    far = float(np.linalg.norm(tip - start))
+    if far < 1:
+        return ""
+    ahead = (tip - start) / far
+    if np.allclose(start, place, atol=0.5):
+        tip = tip - NUMBER * ahead
+    aside = np.array([-ahead[1], ahead[0]])
+    foot = tip - min(12.0, far / 2) * ahead
+    head = _path((tip, foot + 5 * aside, foot - 5 * aside))
+    return (
+        f'<polyline points="{_path((start, foot))}" fill="none" stroke="{colour}" '
+        f'stroke-width="{width}"/><polygon points="{head}" fill="{colour}"/>'
+    )
 
 
 def colour_of(action: str) -> str:

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 from nicegui import events, ui
 
+from jshape.actions import stroke_words
 from jshape.app.advice import why_empty
 from jshape.app.context import AppContext
 from jshape.app.editor_state import EditorState
@@ -81,10 +82,12 @@ class PlanPanel:
         self._said.text = f"{len(plan)} actions, {way}: {plan.status.meaning}"
         with self._steps:
             self._row(0, "before all of them", d[0])
+            ways = stroke_words(plan.camera, plan.exact_positions, plan.strokes)
             for k, name in enumerate(plan.actions):
                 (u, v), yaw = plan.exact_positions[k], np.degrees(plan.yaws[k])
                 turned = f" {yaw:.0f}°" if yaw else ""
-                self._row(k + 1, f"{k + 1}. {name} ({u:.0f}, {v:.0f}) px{turned}", d[k + 1])
+                words = f"{k + 1}. {name} ({u:.0f}, {v:.0f}) px{turned}{ways[k]}"
+                self._row(k + 1, words, d[k + 1])
 
     def _row(self, done: int, words: str, mm: float) -> None:
         """The line of the image after `done` actions, with the buttons of the last of them."""

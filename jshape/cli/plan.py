@@ -8,9 +8,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from jshape.actions import by_mm, strokes_mm
 from jshape.cli.names import Preset, Uses
 from jshape.cli.options import CameraFile, Part, Positive, Writes
-from jshape.cli.plan_maps import are_maps, plan_maps
+from jshape.cli.plan_maps import are_maps, hand_columns, plan_maps
 from jshape.cli.reachable import base_of, reachable
 from jshape.cli.search_options import Searches, search_of
 from jshape.cli.tables import print_table
@@ -117,14 +118,14 @@ def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]
     for note in found.notes:
         print(f"warning: {note}")
     d = found.distances_mm
-    head = ("step", "action", "u", "v", "strength", "yaw (°)", "to the goal (mm)", "gain (mm)")
-    rows: list[tuple[Any, ...]] = [("", "start", "", "", "", "", f"{d[0]:.3f}", "")]
+    along = strokes_mm(found.camera, found.strokes)
+    hand = hand_columns(found, {"by (u, v) (mm)": [by_mm(one) for one in along]})
+    head = ("step", "action", "u", "v", *hand, "to the goal (mm)", "gain (mm)")
+    rows: list[tuple[Any, ...]] = [("", "start", "", "", *("" for _ in hand), f"{d[0]:.3f}", "")]
     for k, name in enumerate(found.actions):
-        hand = f"{found.strengths[k]:.2f}", f"{np.degrees(found.yaws[k]):.0f}"
+        how = (column[k] for column in hand.values())
         left = f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"
-        rows.append((k + 1, name, *found.camera_positions[k], *hand, *left))
-    if not found.yaws.any():  # a column of zeros says nothing
-        head, *rows = (row[:5] + row[6:] for row in (head, *rows))
+        rows.append((k + 1, name, *found.camera_positions[k], *how, *left))
     print_table(head, rows)
     spent = f"{said['planner']}, {found.seconds:.2f} s, {found.evaluations} predictions"
     print(f"{found.status.name}: {found.status.meaning} ({spent})")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jshape.actions import by_mm
 from jshape.cli.options import spelled
 from jshape.cli.reachable import base_of, reachable
 from jshape.cli.search_options import search_of
@@ -101,17 +102,32 @@ def plan_maps(
     return result
 
 
+def hand_columns(found: Plan, strokes: dict[str, list[str]]) -> dict[str, list[str]]:
+    """What a plan's hand does, column by column; one of zeros or ones says nothing.
+
+    `strokes` is the last column, by its head.
+    """
+    columns = {"strength": [f"{strength:.2f}" for strength in found.strengths]}
+    if found.yaws.any():
+        columns["yaw (°)"] = [f"{yaw:.0f}" for yaw in np.degrees(found.yaws)]
+    if (found.lengths != 1).any():
+        columns["length"] = [f"{length:.2f}" for length in found.lengths]
+    return columns | (strokes if found.strokes.any() else {})
+
+
 def _print(found: Plan, planner: str) -> None:
     d, on_map = found.distances_mm, 1e3 * places_on(found.camera, found.exact_positions)
-    head = ("step", "action", "u", "v", "x (mm)", "y (mm)", "strength", "yaw (°)",
-            "to the goal (mm)", "gain (mm)")  # fmt: skip
-    rows: list[tuple[Any, ...]] = [("", "start", *6 * ("",), f"{d[0]:.3f}", "")]
+    ends = 1e3 * places_on(found.camera, found.exact_positions + found.strokes)
+    hand = hand_columns(found, {"by (x, y) (mm)": [by_mm(one) for one in ends - on_map]})
+    places = "step", "action", "u", "v", "x (mm)", "y (mm)"
+    head = (*places, *hand, "to the goal (mm)", "gain (mm)")
+    rows: list[tuple[Any, ...]] = [
+        ("", "start", *("" for _ in range(4 + len(hand))), f"{d[0]:.3f}", "")
+    ]
     for k, name in enumerate(found.actions):
         place = *found.positions[k], *(f"{at:.1f}" for at in on_map[k])
-        hand = f"{found.strengths[k]:.2f}", f"{np.degrees(found.yaws[k]):.0f}"
-        rows.append((k + 1, name, *place, *hand, f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"))
-    if not found.yaws.any():  # a column of zeros says nothing
-        head, *rows = (row[:7] + row[8:] for row in (head, *rows))
+        how = (column[k] for column in hand.values())
+        rows.append((k + 1, name, *place, *how, f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"))
     print_table(head, rows)
     spent = f"{planner}, {found.seconds:.2f} s, {found.evaluations} predictions"
     print(f"{found.status.name}: {found.status.meaning} ({spent})")

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from jshape.actions import by_mm, strokes_mm
 from jshape.errors import escaped
-from jshape.viz.pictures import Plan, plan_figure
+from jshape.viz.overlay import Plan
+from jshape.viz.pictures import plan_figure
 from jshape.viz.style import drawn
 
 MAX_ROWS = 20
@@ -22,20 +24,20 @@ def plan_html(plan: Plan) -> str:
     """
     pictures = drawn({"plan": partial(plan_figure, plan)}, dpi=60) if plan.goal is not None else {}
     figures = (base64.b64encode(data).decode() for data in pictures.values())
-    rows = [
-        (k + 1, name, f"({u:g}, {v:g})", f"{strength:.3g}", f"{yaw:.0f}", f"{mm:.3f}")
-        for k, (name, (u, v), strength, yaw, mm) in enumerate(
-            zip(
-                plan.actions[:MAX_ROWS],
-                plan.camera_positions.tolist(),
-                plan.strengths.tolist(),
-                np.degrees(plan.yaws).tolist(),
-                plan.distances_mm[1:].tolist(),
-                strict=False,
-            )
-        )
-    ]
-    head = ("", "action", "(u, v)", "strength", "yaw (°)", "distance after (mm)")
+    own, along = plan.camera_positions.tolist(), strokes_mm(plan.camera, plan.strokes)
+    columns = {
+        "": [k + 1 for k in range(len(plan))],
+        "action": plan.actions,
+        "(u, v)": [f"({u:g}, {v:g})" for u, v in own],
+        "strength": [f"{strength:.3g}" for strength in plan.strengths.tolist()],
+        "yaw (°)": [f"{yaw:.0f}" for yaw in np.degrees(plan.yaws).tolist()],
+    }
+    if (plan.lengths != 1).any():
+        columns["length"] = [f"{length:.3g}" for length in plan.lengths.tolist()]
+    if plan.strokes.any():
+        columns["by (u, v) (mm)"] = [by_mm(one) for one in along]
+    columns["distance after (mm)"] = [f"{mm:.3f}" for mm in plan.distances_mm[1:].tolist()]
+    head, rows = tuple(columns), list(zip(*columns.values(), strict=True))[:MAX_ROWS]
     more = len(plan) - len(rows)
     return "".join(
         (

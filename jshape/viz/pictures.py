@@ -1,40 +1,23 @@
 """Figures of plans and runs.  They are drawn off screen and returned as PNG bytes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from jshape import metric
 from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.errors import JShapeError
-from jshape.height_map import ABOVE, places_on
-from jshape.viz.labels import Room
+from jshape.height_map import ABOVE
 from jshape.viz.map_axes import in_mm, mark_unseen
+from jshape.viz.overlay import Plan, Rois, doing, draw_actions, in_words, is_own
 from jshape.viz.scale import extremes, span
 from jshape.viz.style import drawn, own_style
-
-COLOURS = {
-    "grasp": "tab:red",
-    "knock": "tab:blue",
-    "press": "tab:green",
-    "pinch": "tab:purple",
-    "poke": "tab:orange",
-}
-"""Box colour of each action; others are grey."""
-
-Rois = Mapping[str, tuple[int, int]]
-"""(w, h) of the ROI that each action was trained with, pixels."""
-
-
-Plan = Any
-"""A `jshape.Plan`, by structure: figures import no records, so that records can draw themselves."""
 
 
 def height_mm(image: np.ndarray, camera: Camera) -> np.ndarray:
@@ -115,7 +98,7 @@ def plan_figure(
 @own_style()
 def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
     """I0 alone, with the actions as numbered boxes: what to do where, in which order."""
-    camera, (heading, *lines) = plan.camera, _in_words(plan)
+    camera, (heading, *lines) = plan.camera, in_words(plan)
     size = camera.width / 60 + 1.6, camera.height / 60 + 0.8 + 0.16 * len(lines)
     figure = Figure(figsize=size, layout="constrained")
     ax = figure.subplots()
@@ -128,7 +111,7 @@ def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
     if camera.orthographic:
         in_mm(ax, camera)
     else:
-        whose = "" if _is_own(plan) else ", bank's image"
+        whose = "" if is_own(plan) else ", bank's image"
         ax.set(xlabel=f"u (pixels{whose})", ylabel=f"v (pixels{whose})")
     text = "\n".join([heading, *lines])
     ax.set_title(text, fontsize=9, family="monospace", loc="left")
@@ -136,52 +119,10 @@ def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
     return figure
 
 
-def _is_own(plan: Plan) -> bool:
-    """The plan's pixels are those of the camera that took the frames."""
-    return np.array_equal(plan.camera_positions, plan.positions)
-
-
-def _in_words(plan: Plan) -> list[str]:
-    """A heading, and what to do, line by line; a long list in two columns."""
-    where = "" if _is_own(plan) else " in the camera's own pixels"
-    places = [f"({u}, {v})" for u, v in plan.camera_positions]
-    if plan.camera.orthographic:  # as the axes are
-        where = " at (x, y) in mm"
-        on_map = np.rint(1e3 * places_on(plan.camera, plan.exact_positions)).astype(int)
-        pixels, places = places, [f"({x}, {y})" for x, y in on_map]
-        if plan.view is not None:
-            where += ", and in the camera's own pixels"
-            places = [f"{p}, pixel {q}" for p, q in zip(places, pixels, strict=True)]
-    many = "1 action" if len(plan) == 1 else f"{len(plan)} actions"
-    steps = []
-    for k, place in enumerate(places):
-        turned = f" turned {np.degrees(plan.yaws[k]):.0f}°" if plan.yaws[k] else ""
-        steps.append(f"{k + 1:2d} {_doing(plan, k)} at {place}{turned}")
-    if len(steps) > 8:
-        half = -(-len(steps) // 2)
-        wide = max(map(len, steps[:half])) + 3
-        steps = [
-            left.ljust(wide) + right
-            for left, right in zip(steps[:half], [*steps[half:], ""], strict=False)
-        ]
-    return [f"{many}{where}:", *(steps or ["nothing helps"])]
-
-
-def _doing(plan: Plan, k: int) -> str:
-    """An action's name and its strength: "press x0.5"."""
-    return plan.actions[k] + _strength(plan, k)
-
-
-def _strength(plan: Plan, k: int) -> str:
-    """How deep an action goes, unless it is as deep as trained: " x0.5"."""
-    rounded = f"{round(float(plan.strengths[k]), 2):g}"
-    return "" if rounded == "1" else f" x{rounded}"
-
-
 @own_style()
 def steps_figure(plan: Plan) -> Figure:
     """The predicted images of a plan side by side, and the goal."""
-    names = ["now", *(f"{k + 1} {_doing(plan, k)}" for k in range(len(plan)))]
+    names = ["now", *(f"{k + 1} {doing(plan, k)}" for k in range(len(plan)))]
     images = list(plan.images)
     if plan.goal is not None:
         images, names = [*images, plan.goal], [*names, "goal"]
@@ -226,49 +167,6 @@ def _draw_heights(
         _bare(ax, name)
     ends = "neither" if seen is None else "both"
     axes[0].figure.colorbar(drawn, ax=list(axes), label=label, shrink=shrink, extend=ends)
-
-
-def draw_actions(ax: Axes, plan: Plan, rois: Rois | None = None, *, strengths: bool = True) -> None:
-    """The plan's ROIs as boxes, and a numbered cross at each place to act on.
-
-    Call it last: numbers are laid beside each other where the axes are by then.
-
-    Args:
-      ax: shows I0.
-      plan: what to draw.
-      rois: trained ROIs: a turned hand's box is its own, turned; else its square.
-      strengths: beside the numbers, where they are not 1.
-    """
-    places = plan.exact_positions.astype(float).tolist()
-    many = len(plan) > 6
-    size, width = (7.5, 1.1) if many else (9.0, 1.8)
-    if isinstance(ax.figure, Figure):
-        ax.figure.draw_without_rendering()  # lays out the axes
-    room = Room(ax, size)
-    for k, name in enumerate(plan.actions):
-        (u, v), (w, h) = places[k], plan.rois[k].tolist()
-        yaw, colour = float(np.degrees(plan.yaws[k])), COLOURS.get(name, "0.5")
-        left, top = u - w // 2 - 0.5, v - h // 2 - 0.5
-        if yaw:
-            w, h = (rois or {}).get(name, (w, h))
-            left, top = u - w / 2, v - h / 2
-        box = Rectangle(
-            (left, top), w, h, angle=yaw, rotation_point=(u, v), fill=False, edgecolor=colour,
-            linewidth=width,
-        )  # fmt: skip
-        ax.add_patch(box)
-        ax.plot(u, v, "+", color=colour, markersize=size, markeredgewidth=width)
-        room.take(u, v)
-    for k, name in enumerate(plan.actions):
-        (u, v), colour = places[k], COLOURS.get(name, "0.5")
-        text = f"{k + 1}" + (_strength(plan, k) if strengths else "")
-        x, y = room.beside(u, v, text)
-        ax.plot([u, x], [v, y], color=colour, linewidth=width)
-        ax.text(
-            x, y, text, color="white", ha="center", va="center", fontsize=size, zorder=5,
-            fontweight="bold", in_layout=False,
-            bbox={"facecolor": colour, "edgecolor": "white", "linewidth": 0.5, "pad": 1.5},
-        )  # fmt: skip
 
 
 def draw_curve(ax: Axes, predicted_mm: ArrayLike, obtained_mm: ArrayLike | None = None) -> None:

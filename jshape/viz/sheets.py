@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from jshape._typing import ArrayLike
-from jshape.viz.pictures import COLOURS
+from jshape.viz.overlay import COLOURS
 from jshape.viz.style import own_style
 
 PER_PAGE = 24

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape._typing import Float
+from jshape.actions import stroke_ends
 from jshape.app import pictures
 from jshape.app.pictures import Scale
 from jshape.camera import Camera
@@ -28,11 +29,14 @@ class EpisodeAction(NamedTuple):
     """Turn of the hand from u towards v, radians."""
     roi: tuple[int, int] | None
     """(w, h) pixels of what it changes, before the turn; None: not known."""
+    stroke: tuple[float, float] = (0.0, 0.0)
+    """(u, v) pixels from the start of its path to the end, or to where it takes material."""
 
     def __str__(self) -> str:
         u, v = self.position
         turned = f", turned {np.degrees(self.yaw):.0f}°" if self.yaw else ""
-        return f"{self.name} x{self.strength:.2f} at ({u:.0f}, {v:.0f}){turned}"
+        along = ", by ({:+.0f}, {:+.0f})".format(*self.stroke) if any(self.stroke) else ""
+        return f"{self.name} x{self.strength:.2f} at ({u:.0f}, {v:.0f}){turned}{along}"
 
     @property
     def outline(self) -> Float[np.ndarray, "4 2"] | None:
@@ -105,6 +109,14 @@ class Episode:
         """The actions up to a step with their numbers; at the start, all of them."""
         steps = enumerate(self.steps[: (step or len(self)) + 1])
         return [(k, one.action) for k, one in steps if one.action is not None]
+
+    @cached_property
+    def ends(self) -> Float[np.ndarray, "K 2 2"]:
+        """Where the strokes of all actions start and end, (u, v); runs round places to a pixel."""
+        actions = [action for _, action in self.actions()]
+        where = np.array([action.position for action in actions]).reshape(-1, 2)
+        strokes = np.array([action.stroke for action in actions]).reshape(-1, 2)
+        return stroke_ends(where, strokes, within=1.01)
 
     @property
     def is_run(self) -> bool:

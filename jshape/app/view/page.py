@@ -153,8 +153,8 @@ class EpisodePage:
             said = f"dark to bright: {scale.low:+.1f} to {scale.high:+.1f} mm from the bed's level"
         self._under.text = said
         actions = episode.actions(step) if self._boxes.value else []
-        outlines = [(action.name, action.outline) for _, action in actions]
-        flat = [(name, corners) for name, corners in outlines if corners is not None]
+        outlines = [(action.name, action.outline, episode.ends[k - 1]) for k, action in actions]
+        flat = [(name, corners, ends) for name, corners, ends in outlines if corners is not None]
         self._image.set_source(pictures.data_url(rgb))
         self._image.content = pictures.boxes(flat, step - 1 if step else None)
         goal = episode.goal if self._over.value else None

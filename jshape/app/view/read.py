@@ -61,7 +61,8 @@ def episode_of_plan(plan: Plan, where: str = "plan") -> Episode:
     for k, name in enumerate(plan.actions):
         (u, v), (w, h) = places[k], plan.rois[k].tolist()
         strength, yaw = float(plan.strengths[k]), float(plan.yaws[k])
-        action = EpisodeAction(name, (u, v), strength, yaw, (w, h))
+        du, dv = plan.strokes[k].tolist()
+        action = EpisodeAction(name, (u, v), strength, yaw, (w, h), (du, dv))
         steps.append(EpisodeStep(None, depths[k + 1], action, d_mm[k], d_mm[k + 1]))
     title = f"plan, {_many(len(plan))}: {d_mm[0]:.3f} mm now, {d_mm[-1]:.3f} mm predicted"
     goal = None if plan.goal is None else _depth(plan.goal, plan.camera)
@@ -112,7 +113,8 @@ class _Reader:
 
     def _step(self, done: ActionRecord, before: EpisodeStep, depth: Any) -> EpisodeStep:
         """What an action, and the look after it if there was one, have to tell."""
-        action = EpisodeAction(done.action, done.position, done.strength, done.yaw, self._roi(done))
+        how = done.strength, done.yaw, self._roi(done), done.stroke
+        action = EpisodeAction(done.action, done.position, *how)
         numbers = done.before_mm, done.predicted_mm, done.obtained_mm, done.effort_nm, done.seconds
         return EpisodeStep(depth, self._predicted(done, before), action, *numbers)
 
@@ -144,6 +146,8 @@ class _Reader:
             return None
         image = image_of_depth(before.seen, bank.camera, max_missing=1.0).image
         how = {"strengths": np.array([done.strength]), "yaws": np.array([done.yaw])}
+        if done.length != 1:
+            how["lengths"] = np.array([done.length])
         goal = np.where(np.isfinite(goal), goal, image)
         ahead = rollout(image, goal, [done.action], np.array([done.position]), bank=bank, **how)
         return _depth(ahead.images[1], bank.camera)

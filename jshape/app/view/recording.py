@@ -156,8 +156,14 @@ def _log_boxes(rr: Any, recording: Any, episode: Episode, step: int) -> None:
     corners = np.array([action.outline for _, action, _ in rows])
     low, size = corners.min(1), np.ptp(corners, axis=1)
     flat = rr.Boxes2D(mins=low, sizes=size, radii=np.where(thick, 1.6, 0.8), **look)
+    ends = episode.ends[[k - 1 for k, *_ in rows]]
+    arrows = rr.Arrows2D(
+        origins=ends[:, 0], vectors=ends[:, 1] - ends[:, 0], radii=2.0, colors=look["colors"]
+    )
     for name in (name for name in _beds(episode) if name != GOAL):
         recording.log(f"world/{name}/actions", flat)
+        if np.ptp(ends, axis=1).any():
+            recording.log(f"world/{name}/strokes", arrows)
 
 
 def _arranged(rr: Any, episode: Episode) -> Any:

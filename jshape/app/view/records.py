@@ -29,6 +29,8 @@ class ActionRecord:
     """(u, v) pixels."""
     strength: _Number = 1.0
     yaw: _Number = 0.0
+    length: _Number = 1.0
+    stroke: Annotated[tuple[float, float], Range(-1e6, 1e6)] = (0.0, 0.0)
     before_mm: _Number | None = None
     predicted_mm: _Number | None = None
     obtained_mm: _Number | None = None

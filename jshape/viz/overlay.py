@@ -1,0 +1,130 @@
+"""A plan's actions on an image and in words: what to do where, in which order."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from jshape.actions import carried, stroke_ends, stroke_words
+from jshape.height_map import places_on
+from jshape.viz.labels import Room
+
+COLOURS = {
+    "grasp": "tab:red",
+    "knock": "tab:blue",
+    "press": "tab:green",
+    "pinch": "tab:purple",
+    "poke": "tab:orange",
+    "sweep": "tab:cyan",
+    "scoop": "tab:brown",
+    "pour": "tab:pink",
+}
+"""Box colour of each action; others are grey."""
+
+Rois = Mapping[str, tuple[int, int]]
+"""(w, h) of the ROI that each action was trained with, pixels."""
+
+
+Plan = Any
+"""A `jshape.Plan`, by structure: figures import no records, so that records can draw themselves."""
+
+
+def is_own(plan: Plan) -> bool:
+    """The plan's pixels are those of the camera that took the frames."""
+    return np.array_equal(plan.camera_positions, plan.positions)
+
+
+def in_words(plan: Plan) -> list[str]:
+    """A heading, and what to do, line by line; a long list in two columns."""
+    where = "" if is_own(plan) else " in the camera's own pixels"
+    places = [f"({u}, {v})" for u, v in plan.camera_positions]
+    if plan.camera.orthographic:  # as the axes are
+        where = " at (x, y) in mm"
+        on_map = np.rint(1e3 * places_on(plan.camera, plan.exact_positions)).astype(int)
+        pixels, places = places, [f"({x}, {y})" for x, y in on_map]
+        if plan.view is not None:
+            where += ", and in the camera's own pixels"
+            places = [f"{p}, pixel {q}" for p, q in zip(places, pixels, strict=True)]
+    many = "1 action" if len(plan) == 1 else f"{len(plan)} actions"
+    steps, ways = [], stroke_words(plan.camera, plan.exact_positions, plan.strokes)
+    for k, place in enumerate(places):
+        turned = f" turned {np.degrees(plan.yaws[k]):.0f}°" if plan.yaws[k] else ""
+        steps.append(f"{k + 1:2d} {doing(plan, k)} at {place}{turned}{ways[k]}")
+    if len(steps) > 8:
+        half = -(-len(steps) // 2)
+        wide = max(map(len, steps[:half])) + 3
+        steps = [
+            left.ljust(wide) + right
+            for left, right in zip(steps[:half], [*steps[half:], ""], strict=False)
+        ]
+    return [f"{many}{where}:", *(steps or ["nothing helps"])]
+
+
+def doing(plan: Plan, k: int) -> str:
+    """An action's name and its strength: "press x0.5"."""
+    return plan.actions[k] + _strength(plan, k)
+
+
+def _strength(plan: Plan, k: int) -> str:
+    """How deep an action goes, unless it is as deep as trained: " x0.5"."""
+    rounded = f"{round(float(plan.strengths[k]), 2):g}"
+    return "" if rounded == "1" else f" x{rounded}"
+
+
+def draw_actions(ax: Axes, plan: Plan, rois: Rois | None = None, *, strengths: bool = True) -> None:
+    """The plan's ROIs as boxes, and a numbered cross at each place to act on.
+
+    A path is an arrow from its start to its end; a dashed one leads from where material is taken to
+    where it is brought.
+
+    Call it last: numbers are laid beside each other where the axes are by then.
+
+    Args:
+      ax: shows I0.
+      plan: what to draw.
+      rois: trained ROIs: a turned hand's box is its own, turned; else its square.
+      strengths: beside the numbers, where they are not 1.
+    """
+    places = plan.exact_positions.astype(float).tolist()
+    many = len(plan) > 6
+    size, width = (7.5, 1.1) if many else (9.0, 1.8)
+    if isinstance(ax.figure, Figure):
+        ax.figure.draw_without_rendering()  # lays out the axes
+    room = Room(ax, size)
+    ends = stroke_ends(plan.exact_positions, plan.strokes)
+    taken = carried(plan.exact_positions, plan.strokes)
+    for k, name in enumerate(plan.actions):
+        (u, v), (w, h) = places[k], plan.rois[k].tolist()
+        yaw, colour = float(np.degrees(plan.yaws[k])), COLOURS.get(name, "0.5")
+        left, top = u - w // 2 - 0.5, v - h // 2 - 0.5
+        if yaw:
+            if rois and name in rois:
+                w, h = rois[name]
+                if not taken[k]:  # what a longer path adds
+                    w += float(np.hypot(*plan.strokes[k]) * (1 - 1 / plan.lengths[k]))
+            left, top = u - w / 2, v - h / 2
+        box = Rectangle(
+            (left, top), w, h, angle=yaw, rotation_point=(u, v), fill=False, edgecolor=colour,
+            linewidth=width,
+        )  # fmt: skip
+        ax.add_patch(box)
+        ax.plot(u, v, "+", color=colour, markersize=size, markeredgewidth=width)
+        room.take(u, v)
+        if plan.strokes[k].any():
+            look = dict(color=colour, linewidth=1.4 * width, linestyle="--" if taken[k] else "-")
+            look |= dict(arrowstyle="-|>", mutation_scale=1.6 * size, shrinkA=0, shrinkB=0)
+            ax.annotate("", ends[k, 1], ends[k, 0], arrowprops=look, annotation_clip=False)
+            room.take(*ends[k, 1])
+    for k, name in enumerate(plan.actions):
+        (u, v), colour = places[k], COLOURS.get(name, "0.5")
+        text = f"{k + 1}" + (_strength(plan, k) if strengths else "")
+        x, y = room.beside(u, v, text)
+        ax.plot([u, x], [v, y], color=colour, linewidth=width)
+        ax.text(
+            x, y, text, color="white", ha="center", va="center", fontsize=size, zorder=5,
+            fontweight="bold", in_layout=False,
+            bbox={"facecolor": colour, "edgecolor": "white", "linewidth": 0.5, "pad": 1.5},
+        )  # fmt: skip

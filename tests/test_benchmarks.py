@@ -1,8 +1,9 @@
 """The benchmarks' report: goals, the baseline, and the page that is renewed."""
 
+import numpy as np
 import pytest
 
-from benchmarks import page
+from benchmarks import page, real_effects
 from benchmarks.report import Report
 from benchmarks.run import PARTS
 from tests.conftest import ROOT
@@ -14,6 +15,14 @@ def measured(count=10.0, ratio=2.0):
     report.add("copy bandwidth", ratio, "times", more=True, tolerance=1.5)
     report.add("time", 1.0, "s")
     return report
+
+
+def test_real_effects_are_centred(shared_data):
+    lower, pitch = real_effects.maps_of(shared_data / "real" / "craters", "compacted", 1, 99)
+    assert lower.shape == (12, 101, 101) and pitch == pytest.approx(2.8025e-3)
+    middle = np.s_[:, 45:56, 45:56]
+    assert (lower[middle].mean((1, 2)) < -0.003).all()  # a mound lies in the middle of each cut
+    assert np.abs(lower[:, :10]).mean() < 5e-4
 
 
 def test_a_goal_is_the_most_or_the_least():

@@ -1,6 +1,6 @@
 """The bundled banks: made from nothing by one command, each with a card that says how good it is.
 
-python -m benchmarks.experiments.banks weights [--only NAME] [--pairs 200] [--tested 25]
+python -m benchmarks.experiments.banks weights [--only NAME] [--pairs COUNT] [--tested 25]
 """
 
 import argparse
@@ -13,7 +13,7 @@ import numpy as np
 
 from jshape.camera import PAPER_BOX, PRESETS
 from jshape.data.pairs import Pairs
-from jshape.data.simulate import simulate_pairs, together
+from jshape.data.simulate import ALL_ROIS, ROIS, simulate_pairs, together
 from jshape.io import banks
 from jshape.learn.evaluate import evaluate
 from jshape.learn.fit import fit
@@ -28,6 +28,7 @@ STRENGTHS = (0.2, 2.0)
 """Range of how many times as deep as the agent's own the actions go, as planning tries them."""
 TABLE = (0.3, 0.5, 0.75, 1.5, 2.0)
 """Strengths that are tested besides 1."""
+HOW_MANY = {5: "five", 8: "eight"}
 TABLE_SHARE = 0.4
 """Of the pairs tested at strength 1, how many are tested at each of the others."""
 
@@ -38,11 +39,20 @@ class Recipe(NamedTuple):
     material: str
     agent: str
     seed: int
+    what: str = "pressed"
+    """"pressed": the five actions that press; "moving": with those that move material."""
+    pairs: int = 200
+    """Per action, to fit to."""
 
     @property
     def name(self) -> str:
         """Of the bank."""
-        return f"pressed-{self.material}-{self.agent}"
+        return f"{self.what}-{self.material}-{self.agent}"
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(ROIS if self.what == "pressed" else ALL_ROIS)
 
 
 RECIPES = (
@@ -50,6 +60,7 @@ RECIPES = (
     Recipe("flour", "human", 1),
     Recipe("sand", "robot", 2),
     Recipe("sand", "human", 3),
+    Recipe("flour", "robot", 4, "moving", 75),
 )
 
 
@@ -123,8 +134,9 @@ def card(
     lines = [
         f"# {recipe.name}",
         "",
-        f"What five actions of a {recipe.agent} do to {recipe.material}: a tool learned per "
-        "action, pressed into the ground (kind P).",
+        f"What {HOW_MANY[len(recipe.actions)]} actions of a {recipe.agent} do to "
+        f"{recipe.material}: a tool learned per action, pressed into the ground"
+        f"{', and a heap of what it moves' * (recipe.what == 'moving')} (kind P).",
         "",
         f"**Data.** {pairs} simulated pairs per action (`jshape.data.simulate`; beds drawn in turn "
         f"from {', '.join(BEDS)}; {FRAMES} noisy frames averaged per look; seed {recipe.seed}), "
@@ -180,6 +192,7 @@ def simulated(
         simulate_pairs(
             jax.random.key(seed),
             count,
+            actions=recipe.actions,
             agents=(recipe.agent,),
             material=recipe.material,
             beds=BEDS,
@@ -199,12 +212,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Make the bundled banks again.")
     parser.add_argument("root", type=Path, help="folder of the banks: weights")
     parser.add_argument("--only", choices=[recipe.name for recipe in RECIPES])
-    parser.add_argument("--pairs", type=int, default=200, help="per action (default: 200)")
+    parser.add_argument("--pairs", type=int, help="per action (default: the recipe's)")
     parser.add_argument("--tested", type=int, default=25, help="per action (default: 25)")
     options = parser.parse_args()
     for recipe in RECIPES:
         if options.only in (None, recipe.name):
-            make(recipe, options.root, pairs=options.pairs, tested=options.tested, say=_say)
+            pairs = options.pairs or recipe.pairs
+            make(recipe, options.root, pairs=pairs, tested=options.tested, say=_say)
 
 
 if __name__ == "__main__":

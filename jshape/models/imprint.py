@@ -40,6 +40,9 @@ from jshape.models.orthographic import OrthographicGrid
 from jshape.models.stretch import stretch, widened
 from jshape.models.turn import square, turn
 
+ONE_WAY = 0.3
+"""Share by which a change differs from itself after half a turn if it goes one way.  Of the actions
+with a heap in the bundled bank: grasp 1.34, scoop 0.79, sweep 0.63, pinch 0.08, pour 0.00."""
 LONGEST = 10.0
 """Most times that a path can be as long as the trained one."""
 
@@ -92,11 +95,17 @@ class Imprint(Predictor):
 
     @property
     def directed(self) -> bool:
-        """Whether it drags: along a path, or from a tool's furrow into a heap.
+        """Whether it has a path, or a heap and does to a flat bed another thing after half a turn.
 
-        A heap alone is what a hand let fall: the hand may stand either way round.
+        What is poured lies round, and what fingers close on from two sides lies at both.
         """
-        return self.path is not None or (self.height is not None and bool(np.any(self.give)))
+        if self.path is not None or self.height is None:
+            return self.path is not None
+        one = in_memory(self)
+        change = one.change(np.full(one.grid.shape, one.grid.depth, np.float32))
+        # Node 0 of an even number has no opposite one.
+        turned = np.roll(np.flip(change), [1 - n % 2 for n in change.shape], (0, 1))
+        return bool(np.abs(change - turned).sum() > ONE_WAY * np.abs(change).sum())
 
     @property
     def carry_over(self) -> float:

@@ -16,18 +16,25 @@ WHOLE = Camera(100, 80, 72.0, 72.0, 50.0, 40.0, 0.42, 0.47)
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
-@pytest.fixture(scope="module")
-def small():
-    """A bank for a camera of 80x60 pixels that knows what the simulated knock does."""
+def small_bank(*names):
+    """A bank for a camera of 80x60 pixels that knows what simulated actions do."""
     camera = WHOLE.crop(10, 10, 80, 60)
     bed = sim.flat_bed()
-    after = sim.apply_action(jax.random.key(1), bed, sim.FLOUR, ("knock", "robot"), (0.0, 0.0))
-    before, after = (
-        weigh(camera.luminance(sim.render(one, camera), quantize=False), camera)
-        for one in (bed, after)
-    )
-    effect = jnp.asarray(after - before, jnp.float32)[20:40, 30:50]
-    return Bank(camera, (Difference(effect),), ("knock",), "D")
+
+    def image(bed):
+        return weigh(camera.luminance(sim.render(bed, camera), quantize=False), camera)
+
+    def effect(name):
+        after = sim.apply_action(jax.random.key(1), bed, sim.FLOUR, (name, "robot"), (0.0, 0.0))
+        return jnp.asarray(image(after) - image(bed), jnp.float32)[20:40, 30:50]
+
+    return Bank(camera, tuple(Difference(effect(name)) for name in names), names, "D")
+
+
+@pytest.fixture(scope="module")
+def small():
+    """What a knock does."""
+    return small_bank("knock")
 
 
 RUNS = {
@@ -38,6 +45,11 @@ RUNS = {
     "05_own_arm": lambda small, tmp_path: {},
     "06_own_camera": lambda small, tmp_path: {},
     "07_own_material": lambda small, tmp_path: {"camera": PAPER_BOX.crop(200, 160, 80, 60)},
+    "08_carry_material": lambda small, tmp_path: {
+        "bank": small_bank("scoop", "pour"),
+        "film": tmp_path / "mound.gif",
+        "steps": 4,
+    },  # fmt: skip
 }
 SHOWS = {
     "01_plan": lambda plan: plan.actions and plan.distances[-1] < plan.distances[0],
@@ -47,6 +59,10 @@ SHOWS = {
     "05_own_arm": lambda arm: 0.44 < max(pose[2, 3] for pose in arm.poses) < 0.5,
     "06_own_camera": lambda depth: abs(np.median(depth) - 0.45) < 1e-3,
     "07_own_material": lambda depths: depths["flour"] > depths["dough"] > 1,
+    "08_carry_material": lambda run: (
+        [step.action for step in run.steps[:2]] == ["scoop", "pour"]
+        and run.distances_mm[2] < run.distances_mm[0]
+    ),
 }
 
 

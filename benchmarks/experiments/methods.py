@@ -28,6 +28,11 @@ as deep.  An action must gain more than half of its own usual error."""
 SEARCH: Method = DENSE | {"horizon": 2, "evaluations": {"open": 400_000, "closed": 100_000}}
 """Searches that could go on for long: what they may spend on a plan.  Evaluations, not seconds, so
 that a busy machine finds the same; a plan of `greedy` takes 130,000 to 380,000."""
+MOVING: Method = DENSE | {
+    "bank": "moving-flour-robot",
+    "yaws": {"grasp": 6, "press": 6, "pinch": 6, "sweep": 6, "scoop": 4},
+}
+"""The actions that move material too: a carry counts as two actions."""
 FLOOR: Method = {"bank": "flour-robot", "stride": 12, "patience": 1000}
 """Floors act whatever comes of it; of the bank they use the ROIs."""
 
@@ -35,6 +40,8 @@ METHODS: dict[str, Method] = {
     "paper": {"bank": "flour-robot", "positions": "7x3"},
     "f_D-dense": {"bank": "flour-robot", "stride": 12},
     "greedy": DENSE,
+    "moving": MOVING,
+    "moving-stock": MOVING | {"stock_cm3": 500.0},
     "random": FLOOR | {"planner": "random"},
     "surplus": FLOOR | {"planner": "surplus"},
     "refine": SEARCH | {"planner": "refine"},

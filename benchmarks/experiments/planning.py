@@ -233,10 +233,11 @@ class Watched:
         position: tuple[float | int, float | int],
         strength: float | int = 1.0,
         yaw: float | int = 0.0,
+        length: float | int = 1.0,
     ) -> None:
         """As the world's own."""
         self.waits.append(time.perf_counter() - self._looked)
-        self.world.act(action, position, strength, yaw)
+        self.world.act(action, position, strength, yaw, length)
         self.true_mm.append(self.problem.distance_mm(self.world.bed))
 
 
@@ -246,7 +247,10 @@ def _acted(
     """What came of acting, the first plan (None where the run failed), and the bed after."""
     rng = np.random.default_rng([settings.seed, 3, KINDS.index(case.kind), case.number])
     key = jax.random.key(int(rng.integers(2**31)))
-    world = SimulatedWorld(key, bed, material=problem.material, camera=problem.camera)
+    beside = options["constraints"].stock_cm3 or 0.0 if "constraints" in options else 0.0
+    world = SimulatedWorld(
+        key, bed, material=problem.material, camera=problem.camera, stock_cm3=beside
+    )
     watched, steps = Watched(world, problem), []
     found: dict[str, Any]
     closed = case.loop == "closed"
@@ -280,7 +284,7 @@ def _gains(
             before, after = (float(d) for d in blind.distances_mm[k : k + 2])
         rows.append({
             "action": step.action, "position": step.position,
-            "strength": step.strength, "yaw": step.yaw,
+            "strength": step.strength, "yaw": step.yaw, "length": step.length,
             "predicted_gain_mm": before - after, "gain_mm": true_mm[k] - true_mm[k + 1],
             "seen_gain_mm": step.before_mm - step.obtained_mm,
         })  # fmt: skip

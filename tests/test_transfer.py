@@ -1,12 +1,15 @@
 """Carries: two actions as one candidate."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import jshape
-from jshape import Camera, JShapeError
-from jshape.errors import UnknownName
+from jshape import PAPER_BOX, Camera, JShapeError
+from jshape.errors import BadBank, UnknownName
 from jshape.models.bank import Bank
 from jshape.models.difference import Difference
 from jshape.planning.candidates import dense_positions
@@ -122,3 +125,64 @@ def test_pairs_that_make_no_sense_are_refused(bank):
         carries(bank, {"shovel": "pour"})
     with pytest.raises(JShapeError, match="both takes material out and brings it"):
         carries(bank, {"scoop": "pour", "pour": "scoop"})
+
+
+QUARTER = replace(PAPER_BOX, width=120, height=98, fx=433 / 4, fy=433 / 4, u0=240 / 4, v0=197 / 4)
+
+
+@pytest.fixture(scope="module")
+def moving():
+    """Three of the bundled hands that move material, below a camera of a quarter of the pixels."""
+    bank = jshape.load_bank("moving-flour-robot").seen_by(QUARTER, 0.45)
+    names = ("sweep", "scoop", "pour")
+    return replace(
+        bank, actions=names, predictors=tuple(map(bank.predictor, names)), errors_mm=None
+    )
+
+
+@pytest.mark.full
+def test_a_stock_is_used_as_far_as_it_lasts(moving):
+    now = np.full(QUARTER.shape, 0.4, np.float32)
+    goal = now.copy()
+    goal[30:60, 40:80] = 0.6  # 9 mm higher, of 12 x 9 cm: about 100 cm³
+    how = jshape.options(max_steps=5, min_gain_mm=0.0, max_uses={"sweep": 0}, stride=4)
+    plans = {
+        stock: jshape.plan(now, goal, bank=moving, **jshape.options(how, stock_cm3=stock))
+        for stock in (None, 40.0, 500.0)
+    }
+    singles = {stock: plan.actions[:1] == ("pour",) for stock, plan in plans.items()}
+    assert singles == {None: False, 40.0: True, 500.0: True}
+    assert plans[40.0].volumes_cm3.sum() <= 40.0 * 1.03
+    assert plans[500.0].volumes_cm3.sum() > 80.0
+    assert plans[500.0].distances[-1] < plans[40.0].distances[-1] < plans[None].distances[-1]
+
+
+@pytest.mark.full
+def test_what_a_longer_sweep_did_is_found_with_its_length_and_direction(moving):
+    rng = np.random.default_rng(1)
+    relief = ndimage.gaussian_filter(rng.normal(size=QUARTER.shape), 6)
+    now = (0.5 + 0.1 * relief / relief.std()).astype(np.float32)
+    done = jshape.rollout(now, now, ["sweep"], [(60, 50)], yaws=[np.pi], lengths=[1.6], bank=moving)
+    assert done.strokes[0] == pytest.approx(
+        (-1.6 * moving.predictor("sweep").path_mm * 1e-3 * float(QUARTER.scale(0.445)[0]), 0.0),
+        rel=0.02,
+        abs=0.01,
+    )
+    how = jshape.options(positions=[(60, 50), (50, 44)], strengths=[0.5, 1.0], max_steps=1)
+    plan = jshape.plan(now, done.images[-1], bank=moving, **how)
+    assert plan.actions == ("sweep",) and plan.positions.tolist() == [[60, 50]]
+    assert (plan.lengths[0], plan.strengths[0]) == (pytest.approx(1.6), 1.0)
+    assert (
+        abs(plan.yaws[0]) == pytest.approx(np.pi) and plan.distances[-1] < 0.2 * plan.distances[0]
+    )
+    np.testing.assert_allclose(plan.strokes, done.strokes, atol=1e-3)
+
+
+def test_a_stock_needs_a_bank_in_metres_and_actions_that_use_it(bank):
+    now = np.full(CAMERA.shape, 0.5, np.float32)
+    with pytest.raises(BadBank, match="stock_cm3 is for banks that work in metres"):
+        jshape.plan(now, now, bank=bank, **jshape.options(stock_cm3=100.0))
+    with pytest.raises(JShapeError, match="no actions that take and bring"):
+        jshape.plan(now, now, bank=bank, **jshape.options(stock_cm3=100.0, carries={}))
+    with pytest.raises(JShapeError, match="stock_cm3 is -1.0; it must be a number from 0"):
+        jshape.plan(now, now, bank=bank, **jshape.options(stock_cm3=-1.0))

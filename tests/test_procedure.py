@@ -378,6 +378,10 @@ def test_a_stock_beside_the_bed_is_brought_and_ends():
     for brought in (50e-6, 70e-6, 70e-6):
         world.act("pour", (240, 197))
         assert float(sim.mass(world.bed)) - before == pytest.approx(brought, abs=2e-6)
+    opened = open_arm("sim:3", PAPER_BOX, stock_cm3=70.0).arm.world
+    before = float(sim.mass(opened.bed))
+    opened.act("pour", (240, 197))
+    assert float(sim.mass(opened.bed)) - before == pytest.approx(50e-6, abs=2e-6)
     with pytest.raises(JShapeError, match="stock_cm3 is -1.0; it must be .* at least 0"):
         SimulatedWorld(jax.random.key(0), sim.flat_bed(), stock_cm3=-1.0)
     with pytest.raises(JShapeError, match="length is 0; it must be one finite number above 0"):

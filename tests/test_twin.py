@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -126,11 +127,38 @@ def test_unknown_postures_are_refused(flat):
         flat.arm.posture("salute", seconds=0.1, threshold=10.0)
 
 
-@pytest.mark.parametrize("action", sim.MOVING)
-def test_actions_that_move_material_are_refused_before_the_arm_moves(flat, hand, action):
+def without(hand, action, **changes):
+    """The hand with another act of one action."""
+    old = hand.procedures[action]
+    act = replace(old.operations[3], **changes)
+    new = replace(old, operations=(*old.operations[:3], act, *old.operations[4:]))
+    return replace(hand, procedures={**hand.procedures, action: new})
+
+
+@pytest.mark.parametrize(
+    ("action", "changes", "said"),
+    [
+        (
+            "sweep",
+            {"path_mm": None, "depth_mm": 8.6},
+            "sweep: goes along a path, and the",
+        ),
+        (
+            "poke",
+            {"path_mm": ((-9.0, 9.0), (9.0, 9.0)), "depth_mm": None},
+            "poke: has a path_mm",
+        ),
+    ],
+)
+def test_a_path_that_the_bed_does_not_know_is_refused_before_the_arm_moves(
+    flat, hand, action, changes, said
+):
     before = flat.arm.twin.joints()
-    with pytest.raises(ArmError, match=f"cannot {action}; sim can"):
-        perform(flat.arm, hand, action, np.array([0.0, 0.0, 0.45]), flat.base_camera)
+    with pytest.raises(ArmError, match=said):
+        perform(
+            *(flat.arm, without(hand, action, **changes), action),
+            *(np.array([0.0, 0.0, 0.45]), flat.base_camera),
+        )
     np.testing.assert_allclose(flat.arm.twin.joints(), before, atol=1e-6)
 
 
@@ -304,6 +332,81 @@ def test_a_turned_grasp_closes_and_is_within_its_thresholds(fresh, hand):
 
 
 @pytest.mark.full
+def test_a_sweep_follows_its_path_and_the_bed_moves_with_it(fresh, hand):
+    """Turned beyond what the wrist does the short way round; the bed recedes before the hand."""
+    arm, bed, way, felt = fresh.arm, fresh.arm.twin.bed, [], []
+    yaw, middle = -2.9, np.array([0.0, 0.05])
+    axes = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+
+    def watch(twin):
+        if arm._doing is not None and arm._doing.operation == "act":
+            at = (np.linalg.inv(fresh.base_camera) @ arm.pose())[:3, 3]
+            way.append((*axes @ (at[:2] - middle), at[2]))
+            felt.append(twin.effort())
+
+    arm.watch = watch
+    try:
+        how = {"yaw": yaw, "length": 0.6}
+        done = perform(arm, hand, "sweep", np.array([*middle, 0.45]), fresh.base_camera, **how)
+    finally:
+        arm.watch = lambda twin: None
+    assert [one.contact for one in done] == [False, False, True, False, False, False]
+    along, aside, depth = np.array(way).T
+    np.testing.assert_allclose(along[[0, -1]], (-0.023, 0.028), atol=0.001)
+    assert np.abs(aside).max() < 0.001 and (np.diff(along) > -2e-5).all()
+    moved = along > -0.022
+    np.testing.assert_allclose(depth[moved], 0.4586, atol=0.0008)
+    assert 4.0 < max(felt) < 40.0 and not arm.twin.collisions
+    want = sim.apply_action(
+        jax.random.key(0), bed, "flour", "sweep", middle.astype(np.float32), yaw=yaw, length=0.6,
+        spread=0.0,
+    )  # fmt: skip
+    assert np.abs(np.asarray(arm.twin.bed.height - want.height)).mean() < 1e-5
+    assert np.abs(np.asarray(want.height - bed.height)).max() > 0.008
+
+
+@pytest.mark.full
+def test_what_is_scooped_in_the_twin_is_what_it_pours(fresh, hand):
+    arm, before = fresh.arm, float(sim.mass(fresh.arm.twin.bed))
+    there = np.array([0.12, 0.08, 0.45])
+    perform(arm, hand, "pour", there, fresh.base_camera)
+    np.testing.assert_array_equal(arm.twin.bed.height, sim.flat_bed(size=(0.5, 0.4)).height)
+    done = perform(arm, hand, "scoop", np.array([-0.1, 0.05, 0.45]), fresh.base_camera)
+    held = float(arm.twin.bed.stock)
+    assert 30e-6 < held < 60e-6 and not done[3].contact and 5.0 < done[3].effort_nm < 40.0
+    seen = [np.asarray(arm.twin.bed.height).max()]
+    arm.watch = lambda twin: seen.append(float(twin.model.hfield_data.max()))
+    try:
+        done = perform(arm, hand, "pour", there, fresh.base_camera, strength=2.0)
+    finally:
+        arm.watch = lambda twin: None
+    assert not any(one.contact for one in done) and len(np.unique(np.round(seen, 4))) > 10
+    assert abs(float(arm.twin.bed.stock)) < 1e-8 and not arm.twin.collisions
+    assert float(sim.mass(arm.twin.bed)) == pytest.approx(before, rel=1e-5)
+
+
+@pytest.mark.full
+def test_a_stone_in_the_way_ends_a_sweep_and_the_rest_of_the_bed_stays(hand):
+    from jshape.robot.arms.mujoco import make_twin
+    from jshape.robot.twin.model import Obstacle
+
+    bed = sim.flat_bed(size=(0.5, 0.4))
+    stone = Obstacle((0.06, 0.0), top=sim.DEPTH - 0.002)  # from x = 20 mm on
+    ready = make_twin(0, bed, obstacle=stone, noise=0.0)
+    gentle = without(hand, "sweep", effort_nm=35.0)
+    done = perform(ready.arm, gentle, "sweep", np.array([0.0, 0.0, 0.45]), ready.base_camera)
+    act = done[3]
+    assert len(done) == 6 and act.contact and -30.0 < act.tool_mm[0] < 20.0
+    want = sim.cut(sim.stroke("sweep"), (act.tool_mm[0] + 40) / 85)
+    after = sim.apply_action(jax.random.key(0), bed, "flour", want, (0.0, 0.0), spread=0.0)
+    assert np.abs(np.asarray(ready.arm.twin.bed.height - after.height)).max() < 0.002
+    x, _ = bed.axes()
+    whole = sim.apply_action(jax.random.key(0), bed, "flour", "sweep", (0.0, 0.0), spread=0.0)
+    lowest = [float(one.height[:, x > 0.045].min()) for one in (ready.arm.twin.bed, whole)]
+    assert lowest[0] > 0.055 > lowest[1]
+
+
+@pytest.mark.full
 def test_a_buried_obstacle_ends_the_act_and_the_action_goes_on(hand):
     from jshape.robot.arms.mujoco import make_twin
     from jshape.robot.twin.model import Obstacle
@@ -321,8 +424,6 @@ def test_a_buried_obstacle_ends_the_act_and_the_action_goes_on(hand):
 
 
 def test_the_hard_limit_stops_the_arm(fresh, hand):
-    from dataclasses import replace
-
     arm, knock = fresh.arm, hand.procedures["knock"]
     weak = [replace(one, effort_nm=2.0) for one in knock.operations]
     procedures = {"knock": replace(knock, operations=tuple(weak))}

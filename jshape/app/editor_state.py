@@ -230,9 +230,7 @@ class EditorState(GoalState):
         bed, goal = self.both()
         columns = zip(*actions, strict=True) if actions else [()] * len(_Planned._fields)
         names, positions, strengths, yaws, lengths = columns
-        how: dict[str, Any] = {"strengths": strengths, "yaws": yaws}
-        if set(lengths) - {1.0}:
-            how["lengths"] = lengths
+        how: dict[str, Any] = {"strengths": strengths, "yaws": yaws, "lengths": lengths}
         self._keep(rollout(bed, goal, names, positions, bank=self.bank, **how))
         self.selected = select
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from jshape.camera import differing
 from jshape.cli.names import Bank
-from jshape.cli.options import Share, plan_file
+from jshape.cli.options import Nonnegative, Share, plan_file
 from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of, tell
 from jshape.cli.tables import say
 from jshape.data.view import View, above
@@ -29,6 +29,8 @@ class ExecuteOptions(Runs):
 
     bank: Bank | None = None
     """Bank that the plan was made with (default: pressed-flour-robot)."""
+    stock_cm3: Nonnegative | None = None
+    """Material in a stock beside the bed of --arm sim, cm³, that actions may bring."""
     max_missing: Share = Constraints.max_missing
     """Largest share, 0 to 1, of pixels without a reading that may be filled."""
 

@@ -101,7 +101,9 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
         stack.enter_context(interruptible())
         eyes = [_guarded(stack, one) for one in _eyes(options)]
         cameras = [] if eyes else described
-        opened = open_arm(options.arm, bank.camera, material=material, say=say, cameras=cameras)
+        stock = getattr(options, "stock_cm3", None) or 0.0
+        how = {"material": material, "cameras": cameras, "stock_cm3": stock}
+        opened = open_arm(options.arm, bank.camera, say=say, **how)
         arm = GuardedArm(opened.arm)
         stack.callback(_let_go, arm)
         stack.callback(stop_arm, arm)

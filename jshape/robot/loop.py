@@ -300,7 +300,6 @@ class _Look(NamedTuple):
 
 def _seen_anew(ahead: Plan, now: _Look, bank: Bank) -> Plan:
     """The same actions, predicted from another look."""
-    how = {"strengths": ahead.strengths, "yaws": ahead.yaws, "bank": bank, "seen": now.seen}
-    if (ahead.lengths != 1).any():
-        how["lengths"] = ahead.lengths
-    return rollout(now.image, now.goal, ahead.actions, ahead.exact_positions, **how)
+    how = {"strengths": ahead.strengths, "yaws": ahead.yaws, "lengths": ahead.lengths}
+    given = now.image, now.goal, ahead.actions, ahead.exact_positions
+    return rollout(*given, **how, bank=bank, seen=now.seen)

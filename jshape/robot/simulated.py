@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from jshape import sim
-from jshape._typing import Array, Key
+from jshape._typing import Array, ArrayLike, Float, Key
 from jshape.camera import PAPER_BOX, Camera
 from jshape.data.recording import LEVELLED_STD
 from jshape.data.simulate import look
@@ -25,6 +25,68 @@ def bed_of(
     """
     for_bed, for_world, for_eye = jax.random.split(jax.random.key(seed), 3)
     return sim.irregular_bed(for_bed, std=LEVELLED_STD, size=size), for_world, for_eye
+
+
+def after_action(
+    key: Key[Array, ""],
+    bed: sim.Bed,
+    material: sim.Material,
+    stroke: sim.Stroke,
+    xy: ArrayLike,
+    strength: float | int,
+    *,
+    beside: float = 0.0,
+    **how: float | int,
+) -> sim.Bed:
+    """`sim.apply_action`, but a hand brings at most what was taken out, and a stock beside the bed.
+
+    Args:
+      key: may be used again: it is the same repetition.
+      bed: before.
+      material: of it.
+      stroke: of the hand.
+      xy: the place, metres.
+      strength: times as deep, or as much, as nominal.
+      beside: the stock at first, loose m³.
+      **how: `yaw` and `spread`.
+    """
+
+    def after(strength: float | int) -> sim.Bed:
+        again = jax.random.wrap_key_data(jax.random.key_data(key))
+        return sim.apply_action(again, bed, material, stroke, xy, strength=strength, **how)
+
+    found = after(strength)
+    given, left = float(bed.stock - found.stock), float(bed.stock) + beside
+    if given <= max(left, 0.0):
+        return found
+    return bed if left <= NOTHING else after(strength * left / given)
+
+
+def placed_path(
+    stroke: sim.Stroke, way: float, start: Float[np.ndarray, "2"], yaw: float
+) -> tuple[float, Float[np.ndarray, "2"]]:
+    """How a stroke that goes along the bed is stretched and placed for a tool that does.
+
+    Args:
+      stroke: of the simulator's hand, not turned.
+      way: of the tool along its x, metres.
+      start: (x, y) where the tool goes down, metres.
+      yaw: of the tool, radians.
+
+    Returns:
+      The stroke's length as a multiple, and the place (x, y) at which its hand goes down there.
+    """
+    first, *_, last = np.asarray(sim.way(stroke), float)
+    length = way / float(np.linalg.norm(last - first)) if way else 1.0
+    begins = (first + last) / 2 - length * (last - first) / 2
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return length, start - np.array([[cos, -sin], [sin, cos]]) @ begins
+
+
+def goes_along(stroke: sim.Stroke) -> bool:
+    """Whether a hand moves material along the bed."""
+    first, *_, last = np.asarray(sim.way(stroke), float)
+    return stroke.load is not None and bool(np.linalg.norm(last - first) > 1e-6)
 
 
 class SimulatedWorld:
@@ -108,20 +170,9 @@ class SimulatedWorld:
             stroke = sim.lengthened(stroke, length)
         if share < 1:
             stroke = sim.cut(stroke, share)
-        key, how = self._next_key(), {"yaw": yaw, "spread": self._spread}
-
-        def after(strength: float | int) -> sim.Bed:
-            again = jax.random.clone(key)  # the same repetition, of another strength
-            given = (again, self.bed, self._material, stroke, xy)
-            return sim.apply_action(*given, strength=strength, **how)
-
-        bed = after(strength)
-        given, left = float(self.bed.stock - bed.stock), float(self.bed.stock) + self._beside
-        if given > max(left, 0.0):
-            if left <= NOTHING:
-                return
-            bed = after(strength * left / given)
-        self.bed = bed
+        given = (self._next_key(), self.bed, self._material, stroke, xy)
+        how = {"yaw": yaw, "spread": self._spread, "beside": self._beside}
+        self.bed = after_action(*given, strength, **how)
 
     def stroke(self, action: str) -> sim.Stroke:
         """What the agent's hand does in an action; UnknownName: nothing of that name."""

@@ -145,9 +145,8 @@ class _Reader:
         if bank is None or goal is None or done.action not in bank.actions:
             return None
         image = image_of_depth(before.seen, bank.camera, max_missing=1.0).image
-        how = {"strengths": np.array([done.strength]), "yaws": np.array([done.yaw])}
-        if done.length != 1:
-            how["lengths"] = np.array([done.length])
+        how: dict[str, Any] = {"strengths": [done.strength], "yaws": [done.yaw]}
+        how["lengths"] = [done.length]
         goal = np.where(np.isfinite(goal), goal, image)
         ahead = rollout(image, goal, [done.action], np.array([done.position]), bank=bank, **how)
         return _depth(ahead.images[1], bank.camera)

@@ -33,6 +33,7 @@ from jshape.robot.rigid import Pose
 from jshape.robot.simulated import bed_of
 from jshape.robot.twin import fingers
 from jshape.robot.twin.model import FLOOR, RIM, Obstacle
+from jshape.robot.twin.path import BedPath, moves
 from jshape.robot.twin.press import BedPress
 from jshape.robot.twin.world import Twin
 
@@ -95,7 +96,8 @@ class MuJoCoArm(NoHardware):
         """Called after every step of the physics, for pictures and measurements."""
         self._tool = np.eye(4)
         self._doing: Doing | None = None
-        self._press: BedPress | None = None
+        self._moves = False  # what it does moves material
+        self._press: BedPress | BedPath | None = None
         self._mover: int | None = None  # the thread that moves it
         self._halt = threading.Event()  # another thread wants it to stand still
 
@@ -117,25 +119,22 @@ class MuJoCoArm(NoHardware):
         """Remember the tool; when the act begins, work out what it will do to the bed.
 
         Raises:
-          ArmError: the action moves material, which this bed does not do.
+          ArmError: a path that the action does not have in the twin, or the other way round.
         """
-        if doing.action in sim.MOVING:
-            raise ArmError(f"the twin's bed only gives way: it cannot {doing.action}; sim can")
         self._finish()
+        self._moves = moves(doing)
         self._doing, self._tool = doing, np.asarray(tool, float)
+        if self._moves and not doing.way and doing.operation == "act":
+            self._press = self._begun(doing, self.pose())
 
     @_commanded
     def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
         """Bring the tool there along a straight line, or as far as the effort allows."""
         flange = np.asarray(pose, float) @ np.linalg.inv(self._tool)
         length, joints = self.twin.reach.line(self.twin.target, flange)
-        if self._doing is not None and self._doing.operation == "act":
-            try:
-                self._press = BedPress(
-                    self.twin, self._doing, self.pose(), np.asarray(pose, float), REFRESH
-                )
-            except (UnknownName, BadPosition) as problem:
-                raise ArmError(str(problem)) from None
+        doing = self._doing
+        if doing and doing.operation == "act" and not (self._moves and self._press):
+            self._press = self._begun(doing, np.asarray(pose, float))
         seconds = max(PEAK * length / speed, SLOWEST)
         spline = CubicSpline(np.linspace(0.0, 1.0, len(joints)), joints)
         return self._follow(spline, seconds, threshold)
@@ -239,6 +238,14 @@ class MuJoCoArm(NoHardware):
                 return Moved(True, greatest, self.pose())
         return Moved(False, greatest, self.pose())
 
+    def _begun(self, doing: Doing, end: Pose) -> BedPress | BedPath:
+        """What the act does to the bed, on its way from where the tool is."""
+        kind = BedPath if self._moves else BedPress
+        try:
+            return kind(self.twin, doing, self.pose(), end, REFRESH)
+        except (UnknownName, BadPosition) as problem:
+            raise ArmError(str(problem)) from None
+
     def _finish(self) -> None:
         if self._press is not None:
             press, self._press = self._press, None
@@ -263,6 +270,7 @@ def make_twin(
     camera: Camera = D435_BAZAR,
     noise: float = 0.00045,
     spread: float = 0.0,
+    stock_cm3: float = 0.0,
 ) -> Ready:
     """The arm and the camera of a new twin.
 
@@ -274,6 +282,7 @@ def make_twin(
       camera: size and intrinsics of the depth camera.
       noise: of the camera at 0.45 m, metres; 0 for a perfect one.
       spread: factor on how much the robot's actions vary beyond what the physics does.
+      stock_cm3: loose material in a stock beside the bed, which pours may bring.
 
     Raises:
       UnknownName: no such material.
@@ -282,7 +291,13 @@ def make_twin(
     key = jax.random.key(key) if isinstance(key, int) else key
     for_actions, for_camera = jax.random.split(key)
     twin = Twin(
-        bed, key=for_actions, material=material, camera=camera, obstacle=obstacle, spread=spread
+        bed,
+        key=for_actions,
+        material=material,
+        camera=camera,
+        obstacle=obstacle,
+        spread=spread,
+        stock_cm3=stock_cm3,
     )
     eye = MuJoCoCamera(twin, key=for_camera, noise=noise)
     return Ready(MuJoCoArm(twin), eye, twin.base_camera)
@@ -299,4 +314,4 @@ def open_twin(address: str, settings: ArmSettings) -> OpenedArm:
             "the arm mujoco sees through the camera on its wrist, which --camera-file does not move"
         )
     bed, key, _ = bed_of(seed_of(address, "mujoco"), size=BOX)
-    return OpenedArm(*make_twin(key, bed, settings.material))
+    return OpenedArm(*make_twin(key, bed, settings.material, stock_cm3=settings.stock_cm3))

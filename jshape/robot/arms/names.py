@@ -25,10 +25,12 @@ def open_arm(
     material: str | Material = "flour",
     say: Callable[[str], object] = print,
     cameras: Sequence[Camera] = (),
+    stock_cm3: float = 0.0,
 ) -> OpenedArm:
     """The arm that `NAME` or `NAME:ADDRESS` of `ARMS` names; the rest is for `ArmSettings`.
 
     Raises:
       JShapeError: no such arm, or an address that it does not take.
     """
-    return open_device(text, ARMS, ArmSettings(camera, material, say, cameras), "an arm")
+    settings = ArmSettings(camera, material, say, cameras, stock_cm3)
+    return open_device(text, ARMS, settings, "an arm")

@@ -19,10 +19,9 @@ from jshape.robot.arms.base import (
     PoseRefused,
 )
 from jshape.robot.cameras.simulated import simulated_camera
-from jshape.robot.procedure import turned
 from jshape.robot.registry import seed_of
 from jshape.robot.rigid import Pose, yaw_of
-from jshape.robot.simulated import SimulatedWorld, bed_of
+from jshape.robot.simulated import SimulatedWorld, bed_of, goes_along, placed_path
 from jshape.robot.twin.model import base_camera
 from jshape.sim.inputs import half_sides
 
@@ -170,16 +169,10 @@ class SimulatedArm(NoHardware):
         if deep <= 0.02:  # it touched, no more
             return
         place, own, share = self._pose[:2, 3], 1.0, 1.0
-        first, *_, last = np.asarray(sim.way(stroke), float)
-        way = float(np.linalg.norm(last - first))
-        if stroke.load is not None and way > 0:
-            # The simulator's hand goes down where the tool did, and as far as the tool.
-            share = 0.0
-            if doing.way:
-                gone = float(np.linalg.norm(self._pose[:2, 3] - self._start[:2]))
-                own, share = doing.way / way, min(gone / doing.way, 1.0)
-            begins = (first + last) / 2 - own * (last - first) / 2
-            place = self._start[:2] - turned(yaw)[:2, :2] @ begins
+        if goes_along(stroke):  # as far as the tool; without a path it only went down
+            own, place = placed_path(stroke, doing.way, self._start[:2], yaw)
+            gone = float(np.linalg.norm(self._pose[:2, 3] - self._start[:2]))
+            share = min(gone / doing.way, 1.0) if doing.way else 0.0
         # Places are pixels of points at the paper's depth, wherever the surface is.
         u, v = (float(at) for at in world.camera.pixel(place[0], place[1], PAPER_Z))
         world.act(doing.action, (u, v), doing.strength * deep, yaw, own, share=share)

@@ -4,6 +4,8 @@ Poses are of the flange in the base frame, metres.  A straight line is solved po
 from the one before, so that the arm neither jumps nor turns its elbow round.
 """
 
+from typing import Any
+
 import numpy as np
 
 from jshape._typing import Float
@@ -95,6 +97,23 @@ class Reach:
         last = self._mink.SE3.from_matrix(np.asarray(pose, float))
         across = last.translation() - first.translation()
         turn = (first.rotation().inverse() @ last.rotation()).log()
+        angle = float(np.linalg.norm(turn))
+        try:
+            return self._along(start, first, across, turn)
+        except PoseRefused:
+            if angle < np.pi / 2:
+                raise
+            # A joint at its limit: the hand may get there by turning the other way round.
+            return self._along(start, first, across, turn * (1 - 2 * np.pi / angle))
+
+    def _along(
+        self,
+        start: Float[np.ndarray, "7"],
+        first: Any,
+        across: Float[np.ndarray, "3"],
+        turn: Float[np.ndarray, "3"],
+    ) -> tuple[float, Float[np.ndarray, "K 7"]]:
+        """A line from a pose by a way and a turn (rotation vector in its frame); see `line`."""
         length = float(np.linalg.norm(across) + LEVER * np.linalg.norm(turn))
         count = max(int(np.ceil(length / STEP)), 1)
         joints = [start]

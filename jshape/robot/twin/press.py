@@ -54,9 +54,9 @@ class BedPress:
     def down(self, tool: Pose) -> None:
         """The tool is here now (base frame)."""
         z = tool[2, 3]
-        self._sunk = max(self._sunk, _share(self._from, z, self._to))
+        self._sunk = max(self._sunk, share_of(self._from, z, self._to))
         # The surface stays as far behind the hand as it was when the hand felt it.
-        self._shown = max(self._shown, _share(self._touch, z, self._to))
+        self._shown = max(self._shown, share_of(self._touch, z, self._to))
         self._show()
 
     def close(self, share: float) -> None:
@@ -107,6 +107,6 @@ class BedPress:
         self._twin.show(height)
 
 
-def _share(first: float, now: float, last: float) -> float:
+def share_of(first: float, now: float, last: float) -> float:
     """How much of the way down from first to last is done, 0 to 1."""
     return float(np.clip((first - now) / max(first - last, 1e-6), 0.0, 1.0))

@@ -37,6 +37,7 @@ class Twin:
         camera: Camera = D435_BAZAR,
         obstacle: Obstacle | None = None,
         spread: float = 0.0,
+        stock_cm3: float = 0.0,
     ):
         """A twin at home over a bed; `key` is `jax.random.key(0)` if None.  See `make_twin`."""
         self._engine = mujoco()
@@ -46,6 +47,8 @@ class Twin:
         self.camera = camera
         self.material = sim.read_material(material)
         self.spread = spread
+        self.beside = 1e-6 * stock_cm3
+        """Loose material in a stock beside the bed at first, m³."""
         self.reach = Reach(REST)
         camera_flange = np.linalg.inv(self.eye()) @ self.flange()
         self.home = self.reach.solve(self.base_camera @ camera_flange, REST)

@@ -142,7 +142,7 @@ def sent(tilt, turn):
         view=robot.view,
     )
     path = waypoints_of(plan, HAND, base).actions[0]
-    told = [pose for _, pose in path.waypoints if pose is not None]
+    told = [pose for _, poses in path.waypoints for pose in poses]
     return np.array(arm.poses), np.array(told), path.surface
 
 

@@ -5,7 +5,7 @@
 DIR holds maps of how one drop of grains changed a level bed of sand (`*.npz`: `depthmap` in mm,
 positive is raised, `xres` its pitch in mm).  Each is centred on its effect and cut to `SIDE` nodes.
 `mean` is the leave-one-out error of the mean map, `f_P` that of f_P fitted to the others, told
-nothing; `f_P, amount` is told how much was moved, as its strength: what lies higher than before,
+nothing; `amount` is told how much was moved, as its strength: what lies higher than before,
 as a share of the others' mean.  A robot knows how much it pours; nobody says how far grains fell.
 All in mm, over the whole cut.
 """
@@ -22,7 +22,6 @@ from scipy import ndimage
 
 from benchmarks.sim_against_mpm import default_data
 from jshape.camera import PAPER_BOX
-from jshape.cli.tables import print_table
 from jshape.learn.first_guess import Shown, begin
 from jshape.learn.imprint import STEP, absolute_error, descend, steps_for
 from jshape.models.orthographic import OrthographicGrid
@@ -78,7 +77,7 @@ def left_out(lower: np.ndarray, pitch: float, amount: np.ndarray) -> float:
     return float(np.mean(errors))
 
 
-def row_of(name: str, lower: np.ndarray, pitch: float) -> tuple[str, ...]:
+def row_of(lower: np.ndarray, pitch: float) -> tuple[str, ...]:
     """A row of the table."""
     count, whole = len(lower), lower.sum(0)
     mean = 1e3 * np.mean([np.abs(one - (whole - one) / (count - 1)).mean() for one in lower])
@@ -86,7 +85,7 @@ def row_of(name: str, lower: np.ndarray, pitch: float) -> tuple[str, ...]:
     told = left_out(lower, pitch, np.ones(count)), left_out(lower, pitch, raised)
     change = 1e3 * np.abs(lower).mean()
     ratios = (f"{error / mean:.2f}" for error in told)
-    return (name, f"{count}", *(f"{x:.2f}" for x in (change, mean, *told)), *ratios)
+    return (f"{count}", *(f"{x:.2f}" for x in (change, mean, *told)), *ratios)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -95,9 +94,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     real = default_data().parent / "real" / "craters"
     parser.add_argument("--data", type=Path, default=real)
     options = parser.parse_args(arguments)
-    rows = [row_of(name, *maps_of(options.data, *which)) for name, which in GROUPS.items()]
-    head = ("maps", "n", "change", "mean", "f_P", "f_P, amount", "f_P / mean", "amount / mean")
-    print_table(head, rows)
+    head = ("n", "change", "mean", "f_P", "amount", "f_P/mean", "amount/mean")
+    print(f"{'maps':20}", *(f"{name:>11}" for name in head))
+    for name, which in GROUPS.items():
+        row = row_of(*maps_of(options.data, *which))
+        print(f"{name:20}", *(f"{cell:>11}" for cell in row), flush=True)
 
 
 if __name__ == "__main__":

@@ -32,9 +32,10 @@ def main(
     goal = np.asarray(jshape.weigh(bank.camera.luminance(depth, quantize=False), bank.camera))
 
     world = SimulatedWorld(jax.random.key(0), now, material="flour", camera=bank.camera)
-    none = {"sweep": 0} if "sweep" in bank.actions else {}  # it would spread the heap instead
-    margin = None if bank.errors_mm is None else 0.25
-    how = jshape.options(max_steps=steps, error_margin=margin, max_uses=none)
+    # Carries alone; sweeps would spread the heap, and presses pack it.
+    others = {name: 0 for name in bank.actions if name not in ("scoop", "pour")}
+    margin = None if bank.errors_mm is None else 0.0
+    how = jshape.options(max_steps=steps, error_margin=margin, max_uses=others)
     run = mold(world, goal, bank, patience=3, **how)
     for step in run.steps:
         print(

@@ -4,7 +4,8 @@
 
 DIR holds maps of how one drop of grains changed a level bed of sand (`*.npz`: `depthmap` in mm,
 positive is raised, `xres` its pitch in mm).  Each is centred on its effect and cut to `SIDE` nodes.
-`mean` is the leave-one-out error of the mean map, `f_P` that of f_P fitted to the others, told
+`mean` is the leave-one-out error of the mean map, `scaled` that of the mean map times the factor
+that fits best, known from the map itself; `f_P` that of f_P fitted to the others, told
 nothing; `amount` is told how much was moved, as its strength: what lies higher than before,
 as a share of the others' mean.  A robot knows how much it pours; nobody says how far grains fell.
 All in mm, over the whole cut.
@@ -80,12 +81,18 @@ def left_out(lower: np.ndarray, pitch: float, amount: np.ndarray) -> float:
 def row_of(lower: np.ndarray, pitch: float) -> tuple[str, ...]:
     """A row of the table."""
     count, whole = len(lower), lower.sum(0)
-    mean = 1e3 * np.mean([np.abs(one - (whole - one) / (count - 1)).mean() for one in lower])
+    means = [(whole - one) / (count - 1) for one in lower]
+    scales = [(one * m).sum() / (m * m).sum() for one, m in zip(lower, means, strict=True)]
+    mean, scaled = (
+        1e3
+        * np.mean([np.abs(one - k * m).mean() for one, m, k in zip(lower, means, by, strict=True)])
+        for by in (np.ones(count), scales)
+    )
     raised = np.maximum(-lower, 0.0).sum((1, 2))
     told = left_out(lower, pitch, np.ones(count)), left_out(lower, pitch, raised)
     change = 1e3 * np.abs(lower).mean()
     ratios = (f"{error / mean:.2f}" for error in told)
-    return (f"{count}", *(f"{x:.2f}" for x in (change, mean, *told)), *ratios)
+    return (f"{count}", *(f"{x:.2f}" for x in (change, mean, scaled, *told)), *ratios)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -94,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     real = default_data().parent / "real" / "craters"
     parser.add_argument("--data", type=Path, default=real)
     options = parser.parse_args(arguments)
-    head = ("n", "change", "mean", "f_P", "amount", "f_P/mean", "amount/mean")
+    head = ("n", "change", "mean", "scaled", "f_P", "amount", "f_P/mean", "amount/mean")
     print(f"{'maps':20}", *(f"{name:>11}" for name in head))
     for name, which in GROUPS.items():
         row = row_of(*maps_of(options.data, *which))

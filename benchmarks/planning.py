@@ -104,6 +104,14 @@ def run(report: Report, out: Path) -> None:
         )
     )
     report.add("jshape.plan, 5 actions at 21x15 places, at most 4 steps", 1e3 * time, "ms")
+    moving = jshape.load_bank("moving-flour-robot")
+    level = np.full(moving.camera.shape, 0.5, np.float32)
+    heap = 0.1 * np.exp(-(np.linspace(-3, 3, level.shape[1]) ** 2)).astype(np.float32)
+    how = jshape.options(bank=moving, stride=12, yaws=6, max_steps=1)
+    evaluations = jshape.plan(level + heap, level, **how).evaluations
+    time = seconds(lambda: jshape.plan(level + heap, level, **how).status, repeats=3)
+    report.add(f"jshape.plan, actions that move material: {evaluations} candidates, 1 step",
+               1e3 * time, "ms", goal=2000)  # fmt: skip
     _many_goals(report, three, now, goal, dict.fromkeys(three.actions, positions))
 
 

@@ -47,7 +47,7 @@ def hands():
 
 
 def dense(bank, image, goal, moves=None):
-    state = search_state(bank, image, goal, [(*move, 1.0) for move in moves])
+    state = search_state(bank, image, goal, moves and [(*move, 1.0) for move in moves])
     return state, candidates_at(state, bank, dense_positions(bank, 1), STRENGTHS)
 
 

@@ -127,7 +127,7 @@ def plan_images(
         bank,
         [
             (action, np.float32(yaw) if yaw else None, length)
-            for action, yaw, length in tasks.directions(bank, space.yaws, space.lengths)
+            for action, yaw, length in tasks.directions(bank, space.yaws, space.lengths, pairs)
         ],
     )
     state = replace(on_images(bank, first, goal, *moves, seen), carries=pairs)

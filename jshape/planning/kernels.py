@@ -109,7 +109,7 @@ def prepared(
         stack.append(xp.concatenate([leaf.reshape(-1) for leaf in leaves]))
         return list(stacks).index(key), len(stack) - 1
 
-    windows = _windows([a for a, *_ in moves], shapes) if on_grid else shapes
+    windows = _windows([(a, length) for a, _, length in moves], shapes) if on_grid else shapes
     whole = _union(shapes) if on_grid else None
     made = []
     for move, hand, shape, window in zip(moves, hands, shapes, windows, strict=True):
@@ -133,9 +133,11 @@ def prepared(
     return tuple(made), kernels
 
 
-def _windows(actions: Sequence[int], shapes: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Windows of kernels: all moves of an action share one, and actions of about one size do."""
-    own = [_union([s for b, s in zip(actions, shapes, strict=True) if b == a]) for a in actions]
+def _windows(
+    hands: Sequence[tuple[int, float]], shapes: Sequence[tuple[int, int]]
+) -> list[tuple[int, int]]:
+    """Windows of kernels: all yaws of a hand (action, length) share one, as hands of a size do."""
+    own = [_union([s for b, s in zip(hands, shapes, strict=True) if b == a]) for a in hands]
     shared: dict[tuple[int, int], tuple[int, int]] = {}
     for window in sorted(set(own), key=math.prod, reverse=True):
         hold = [w for w in shared.values() if _union([w, window]) == w]

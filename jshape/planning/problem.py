@@ -50,11 +50,15 @@ def directions(
     bank: Bank,
     yaws: int | Mapping[str, int] | None,
     lengths: Sequence[float] = (1.0,),
+    pairs: Sequence[tuple[int, int]] = (),
 ) -> list[tuple[int, float, float]]:
     """(action number, yaw, length) of every move, the trained direction first.
 
-    Over half a turn; over a whole one where the predictor is `directed`.
+    Over half a turn; over a whole one where the predictor is `directed`.  What brings the material
+    of a carry is a round heap, and not turned, unless it is `directed` or `yaws` name it.
     """
+    heaps = {bring for _, bring in pairs if not bank.predictors[bring].directed}
+    upright = set() if isinstance(yaws, Mapping) else heaps
     if yaws is None:
         yaws = YAWS if bank.turns else 1
     if not isinstance(yaws, Mapping):
@@ -73,7 +77,8 @@ def directions(
     for number, name in enumerate(bank.actions):
         hand = bank.predictors[number]
         for length in strengths(lengths, "lengths") if hand.path_mm else [1.0]:
-            count, roi = yaws.get(name, 1), bank.placed(number, None, length).roi
+            count = 1 if number in upright else yaws.get(name, 1)
+            roi = bank.placed(number, None, length).roi
             if max(square(roi)) > min(bank.camera.shape):
                 count = 1  # a turned hand's square does not fit into the image
             if length != 1 and (roi[0] > bank.camera.width or roi[1] > bank.camera.height):

@@ -76,12 +76,14 @@ class Seen:
             looks.append(look_of(depth, camera))
         return seen_from(looks, self.camera)
 
-    def act(self, action: str, position, strength: float = 1.0, yaw: float = 0.0) -> None:
+    def act(
+        self, action: str, position, strength: float = 1.0, yaw: float = 0.0, length: float = 1.0
+    ) -> None:
         """Apply an action at pixel (u, v) of the map."""
         x, y = self.camera.at(float(position[0]), float(position[1]), 0.0)
         x, y, *_ = np.array(self.camera.pose) @ [float(x), float(y), 0.0, 1.0]
         u, v = self.world.camera.pixel(x, y, sim.SURFACE)
-        self.world.act(action, (float(u), float(v)), strength, yaw)
+        self.world.act(action, (float(u), float(v)), strength, yaw, length)
 
 
 def attempt(problem: Problem, tilts: Sequence[float], seed: int) -> tuple[Molding, float]:

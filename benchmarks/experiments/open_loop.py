@@ -127,10 +127,10 @@ def told(
     images = [start]
     steps = zip(
         made.actions, made.exact_positions.tolist(), made.strengths.tolist(), made.yaws.tolist(),
-        strict=True,
+        made.lengths.tolist(), strict=True,
     )  # fmt: skip
-    for action, (u, v), strength, yaw in steps:
-        world.act(action, (u, v), strength, yaw)
+    for action, (u, v), *how in steps:
+        world.act(action, (u, v), *how)
         images.append(seen(world))
     distances = [metric.to_mm(metric.distance(image, goal), camera) for image in images]
     return Outcome(

@@ -220,7 +220,7 @@ def _acts(text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]) ->
         if content.get("format") == plans.FORMAT:
             found = Plan.from_json(text)
             check_same_camera(bank.camera, found.camera, "the plan's")
-            how = {"strengths": found.strengths, "yaws": found.yaws}
+            how = {"strengths": found.strengths, "yaws": found.yaws, "lengths": found.lengths}
             return {"actions": list(found.actions), "positions": found.exact_positions, **how}
         acts = read_value(list[NamedAct], content.get("actions"), f"{text}: actions")
     else:

@@ -34,6 +34,8 @@ def greedy(
     while True:
         if distances[-1] <= tolerance:
             return steps, distances, "CONVERGED"
+        if len(steps) == max_steps:
+            return steps, distances, "MAX_STEPS"
         best, best_d, best_image = None, None, None
         for i, delta in enumerate(deltas):
             for j, centre in enumerate(positions[i]):
@@ -44,8 +46,6 @@ def greedy(
                         best, best_d, best_image = (i, j, k), d, after
         if best is None or not best_d < distances[-1] - min_gain:
             return steps, distances, "NO_IMPROVEMENT"
-        if len(steps) == max_steps:
-            return steps, distances, "MAX_STEPS"
         steps.append(best)
         distances.append(best_d)
         image = best_image

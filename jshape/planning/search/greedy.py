@@ -317,8 +317,6 @@ def _decided(
         chosen = local.move[best], local.first[best], local.strength[best]
         return take(carry, state, candidates, *chosen)
 
-    near = result.distance <= limits.tolerance
-    full = result.steps >= limits.max_steps
     worth, act = local.gain[best] > 0, one
     if state.carries:
         left = jnp.asarray(limits.stock, jnp.float32) + carry.stocked
@@ -341,17 +339,17 @@ def _decided(
         def act(carry: Carry) -> Carry:
             return lax.cond(pays, both, one, carry)
 
-    status = jnp.where(
-        near,
-        Status.CONVERGED,
-        jnp.where(~worth, Status.NO_IMPROVEMENT, jnp.where(full, Status.MAX_STEPS, -1)),
-    ).astype(jnp.int32)
-    carry = replace(
-        carry,
-        result=replace(result, status=status),
-        local=replace(local, round=jnp.int32(-1)),
-    )
-    return lax.cond(status < 0, act, lambda carry: carry, carry)
+    def judged(carry: Carry, other: Array | int) -> Carry:
+        """With the status; `other` where the search has neither converged nor enough actions."""
+        result = carry.result
+        status = jnp.where(result.steps >= limits.max_steps, Status.MAX_STEPS, other)
+        status = jnp.where(result.distance <= limits.tolerance, Status.CONVERGED, status)
+        return replace(carry, result=replace(result, status=status.astype(jnp.int32)))
+
+    carry = replace(carry, local=replace(local, round=jnp.int32(-1)))
+    carry = judged(carry, jnp.where(worth, -1, Status.NO_IMPROVEMENT))
+    # Judged at once, not when all candidates are known again: in a closed loop that is half of it.
+    return lax.cond(carry.result.status < 0, lambda c: judged(act(c), -1), lambda c: c, carry)
 
 
 def known(cache: CandidateCache) -> CandidateCache:

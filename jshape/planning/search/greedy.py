@@ -106,14 +106,15 @@ def _in_turns(problem: SearchProblem, carry: Carry) -> Iterator[Carry]:
     alone = execution != ONE_BY_ONE or jax.default_backend() != "cpu"
     parts = 1 if alone else min(cores(), SIDE_BY_SIDE)
 
+    def one_part(carry: Carry, batch: NextBatch, part: int) -> Array:
+        known = carry.cache.changes
+        how = {"parts": parts, "execution": execution}
+        new = evaluate_part(state, carry.now, batch.work, known, np.int32(part), **how)
+        return jax.block_until_ready(new)
+
     def evaluated(carry: Carry, batch: NextBatch) -> tuple[Array, ...]:
-        return tuple(
-            evaluate_part(
-                state, carry.now, batch.work, carry.cache.changes, jnp.int32(part), parts=parts,
-                execution=execution,
-            )
-            for part in range(parts)
-        )  # fmt: skip
+        # JAX runs the calls of one thread one after the other.
+        return tuple(pool.map(partial(one_part, carry, batch), range(parts)))
 
     def decided(
         carry: Carry, batch: NextBatch, changes: tuple[Array, ...]
@@ -122,17 +123,17 @@ def _in_turns(problem: SearchProblem, carry: Carry) -> Iterator[Carry]:
         return step(carry, batch, changes, state, candidates, problem.limits, room, left, fine)
 
     def first(carry: Carry, batch: NextBatch) -> tuple[Carry, NextBatch]:
-        with ThreadPoolExecutor(1) as pool:
-            other = pool.submit(evaluated, carry, batch)
-            found = decided(carry, batch, (carry.cache.changes,) * parts)
-            jax.block_until_ready(other.result())
+        other = pool.submit(one_part, carry, batch, 0)
+        found = decided(carry, batch, (carry.cache.changes,) * parts)
+        other.result()
         return found
 
-    carry, batch = budget.call(first, carry, empty_batch(carry, candidates))
-    while True:
-        changes = budget.call(evaluated, carry, batch)
-        carry, batch = budget.call(decided, carry, batch, changes)
-        yield carry
+    with ThreadPoolExecutor(parts) as pool:
+        carry, batch = budget.call(first, carry, empty_batch(carry, candidates))
+        while True:
+            changes = budget.call(evaluated, carry, batch)
+            carry, batch = budget.call(decided, carry, batch, changes)
+            yield carry
 
 
 @partial(compiled, static=("parts", "execution"))

@@ -109,6 +109,17 @@ def test_without_pairs_its_actions_are_single_ones(bank):
     assert plan.actions == ("pour",) and not plan.strokes.any()
 
 
+@pytest.mark.parametrize("planner", ["improve", "beam"])
+def test_other_planners_leave_them_out(bank, planner):
+    now = np.full(CAMERA.shape, 0.5, np.float32)
+    goal, _ = moved(now, (12, 10), 1.0, (33, 27))
+    how = jshape.options(stride=4, strengths=STRENGTHS, max_steps=3, **FREE)
+    carried = jshape.plan(now, goal, bank=bank, **how)
+    assert "scoop" in carried.actions
+    plan = jshape.plan(now, goal, bank=bank, planner=planner, start=carried, **how)
+    assert set(plan.actions) <= {"knock"}
+
+
 def test_uses_of_either_action_limit_the_pairs(bank):
     now = np.full(CAMERA.shape, 0.5, np.float32)
     goal, _ = moved(now, (12, 10), 1.0, (34, 28))

@@ -130,7 +130,11 @@ def plan_images(
             for action, yaw, length in tasks.directions(bank, space.yaws, space.lengths, pairs)
         ],
     )
-    state = replace(on_images(bank, first, goal, *moves, seen), carries=pairs)
+    state = on_images(bank, first, goal, *moves, seen)
+    if planner == "greedy":
+        state = replace(state, carries=pairs)
+    elif start is not None and any(name in start.actions for name in tasks.names(bank, pairs)):
+        start = None  # one half of a carry without the other makes no sense
     limits = replace(limits, stock=tasks.stock(state, constraints))
     stride = places.usual_stride(bank) if space.stride is None else space.stride
     if space.positions is None:

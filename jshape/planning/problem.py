@@ -46,6 +46,11 @@ def carries(bank: Bank, pairs: Mapping[str, str] | None) -> tuple[tuple[int, int
     return tuple((bank.actions.index(k), bank.actions.index(v)) for k, v in pairs.items())
 
 
+def names(bank: Bank, carries: Sequence[tuple[int, int]]) -> list[str]:
+    """Of all actions that are tried in pairs."""
+    return [bank.actions[number] for pair in carries for number in pair]
+
+
 def directions(
     bank: Bank,
     yaws: int | Mapping[str, int] | None,
@@ -188,7 +193,10 @@ def stock(state: SearchState, constraints: Constraints) -> float:
     if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
         raise JShapeError(f"stock_cm3 is {quoted(value)}; it must be a number from 0")
     if not state.carries:
-        raise JShapeError("stock_cm3 has no effect: the bank has no actions that take and bring")
+        raise JShapeError(
+            "stock_cm3 has no effect: the bank has no actions that take and bring, or the planner "
+            "is not greedy"
+        )
     if state.node_m is None:
         raise BadBank("stock_cm3 is for banks that work in metres, of kind 'P'")
     return float(value) * 1e-6 / float(state.node_m) ** 2

@@ -20,7 +20,7 @@ from jshape.models.bank import Bank
 from jshape.planning.api import Plan, check_image, plan_images, rollout
 from jshape.planning.evaluate import ONE_BY_ONE, Execution
 from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria, hinted
-from jshape.planning.problem import carries
+from jshape.planning.problem import carries, names
 from jshape.robot.checks import check_still, touched_by
 
 
@@ -206,7 +206,7 @@ def mold(
 
     uses = dict(constraints.max_uses or {})  # what is left of each action's
     stock = constraints.stock_cm3
-    moving = [bank.actions[n] for pair in carries(bank, space.carries) for n in pair]
+    moving = names(bank, carries(bank, space.carries))
     if patience is None and replan:
         patience = 1
     now = look()

@@ -566,13 +566,15 @@ def test_every_option_reaches_the_planner(folder, monkeypatch):
         "stride": 4, "seconds": 0.5, "evaluations": 70, "error_margin": 0.5, "clearance_mm": 8.0,
         "max_uses": {"poke": 2}, "seed": 3, "yaws": 4, "strengths": [0.5, 2.0], "reachable": None,
         "max_steps": 5, "min_gain_mm": 0.1, "tolerance_mm": 0.2, "max_missing": 0.3,
-        "out_of_bounds": "drop", "positions": None,
+        "out_of_bounds": "drop", "positions": None, "lengths": [1.0, 2.0], "stock_cm3": 50.0,
+        "carries": {"dig": "fill"},
     }  # fmt: skip
     options = ["--stride", "4", "--planner", "mcts", "--seconds", "500ms", "--evaluations", "70"]
     options += ["--error-margin", "0.5", "--clearance-mm", "8", "--max-uses", "poke=2"]
     options += ["--seed", "3", "--yaws", "4", "--strengths", "0.5,2", "--max-steps", "5"]
     options += ["--min-gain-mm", "0.1", "--tolerance-mm", "0.2", "--max-missing", "0.3"]
-    options += ["--out-of-bounds", "drop", "--devices", "1"]
+    options += ["--out-of-bounds", "drop", "--devices", "1", "--lengths", "1,2"]
+    options += ["--stock-cm3", "50", "--carries", "dig=fill"]
     with pytest.raises(ZeroDivisionError):
         main([*PLAN[:5], *options])
     assert fields_of(given) == expected and given["planner"] == "mcts"

@@ -12,6 +12,7 @@ from jshape.actions import PAPER_ROIS
 from jshape.camera import Camera
 from jshape.models.bank import Bank
 from jshape.planning.plan import Plan
+from jshape.planning.search.base import Status
 from tests.reference import greedy as reference
 
 LEVEL = 0.6
@@ -80,15 +81,16 @@ class Problem:
         """Candidates that a search of this plan evaluates, and the pixels of their windows.
 
         All at first; after each action those that its window touches, the others are remembered.
+        None after one that ends the search.
         """
         rois = np.array([self.bank.roi(name) for name in self.places])
         areas = np.repeat(rois.prod(1), [len(at) for at in self.places.values()])
         sizes = np.repeat(rois, [len(at) for at in self.places.values()], 0)
         first = actions.first_pixels(np.concatenate(list(self.places.values())), sizes)
         count, pixels = len(areas), int(areas.sum())
-        for begin, size in zip(
-            actions.first_pixels(plan.positions, plan.rois), plan.rois, strict=True
-        ):
+        ends = plan.status in (Status.CONVERGED, Status.MAX_STEPS) and len(plan) > 0
+        begins = actions.first_pixels(plan.positions, plan.rois)
+        for begin, size in list(zip(begins, plan.rois, strict=True))[: len(plan) - ends]:
             touched = ((first < begin + size) & (begin < first + sizes)).all(1)
             count, pixels = count + int(touched.sum()), pixels + int(areas[touched].sum())
         return count, pixels

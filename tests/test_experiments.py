@@ -269,7 +269,7 @@ def test_refinement_of_a_data_set_takes_its_smallest_action(tmp_path, pairs, mon
     names = np.array(["knock"] * len(robot))
     both = {
         name: np.concatenate([getattr(robot, name)] * 2)
-        for name in ("prior", "posterior", "agent", "material", "centre", "strength")
+        for name in ("prior", "posterior", "agent", "material", "centre", "strength", "path_mm")
     }
     sizes = np.concatenate([robot.size, robot.size - 6])
     ids = np.array([f"{k}" for k in range(2 * len(robot))])

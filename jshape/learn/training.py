@@ -237,7 +237,8 @@ def _batches(
         chosen = order[start : start + size]
         counted = np.arange(full) < len(chosen)
         chosen = np.concatenate([chosen, np.full(full - len(chosen), chosen[0])])
-        yield devices.split((examples.select(chosen), counted))
+        batch = examples.select(chosen)._replace(path_mm=None)  # a number has no axis to split
+        yield devices.split((batch, counted))
 
 
 @cache

@@ -120,16 +120,24 @@ def _one(
 
     if operation.name == "clear":
         return judged(arm.home())
-    contact, effort = False, 0.0
+
+    def shaped() -> tuple[bool, float]:
+        if (name := operation.posture) is None:
+            return False, 0.0
+        how = {"seconds": operation.seconds, "threshold": operation.effort_nm}
+        return judged(arm.posture(name, **how))
+
+    # Far from the bed first: fingers that the action before stretched out could touch it.
+    early = operation.name == "above"
+    contact, effort = shaped() if early else (False, 0.0)
     for pose in poses:
         speed = operation.speed_mm_s / 1000.0
         contact, felt = judged(arm.move(pose, speed=speed, threshold=operation.effort_nm))
         effort = max(effort, felt)
         if contact:
             break
-    if (name := operation.posture) is not None:
+    if not early:
         # A hand that touches something on its way down still closes: it is what the action does.
-        most = operation.effort_nm
-        touched, more = judged(arm.posture(name, seconds=operation.seconds, threshold=most))
+        touched, more = shaped()
         contact, effort = contact or touched, max(effort, more)
     return contact, effort

@@ -23,7 +23,6 @@ from jshape.errors import (
     quoted,
 )
 from jshape.models.base import Predictor
-from jshape.models.turn import square
 
 
 @partial(
@@ -99,10 +98,6 @@ class Bank:
         hand = self.predictors[action]
         hand = hand if length == 1 else hand.lengthened(length)
         return hand if yaw is None else hand.turned(yaw)
-
-    def turned_roi(self, name: str) -> tuple[int, int]:
-        """ROI size (w, h) of one action with a turned hand, pixels: a square."""
-        return square(self.roi(name))
 
     def error_of_d(self) -> Float[Array, "A"]:
         """By how much d of the whole image is usually wrong because one action was predicted.

@@ -6,6 +6,7 @@ propose both places; the pairs proposed are then predicted one after the other, 
 that is brought is what was taken.  With a stock beside the bed each half is a candidate of its own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import jax
@@ -70,7 +71,7 @@ def best_transfer(
     """
     task = _Task(state, now, candidates, cache, used, stock, limits)
     best = [_moved(task, task.proposed(*pair), rounds) for pair in state.carries]
-    return _best(jax.tree.map(lambda *one: jnp.stack(one), *best))
+    return _best_of(best)
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ class _Task:
             ]
             _, second = half(brings, gains[:, s], strength)
             found += [self.alone(first, takes.any(), True), self.alone(second, brings.any(), False)]
-            return _best(jax.tree.map(lambda *one: jnp.stack(one), *found))
+            return _best_of(found)
 
         every = lax.map(with_strength, jnp.arange(len(candidates.strengths), dtype=jnp.int32))
         return _best(every)
@@ -209,6 +210,10 @@ def _interpolated(candidates: Candidates, gains: Float[Array, "N S"], strength: 
     apart = tried[upper] - tried[lower]
     share = jnp.clip((strength - tried[lower]) / jnp.where(apart == 0, 1.0, apart), 0.0, 1.0)
     return gains[:, lower] * (1.0 - share) + gains[:, upper] * share
+
+
+def _best_of(found: Sequence[Transfer]) -> Transfer:
+    return _best(jax.tree.map(lambda *one: jnp.stack(one), *found))
 
 
 def _best(found: Transfer) -> Transfer:

@@ -15,7 +15,7 @@ from jshape.cli.main import main
 from jshape.data.view import View, image_of_depth
 from jshape.height_map import ABOVE, as_frame
 from jshape.io.cameras import read_camera, write_camera
-from jshape.io.drawings import read_drawing
+from jshape.io.formats import read_drawing
 from jshape.io.images import read_depth, write_depth_png
 from jshape.reproject import reproject
 

@@ -19,9 +19,8 @@ from jshape import D435_BAZAR, PAPER_BOX, Camera
 from jshape.data.missing import only_readings
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
 from jshape.io import images
-from jshape.io.drawings import read_drawing
-from jshape.io.formats import read_array
-from jshape.io.images import check_depth, depth_of_array, read_counts, read_depth
+from jshape.io.formats import read_array, read_drawing
+from jshape.io.images import check_depth, read_counts, read_depth
 
 SMALL = Camera(12, 9, 15.0, 15.0, 5.5, 4.0, 0.4, 0.5)
 
@@ -200,12 +199,12 @@ def test_an_array_that_was_read_before(tmp_path, counts):
     path = put(tmp_path, "a.png", encoded(".png", counts))
     raw = images.read_array(path)
     assert raw.dtype == np.uint16 and raw.shape == SMALL.shape
-    depth = depth_of_array(raw, str(path), depth_unit=1e-4, camera=SMALL)
+    depth = read_depth(path, raw=raw, depth_unit=1e-4, camera=SMALL)
     np.testing.assert_array_equal(depth, read_depth(path, depth_unit=1e-4, camera=SMALL))
     with pytest.raises(BadImage, match="^now: depths are"):
-        depth_of_array(raw, "now", depth_unit=1.0, camera=SMALL)
+        read_depth("now", raw=raw, depth_unit=1.0, camera=SMALL)
     with pytest.raises(BadCamera, match="now: depth_unit"):
-        depth_of_array(raw, "now", depth_unit=-1.0)
+        read_depth("now", raw=raw, depth_unit=-1.0)
 
 
 def test_the_range_may_be_left_unchecked_but_not_the_size(tmp_path):
@@ -500,13 +499,15 @@ def test_a_packed_file_is_named(tmp_path, magic, said):
 )
 def test_a_wrong_unit_is_named_where_depths_may_leave_the_range(raw, unit, said):
     with pytest.raises(BadImage, match=said):
-        depth_of_array(raw, depth_unit=unit, camera=SMALL, check_range=False)
+        read_depth("image", raw=raw, depth_unit=unit, camera=SMALL, check_range=False)
 
 
 @pytest.mark.parametrize("metres", [0.15, 0.45, 1.4, 2.0])
 def test_a_bed_at_another_distance_has_no_wrong_unit(metres):
     raw = np.full(SMALL.shape, metres)
-    assert (depth_of_array(raw, camera=SMALL, check_range=False) == np.float32(metres)).all()
+    assert (
+        read_depth("image", raw=raw, camera=SMALL, check_range=False) == np.float32(metres)
+    ).all()
 
 
 def test_a_painting_of_16_bits_is_not_cut_to_8(tmp_path):

@@ -4,7 +4,6 @@ import io
 import struct
 import time
 
-import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -15,7 +14,7 @@ from jshape import PAPER_BOX, Camera
 from jshape.errors import BadFile, BadImage, JShapeError
 from jshape.io import mesh
 from jshape.io.mesh import depth_of_faces
-from jshape.io.points import SUFFIXES, depth_of_points, read_goal, read_mesh
+from jshape.io.points import SUFFIXES, depth_of_points, read_cloud, read_mesh
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 
@@ -219,7 +218,7 @@ def test_no_such_file(tmp_path, name):
 def test_a_cloud_of_what_the_camera_saw_gives_it_back(tmp_path, rng):
     level = rng.integers(0, 256, SMALL.shape)
     cloud = np.asarray(SMALL.points(level)).reshape(-1, 3)
-    depth = read_goal(put(tmp_path, "a.pcd", pcd(cloud, "binary")), SMALL)
+    depth = read_cloud(put(tmp_path, "a.pcd", pcd(cloud, "binary")), SMALL)
     assert depth.dtype == np.float32
     np.testing.assert_allclose(depth, SMALL.depth(level), atol=1e-6)
 
@@ -265,7 +264,7 @@ def test_without_the_range_something_must_still_be_in_view(tmp_path):
     depth = depth_of_points(far, SMALL, check_range=False)
     np.testing.assert_allclose(depth[np.isfinite(depth)], [0.9])
     path = put(tmp_path, "far.ply", ply(far))
-    np.testing.assert_array_equal(read_goal(path, SMALL, check_range=False), depth)
+    np.testing.assert_array_equal(read_cloud(path, SMALL, check_range=False), depth)
     with pytest.raises(BadImage, match="no point is in view of the camera; the points") as info:
         depth_of_points(aside, SMALL, "cloud.ply", check_range=False)
     assert "\n" not in str(info.value)
@@ -277,13 +276,13 @@ def test_a_mesh_mostly_out_of_range_keeps_its_depths(tmp_path):
     chip = np.array([[-0.01, -0.01, 0.45], [0.01, -0.01, 0.45], [0, 0.01, 0.45]])
     faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6]]
     path = put(tmp_path, "a.ply", ply(np.concatenate([slab, chip]), faces))
-    depth = read_goal(path, SMALL)
+    depth = read_cloud(path, SMALL)
     assert set(np.round(depth.ravel(), 5).tolist()) == {np.float32(0.9), np.float32(0.45)}
     assert np.mean(depth > 0.5) > 0.98
     path = put(tmp_path, "b.ply", ply(slab, faces[:2]))
     with pytest.raises(BadImage, match="no point is in view"):
-        read_goal(path, SMALL)
-    np.testing.assert_allclose(read_goal(path, SMALL, check_range=False), 0.9, rtol=1e-5)
+        read_cloud(path, SMALL)
+    np.testing.assert_allclose(read_cloud(path, SMALL, check_range=False), 0.9, rtol=1e-5)
 
 
 @pytest.mark.parametrize("z", [1e6, 3e38])
@@ -296,7 +295,7 @@ def test_a_far_point_does_not_spoil_the_near_ones(cloud, z):
 def test_the_faces_of_a_mesh_fill_the_image(tmp_path):
     corners = np.array([[-1, -1, 0.42], [1, -1, 0.42], [1, 1, 0.48], [-1, 1, 0.48]])
     path = put(tmp_path, "slab.ply", ply(corners, [[0, 1, 2], [0, 2, 3]]))
-    depth = read_goal(path, PAPER_BOX)
+    depth = read_cloud(path, PAPER_BOX)
     assert not np.isnan(depth).any()
     # The plane z = 0.45 + 0.03 y along the ray y = t z.
     t = np.asarray(PAPER_BOX.rays()[1])
@@ -339,22 +338,10 @@ def test_a_fine_mesh_and_a_coarse_one_of_the_same_plane_agree():
 def test_a_mesh_out_of_view_or_too_costly_is_refused(tmp_path, monkeypatch):
     corners = np.array([[-1, -1, 0.45], [1, -1, 0.45], [0, 1, 0.45]])
     with pytest.raises(BadImage, match="no point is in view"):
-        read_goal(put(tmp_path, "a.ply", ply(corners + [0, 0, 1], [[0, 1, 2]])), SMALL)
+        read_cloud(put(tmp_path, "a.ply", ply(corners + [0, 0, 1], [[0, 1, 2]])), SMALL)
     monkeypatch.setattr(mesh, "_MOST", 1000)
     with pytest.raises(BadFile, match="simplify it"):
-        read_goal(put(tmp_path, "a.ply", ply(corners, [[0, 1, 2]])), SMALL)
-
-
-def test_a_goal_may_be_an_image(tmp_path):
-    ok, content = cv2.imencode(".png", np.full(SMALL.shape, 4500, np.uint16))
-    path = put(tmp_path, "goal.png", content.tobytes())
-    np.testing.assert_allclose(read_goal(path, SMALL, 1e-4), 0.45, rtol=1e-6)
-    with pytest.raises(BadImage, match="depth_unit"):
-        read_goal(path, SMALL)
-    with pytest.raises(BadImage, match="depth_unit 0.0001 instead of 0.001"):
-        read_goal(path, SMALL, check_range=False)
-    found = read_goal(path, SMALL, 2e-4, check_range=False)
-    np.testing.assert_allclose(found, 0.9, rtol=1e-6)
+        read_cloud(put(tmp_path, "a.ply", ply(corners, [[0, 1, 2]])), SMALL)
 
 
 def test_nothing_that_a_ply_names_is_opened(tmp_path, cloud, monkeypatch):
@@ -376,7 +363,7 @@ def test_measured_dough(shared_data):
         points = read_points(path)
         assert points.shape == (4096, 3) and np.ptp(points, 0).max() < 0.2
     with pytest.raises(BadImage, match="no point is in view"):
-        read_goal(found[0], PAPER_BOX)  # z is height above the table there, not depth
+        read_cloud(found[0], PAPER_BOX)  # z is height above the table there, not depth
 
 
 def test_a_count_of_a_field_is_checked(tmp_path):

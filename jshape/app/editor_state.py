@@ -131,7 +131,7 @@ class EditorState(GoalState):
     def _read(self, path: Path, camera: str | None) -> tuple[Camera, np.ndarray]:
         """A file's frame (H, W), metres, and the camera that took it."""
         if path.suffix.lower() in points.SUFFIXES:
-            return self.camera, points.read_goal(path, check_camera(self.camera))
+            return self.camera, points.read_cloud(path, check_camera(self.camera))
         raw = formats.read_array(path)
         source = source_of(path, raw.shape, camera, self._loaded)
         return source.camera, frame_of(path, source, raw=raw)

@@ -33,7 +33,7 @@ from jshape.goals import (
     relief_of_text,
 )
 from jshape.goals.reliefs import inked
-from jshape.io import drawings, files, points
+from jshape.io import files, formats, points
 from jshape.io.frames import frame_of, goal_source
 from jshape.io.records import OneLine, read_value
 from jshape.models.bank import Bank
@@ -300,7 +300,7 @@ def _height(options: GoalOptions) -> float:
 
 
 def _drawing(path: str, options: GoalOptions) -> np.ndarray:
-    drawn = drawings.read_drawing(path)
+    drawn = formats.read_drawing(path)
     if not options.invert:
         return drawn
     return np.nanmax(np.ma.compressed(drawn)) - drawn

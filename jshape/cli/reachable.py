@@ -19,7 +19,7 @@ from jshape.cli.tables import say
 from jshape.data.missing import fill_missing
 from jshape.data.view import View
 from jshape.errors import BadFile, BadImage
-from jshape.io import drawings
+from jshape.io import formats
 from jshape.io.files import read_json
 from jshape.io.records import Range, read_record
 
@@ -108,7 +108,7 @@ def reachable(
 
 def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> Bool[np.ndarray, "H W"]:
     """Where a drawing is not 0; it must have one of the shapes."""
-    mask = drawings.read_drawing(Path(path))
+    mask = formats.read_drawing(Path(path))
     if mask.shape not in shapes.values():
         made = ", ".join(f"{whose} makes {shape}" for whose, shape in shapes.items())
         raise BadImage(f"{path}: has {mask.shape} (rows, columns); {made}")

@@ -6,7 +6,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from jshape.errors import BadFile, one_line, quoted
@@ -97,8 +97,7 @@ def check_target(
 ) -> None:
     """Refuse what `atomic_folder` may not write to: call it before long work.
 
-    Arguments are those of `atomic_folder`; a name `own` in the target is no obstacle.  Raises
-    likewise.
+    Arguments and errors are those of `atomic_folder`; a name `own` in the target is no obstacle.
     """
     target = check_writable(target)
     with refused(target, "cannot be read"):
@@ -116,19 +115,17 @@ def _check_replaceable(
     meant = {re.sub(r"^\.(.+)\.[0-9a-f]{12}\.tmp$", r"\1", name): name for name in names}
     foreign = [meant[name] for name in meant if contents is not None and name not in contents]
     if not overwrite:
-        why = "the folder exists and is not empty; choose another name, or replace it with "
-        why += "--overwrite"
+        why = "exists and is not empty; choose another name, or replace it with --overwrite"
     elif contents is not None and not (target / contents[0]).is_file():
-        why = f"the folder holds no {contents[0]}, so it is not replaced; choose another name"
+        why = f"holds no {contents[0]}, so it is not replaced; choose another name"
     elif foreign:
-        why = f"also holds {one_line(foreign[0], 80)}, which was not written by this command; "
-        why += "choose another name"
+        odd = one_line(foreign[0], 80)
+        why = f"also holds {odd}, which was not written by this command; choose another name"
     elif _holds_here(target) and not os.path.samefile(target, os.curdir):
-        why = "holds the folder that this command is run in, so it is not replaced; run it "
-        why += "elsewhere"
+        why = "holds the one that this command is run in, so it is not replaced; run it elsewhere"
     else:
         return
-    raise BadFile(f"{target}: {why}")
+    raise BadFile(f"{target}: the folder {why}")
 
 
 def left_behind(target: Path) -> list[str]:
@@ -143,19 +140,18 @@ def left_behind(target: Path) -> list[str]:
         for parent in (target.parent, target):
             for name in sorted(os.listdir(parent)) if parent.is_dir() else ():
                 match = pattern.fullmatch(name)
-                if match and (parent / name).is_dir() and not _is_held(parent / name):
-                    lines.append(_ways_out(parent / name, f"{target}-{match[1][:4]}"))
+                if not match or not (found := parent / name).is_dir():
+                    continue
+                with _held(found) as mine:
+                    if not mine:
+                        continue
+                count = sum(path.is_file() for path in found.rglob("[!.]*"))
+                keep = f"mv {shlex.quote(str(found))} {shlex.quote(f'{target}-{match[1][:4]}')}"
+                lines.append(
+                    f"left unfinished before: {found}, {count} whole files; to keep it: {keep}; "
+                    f"to remove it: rm -r {shlex.quote(str(found))}"
+                )
     return lines
-
-
-def _ways_out(found: Path, free: str) -> str:
-    """How to keep or remove a folder that was left behind."""
-    count = sum(path.is_file() for path in found.rglob("[!.]*"))
-    name = shlex.quote(str(found))
-    return (
-        f"left unfinished before: {found}, {count} whole files; to keep it: mv {name} "
-        f"{shlex.quote(free)}; to remove it: rm -r {name}"
-    )
 
 
 @contextmanager
@@ -170,11 +166,6 @@ def _held(folder: Path) -> Iterator[bool]:
     finally:
         if handle is not None:
             os.close(handle)
-
-
-def _is_held(folder: Path) -> bool:
-    with _held(folder) as mine:
-        return not mine
 
 
 def beside(target: Path, ending: str) -> Path:
@@ -195,18 +186,14 @@ def _resolved(path: Path) -> Path:
 
 
 def _make_temp(target: Path) -> Path:
-    """A new folder to fill: beside the target, or inside where it cannot be replaced by a rename.
-
-    Beside, it is on the same file system, unless the target is a mount point; and a parent that is
-    read-only takes no new folder, though the target may.
-    """
+    """A new folder to fill: beside the target, or inside if no rename can replace it."""
     beside, inside = temp_beside(target), temp_beside(target / target.name)
     with refused(target, "cannot be made"):
         if not (target.is_dir() and (os.path.ismount(target) or _holds_here(target))):
             try:
                 beside.mkdir()
                 return beside
-            except OSError:
+            except OSError:  # the folder above may be read-only
                 if not target.is_dir():
                     raise
         inside.mkdir()
@@ -228,8 +215,7 @@ def _names(folder: Path, own: str) -> list[str]:
 
 
 _NO_RENAME = (errno.EBUSY, errno.EXDEV, errno.EACCES, errno.EPERM, errno.EROFS)
-"""Where a folder may still be written into: a mount point, a layer of a container's image, a
-folder in somebody else's."""
+"""A folder may still be written into: a mount point, a container's layer, in somebody else's."""
 
 
 def _put_in_place(temp: Path, target: Path) -> None:
@@ -237,51 +223,40 @@ def _put_in_place(temp: Path, target: Path) -> None:
     with refused(target, "cannot be written"):
         _sync_tree(temp)
         old = temp_beside(target)
-        within = temp.parent == target
-        if not within:
-            try:
-                _replace(temp, target, old)
-            except OSError as problem:
-                if problem.errno not in _NO_RENAME:
-                    raise
-                within = True
-        if within:
+        if temp.parent == target or not _renamed(temp, target, old):
             old = temp_beside(target / target.name)
             _move_up(temp, target, old)
         sync_folder(target.parent)
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _replace(temp: Path, target: Path, old: Path) -> None:
-    """Rename `temp` to `target`; what stands there is renamed to `old`, and back if that fails."""
+def _renamed(temp: Path, target: Path, old: Path) -> bool:
+    """Rename the target to `old` and `temp` to the target; False: nothing can be renamed here."""
     occupied = target.is_dir() and bool(os.listdir(target))
-    if occupied:
-        os.rename(target, old)
     try:
-        os.rename(temp, target)
-    except OSError:
         if occupied:
+            os.rename(target, old)
+        os.rename(temp, target)
+    except OSError as problem:
+        if occupied and old.exists():
             os.rename(old, target)
-        raise
+        if problem.errno not in _NO_RENAME:
+            raise
+        return False
+    return True
 
 
 def _move_up(temp: Path, target: Path, old: Path) -> None:
-    """Move the content of `temp` into `target`; what is there goes into `old`, and back."""
+    """Move what is in `target` into `old`, and up what is in `temp`; back if that fails."""
     before = _names(target, temp.name) if target.is_dir() else []
     old.mkdir(parents=True)
-    done: list[tuple[Path, Path]] = []
-    try:
-        for name in before:
-            shutil.move(target / name, old / name)
-            done.append((target / name, old / name))
-        for name in os.listdir(temp):
-            shutil.move(temp / name, target / name)  # copied where it cannot be renamed
-            done.append((temp / name, target / name))
-    except BaseException:
-        for was, now in reversed(done):
-            shutil.move(now, was)
-        old.rmdir()
-        raise
+    with ExitStack() as undo:
+        undo.callback(old.rmdir)
+        for source, goal, names in ((target, old, before), (temp, target, os.listdir(temp))):
+            for name in names:
+                shutil.move(source / name, goal / name)  # copied where it cannot be renamed
+                undo.callback(shutil.move, goal / name, source / name)
+        undo.pop_all()
     temp.rmdir()
     sync_folder(target)
 

@@ -70,18 +70,17 @@ def frame_of(
 
     Raises BadFile, BadImage, BadCamera: it cannot be read, or is no depth image of this camera.
     """
-    camera, check = check_camera(source.camera), source.stated
+    camera = check_camera(source.camera)
     if path.suffix.lower() in points.SUFFIXES:
-        return points.read_goal(path, camera, check_range=check)
-    raw = formats.read_array(path) if raw is None else raw
-    unit = source.depth_unit
-    depth = images.depth_of_array(
-        raw, str(path), camera=camera, depth_unit=unit, check_range=False, left_out=left_out
+        return points.read_cloud(path, camera, check_range=source.stated)
+    raw, unit = formats.read_array(path) if raw is None else raw, source.depth_unit
+    depth = images.read_depth(
+        path, raw=raw, camera=camera, depth_unit=unit, check_range=False, left_out=left_out
     )
-    if check:
+    if source.stated:
         hint = f"; if the bed is there, z_min and z_max of {source.said} must say so"
         counts = unit if raw.dtype == np.uint16 else None
-        check_depth(depth, camera, str(path), counts, hint=hint if source.stated else None)
+        check_depth(depth, camera, str(path), counts, hint=hint)
     return depth
 
 

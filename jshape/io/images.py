@@ -1,8 +1,7 @@
 """Depth images on disk.
 
 Arrays are (H, W), `[v, u]`, metres, float32; NaN = no reading.  Counts are whole numbers of
-`depth_unit` metres, uint16, 0 = no reading.  `where` names an image in errors, and `left_out` adds
-up why pixels are no readings.
+`depth_unit` metres, uint16, 0 = no reading.
 """
 
 import os
@@ -25,54 +24,34 @@ from jshape.io.formats import encode_png, read_array
 def read_depth(
     path: str | os.PathLike,
     *,
+    raw: np.ndarray | None = None,
     depth_unit: float = DEPTH_UNIT,
     camera: Camera | None = None,
     check_range: bool = True,
     left_out: Counter[str] | None = None,
 ) -> Float[np.ndarray, "H W"]:
-    """A depth image: PNG, TIFF or NPY, one channel; `read_array`, then `depth_of_array`.
-
-    Raises BadFile if the file cannot be read, and as `depth_of_array`.
-    """
-    return depth_of_array(
-        read_array(path),
-        str(path),
-        depth_unit=depth_unit,
-        camera=camera,
-        check_range=check_range,
-        left_out=left_out,
-    )
-
-
-def depth_of_array(
-    raw: np.ndarray,
-    where: str = "image",
-    *,
-    depth_unit: float = DEPTH_UNIT,
-    camera: Camera | None = None,
-    check_range: bool = True,
-    left_out: Counter[str] | None = None,
-) -> Float[np.ndarray, "H W"]:
-    """The depth image that an array of a file means.
+    """A depth image: PNG, TIFF or NPY, one channel.
 
     uint16 is counts of `depth_unit`; floating point is metres; 8 bits are the luminance of
     `camera`, white = z_min and black = z_max, where 0 and 255 are clipped depths and not missing
     ones.  What is no reading in the others, `data.missing.readings` says.
 
     Args:
-      raw: (H, W), as `read_array` gives it.
-      where: see above.
+      path: the file.
+      raw: (H, W), what `read_array` gave of it, if it was read already.
       depth_unit: metres per count.
       camera: whose image it is: its size and range are checked.  8-bit images need it.
       check_range: False takes depths outside the camera's range as well (8 bits hold none), unless
         another unit would bring them there.
-      left_out: see above.
+      left_out: adds up why pixels are no readings.
 
     Raises:
+      BadFile: it cannot be read.
       BadImage: it is not a depth image, has no reading at all, or does not fit the camera.
       BadCamera: depth_unit is not a positive number.
     """
-    depth_unit = check_depth_unit(depth_unit, where)
+    raw = read_array(path) if raw is None else raw
+    where, depth_unit = str(path), check_depth_unit(depth_unit, str(path))
     luminance = raw.dtype == np.uint8
     if luminance and camera is None:
         raise BadImage(f"{where}: 8-bit images are luminance and need a camera to be depth")
@@ -138,16 +117,10 @@ def to_counts(depth: np.ndarray, depth_unit: float, where: str = "image") -> np.
 def write_depth_png(
     path: str | os.PathLike, depth: np.ndarray, depth_unit: float = DEPTH_UNIT
 ) -> Path:
-    """Write depths (H, W) in metres as a 16-bit single-channel PNG, atomically.
-
-    Raises as `to_counts`, and BadFile if it cannot be written.
-    """
-    return write_atomic(path, encode_png(to_counts(depth, depth_unit, str(path))))
+    """Write depths (H, W) in metres as a 16-bit PNG, atomically; raises as `to_counts`, BadFile."""
+    return write_counts_png(path, to_counts(depth, depth_unit, str(path)))
 
 
 def write_counts_png(path: str | os.PathLike, counts: np.ndarray) -> Path:
-    """Write counts (H, W) uint16 as a 16-bit single-channel PNG, atomically.
-
-    Raises BadImage for another array, BadFile if it cannot be written.
-    """
+    """Write counts (H, W) uint16 as a 16-bit PNG, atomically; raises BadImage, BadFile."""
     return write_atomic(path, encode_png(counts))

@@ -20,11 +20,11 @@ from jshape.data.moved import TURNED_DEG, moved
 from jshape.data.pair_view import PairView, pair_view
 from jshape.data.segment import BLOCK, thumbnail
 from jshape.errors import BadDataset
-from jshape.io.cameras import read_camera
+from jshape.io.cameras import CAMERA, read_camera
 from jshape.io.files import as_error
 from jshape.io.folders import folder_of
 from jshape.io.formats import SUFFIXES, read_array
-from jshape.io.images import depth_of_array, to_counts
+from jshape.io.images import read_depth, to_counts
 from jshape.io.recordings import by_number
 
 STATES = ("before", "after")
@@ -77,20 +77,6 @@ def before_after_files(source: str | os.PathLike) -> dict[str, tuple[Path, Path]
     return {name: (found[name]["before"], found[name]["after"]) for name in names}
 
 
-def before_after_camera(
-    source: str | os.PathLike, camera: str | os.PathLike | None = None
-) -> tuple[Camera, float]:
-    """The camera and depth unit of such a folder: of `camera`, or of its own camera.json.
-
-    Raises BadDataset: neither is there; BadCamera: it makes no sense.
-    """
-    path = Path(source) / "camera.json" if camera is None else Path(camera)
-    if not path.is_file():
-        raise BadDataset(f"{path}: no such file; it (or --camera FILE) says what the frames mean")
-    with as_error(BadDataset):
-        return read_camera(path)
-
-
 def before_after_view(
     source: str | os.PathLike,
     files: dict[str, tuple[Path, Path]],
@@ -110,7 +96,11 @@ def before_after_view(
       BadCamera: it makes no sense.
       BadImage: no bed is found.
     """
-    found, unit = before_after_camera(source, camera)
+    path = Path(source) / CAMERA if camera is None else Path(camera)
+    if not path.is_file():
+        raise BadDataset(f"{path}: no such file; it (or --camera FILE) says what the frames mean")
+    with as_error(BadDataset):
+        found, unit = read_camera(path)
     first = next(iter(files.values()))[0]
     return pair_view([(found, unit)], [_counts(first, found, unit, None)], str(first), like)
 
@@ -149,7 +139,9 @@ def _counts(
     path: Path, camera: Camera, depth_unit: float, left_out: Counter[str] | None
 ) -> np.ndarray:
     with as_error(BadDataset):
-        raw, where = read_array(path), str(path)
-        seen = {"depth_unit": depth_unit, "camera": camera, "left_out": left_out}
-        depth = depth_of_array(raw, where, check_range=False, **seen)
-        return only_readings(raw) if raw.dtype == np.uint16 else to_counts(depth, depth_unit, where)
+        raw = read_array(path)
+        how = {"depth_unit": depth_unit, "camera": camera, "left_out": left_out}
+        depth = read_depth(path, raw=raw, check_range=False, **how)
+        if raw.dtype == np.uint16:
+            return only_readings(raw)
+        return to_counts(depth, depth_unit, str(path))

@@ -1,4 +1,4 @@
-"""Point clouds and meshes on disk, and goals: either of them, or a depth image.
+"""Point clouds and meshes on disk, and as depth images.
 
 Points are (P, 3) float32 in metres, in the camera's frame where they become an image: X along the
 columns, Y along the rows, Z along the optical axis.
@@ -7,7 +7,6 @@ columns, Y along the rows, Z along the optical axis.
 import io
 import os
 import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,7 @@ from jshape._typing import Float, Int
 from jshape.camera import Camera
 from jshape.data.depth import outside_range
 from jshape.errors import BadFile, BadImage, needs, one_line, quoted
-from jshape.io.cameras import DEPTH_UNIT
 from jshape.io.files import read_bytes
-from jshape.io.images import read_depth
 from jshape.io.mesh import depth_of_faces
 from jshape.io.pcd import parse_pcd
 
@@ -38,38 +35,15 @@ _VERTEX = re.compile(
 _GROUPS = re.compile(rb"^[ \t]*(?:usemtl|mtllib|o|g|s)\b[^\n]*$", re.MULTILINE)
 
 
-def read_goal(
-    path: str | os.PathLike,
-    camera: Camera,
-    depth_unit: float = DEPTH_UNIT,
-    *,
-    check_range: bool = True,
-    left_out: Counter[str] | None = None,
+def read_cloud(
+    path: str | os.PathLike, camera: Camera, *, check_range: bool = True
 ) -> Float[np.ndarray, "H W"]:
-    """The depth image that is wanted, from an image or from a point cloud or mesh.
+    """What a camera would see of the points or mesh of a file in its frame; see `depth_of_points`.
 
-    Points (.ply, .pcd; all else is an image as for `read_depth`) are in the camera's frame; the
-    nearest wins a pixel.  The faces of a mesh count, not only its vertices.  What lies beyond the
-    camera's range has the depth that it has; False for `check_range` asks only that something is
-    in view.  NaN: no point, or no reading.
-
-    Raises:
-      BadFile: the file cannot be read.
-      BadImage: it is not a depth image of this camera, or no point is in view and within range.
-      BadCamera: depth_unit is not a positive number.
+    Raises BadFile: it cannot be read; BadImage: nothing of it is in view.
     """
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        return read_depth(
-            path, depth_unit=depth_unit, camera=camera, check_range=check_range, left_out=left_out
-        )
     points, faces = read_mesh(path, SUFFIXES)
-    if faces is None or not len(faces):
-        return depth_of_points(points, camera, str(path), check_range=check_range)
-    depth = depth_of_faces(points, faces, camera, path)
-    if not _within(depth, camera, check_range).any():
-        raise _out_of_view(points, camera, str(path), check_range)
-    return depth
+    return depth_of_points(points, camera, str(path), faces=faces, check_range=check_range)
 
 
 def depth_of_points(
@@ -77,24 +51,34 @@ def depth_of_points(
     camera: Camera,
     where: str = "points",
     *,
+    faces: Int[np.ndarray, "F 3"] | None = None,
     check_range: bool = True,
 ) -> Float[np.ndarray, "H W"]:
-    """The depth image of points in the camera's frame: (H, W) metres, NaN where none falls.
+    """The depth image of points, or of the faces between them, in the camera's frame.
 
-    As `Camera.project` in metres, except that a pixel which no point reaches is missing and not
-    black, and that a depth beyond the camera's range stays what it is.
+    As `Camera.project` in metres, except that a pixel that nothing reaches is NaN and not black,
+    and that a depth beyond the camera's range stays what it is.
 
     Raises:
-      BadImage: no point is in view and, if `check_range`, within the camera's range.
+      BadImage: nothing is in view and, if `check_range`, within the camera's range.
     """
-    ahead = points[_within(points[:, 2], camera, check_range)]
-    if np.isnan(_nearest(ahead, camera)).all():
-        raise _out_of_view(points, camera, where, check_range)
-    return _nearest(points, camera)
+    if faces is None or not len(faces):
+        depth = _nearest(points, camera)
+    else:
+        depth = depth_of_faces(points, faces, camera, where)
+    seen = ~outside_range(depth, camera) & (depth > 0) if check_range else depth >= 0
+    if seen.any():
+        return depth
+    within = f" within {float(camera.z_min):g} to {float(camera.z_max):g} m" if check_range else ""
+    low, high = points.min(0), points.max(0)
+    span = ", ".join(f"{axis} {low[k]:.3g} to {high[k]:.3g}" for k, axis in enumerate("XYZ"))
+    raise BadImage(
+        f"{where}: no point is in view of the camera{within}; the points span {span} m "
+        "(camera frame: Z along the optical axis)"
+    )
 
 
 def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
-    """Depth of the nearest point at every pixel, (H, W) float32, NaN where there is none."""
     x, y, z = points[points[:, 2] > 0].T
     # Far to the side of a point at the lens a quotient overflows: infinity is not in the image.
     with np.errstate(over="ignore"):
@@ -103,21 +87,6 @@ def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
     depth = np.full(camera.shape, np.float32(np.inf))
     np.minimum.at(depth, (v[seen].astype(int), u[seen].astype(int)), z[seen])
     return np.where(np.isfinite(depth), depth, np.float32(np.nan))
-
-
-def _within(depth: np.ndarray, camera: Camera, check_range: bool) -> np.ndarray:
-    """Where depths, metres, are in the camera's range; else before the camera."""
-    return ~outside_range(depth, camera) & (depth > 0) if check_range else depth >= 0
-
-
-def _out_of_view(points: np.ndarray, camera: Camera, where: str, check_range: bool) -> BadImage:
-    within = f" within {float(camera.z_min):g} to {float(camera.z_max):g} m" if check_range else ""
-    low, high = points.min(0), points.max(0)
-    span = ", ".join(f"{axis} {low[k]:.3g} to {high[k]:.3g}" for k, axis in enumerate("XYZ"))
-    return BadImage(
-        f"{where}: no point is in view of the camera{within}; the points span {span} m "
-        "(camera frame: Z along the optical axis)"
-    )
 
 
 def read_mesh(

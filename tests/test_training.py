@@ -242,7 +242,7 @@ def test_a_process_killed_in_the_middle_goes_on(tmp_path):
     process = subprocess.Popen(command(killed), stderr=subprocess.PIPE)
     saved = tmp_path / "killed.training"
     deadline = time.monotonic() + 120
-    while len(list(saved.glob("action-poke.npz"))) == 0 and time.monotonic() < deadline:
+    while len(list(saved.glob("action-poke/saved-*"))) == 0 and time.monotonic() < deadline:
         time.sleep(0.02)
     process.kill()
     assert process.communicate()[1] == b"" and process.returncode == -9
@@ -297,11 +297,10 @@ def test_kinds_without_a_network(tmp_path, capsys):
     assert main([*call, "--width", "2", "--learning-rate", "0.1", "--restart"]) == 2
     error = capsys.readouterr().err
     assert "--learning-rate, --width: kind D" in error and error.count("\n") == 1
-    (tmp_path / "bank.training").mkdir()
-    (tmp_path / "bank.training" / "action-poke.npz").write_bytes(b"x")
+    (tmp_path / "bank.training" / "action-poke").mkdir(parents=True)
     assert main([*call, "--seed", "1"]) == 2
     assert "of another kind; --restart removes it" in capsys.readouterr().err
-    assert (tmp_path / "bank.training" / "action-poke.npz").is_file()
+    assert (tmp_path / "bank.training" / "action-poke").is_dir()
     assert main([*call, "--restart", "--json"]) == 0
     assert not (tmp_path / "bank.training").exists() and capsys.readouterr().err == ""
 

@@ -40,6 +40,7 @@ EXTRAS = (
     Extra("search", "the planner mcts", ("mctx",)),
     Extra("mesh", "goals from PLY and OBJ files", ("trimesh",)),
     Extra("robot", "hands and waypoints as YAML files", ("yaml",)),
+    Extra("networks", "interrupted trainings of networks that resume", ("orbax.checkpoint",)),
     Extra("sim", "the physics twin: --arm mujoco", ("mujoco", "mink"),
           "libosmesa6, or libegl1 libegl-mesa0 libgl1-mesa-dri", DRAW),
     Extra("realsense", "RealSense cameras", ("pyrealsense2",), "libusb-1.0-0",

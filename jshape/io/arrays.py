@@ -1,22 +1,12 @@
-"""NPY, and NPZ of banks, plans, maps and checkpoints: read without trust in what a file says."""
+"""NPY, and NPZ of banks and plans: arrays that are read without trust in what a file says."""
 
 import io
 import warnings
 import zipfile
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from jshape.errors import BadFile, BadImage, one_line
-
-
-def npz_bytes(arrays: Mapping[str, Any], *, packed: bool = True) -> memoryview:
-    """The content of an NPZ with these arrays, `packed` small or written fast."""
-    stream = io.BytesIO()
-    save = np.savez_compressed if packed else np.savez
-    save(stream, allow_pickle=False, **arrays)
-    return stream.getbuffer()
 
 
 def read_arrays(data: bytes, where: str, limit: int) -> dict[str, np.ndarray]:

@@ -41,7 +41,7 @@ def as_error(kind: type[JShapeError], *of: type[JShapeError]) -> Iterator[None]:
         raise kind(str(problem)) from None
 
 
-def write_atomic(path: str | os.PathLike, content: bytes | memoryview | str) -> Path:
+def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
     """Write a file whole or not at all; what was there stays until the new content is on disk.
 
     Its folder is made if need be; text is written as UTF-8.
@@ -76,7 +76,7 @@ def read_bytes(path: str | os.PathLike, *, limit: int, start: int | None = None)
             raise BadFile(f"{path}: the file is empty")
         if size > limit:
             raise BadFile(f"{path}: {size:,} bytes; at most {limit:,} are read")
-        return file.read(size if start is None else start)
+        return file.read(limit if start is None else start)
 
 
 def regular(path: str, flags: int) -> int:
@@ -243,7 +243,7 @@ def temp_beside(path: Path) -> Path:
     return path.parent / f".{path.name[:80]}.{secrets.token_hex(6)}.tmp"
 
 
-def write_new(path: Path, data: bytes | memoryview) -> None:
+def write_new(path: Path, data: bytes) -> None:
     """Write a file that is not there yet, onto the disk."""
     with path.open("xb") as file:  # exclusive: a file of that name, or a link, is never followed
         file.write(data)

@@ -1,6 +1,8 @@
 """What the predictors of each kind of bank are on disk: named arrays.
 
-Parameters of networks are in the bank's one NPZ, with ΔI and B.
+Parameters of networks are in the bank's one NPZ, with ΔI and B, not in Orbax's format: an Orbax
+folder is a dozen files with names of its own, and hands a flipped bit on without noticing.  One
+file with one checksum is checked before a byte of it is read.
 """
 
 from collections.abc import Callable, Mapping

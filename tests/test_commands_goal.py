@@ -105,6 +105,11 @@ def test_texts_are_raised_balanced_and_placed(folder, capsys):
     assert said["balance"]["how"] == "around" and said["at"] == [150, 120]
     written = json.loads((folder / "goal" / "report.json").read_text())
     assert written["raised_cm3"] == said["raised_cm3"] and written["next"] == said["next"]
+    moved = written["transport"]
+    assert moved == said["transport"] and 20 < moved["way_mm"] < 60
+    assert moved["bring_cm3"] == pytest.approx(said["raised_cm3"], rel=0.05)
+    carried = sum(one["volume_cm3"] for one in moved["carries"])
+    assert carried == pytest.approx(moved["take_cm3"]) and 3 < carried < moved["bring_cm3"]
 
 
 @pytest.mark.full

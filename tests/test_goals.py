@@ -5,6 +5,7 @@ import math
 import jax
 import numpy as np
 import pytest
+from scipy.optimize import linear_sum_assignment
 
 from jshape import PAPER_BOX, Camera, sim
 from jshape.errors import BadImage, BadPosition, JShapeError, MissingDepth, UnknownName
@@ -21,6 +22,7 @@ from jshape.goals import (
     relief_of_text,
     report,
     slopes,
+    transport,
 )
 from jshape.goals.goal import RIM
 from jshape.goals.picture import goal_figure
@@ -402,7 +404,7 @@ def test_warnings_say_what_no_action_can_do(flat):
         )
 
     up = warned(block(flat, 0.01))
-    assert "more material than there is" in up and "no action brings any" in up
+    assert "more material than there is" in up and "only a pour from a stock" in up
     assert "hills keep most" in warned(block(flat, 0.01), balance="around")
     assert "flour can pack" in warned(block(flat, -0.01))
     assert "dough cannot pack" in warned(block(flat, -0.01), sim.DOUGH)
@@ -412,6 +414,78 @@ def test_warnings_say_what_no_action_can_do(flat):
     )
     assert "20 mm of the view's edge" in warned(edge)
     assert "edge" not in warned(block(flat, -0.01))
+
+
+def test_material_comes_from_where_it_is_too_much(flat):
+    """12 cm³ are missing between 16 on the left and 8 on the right, which are nearer."""
+    wanted = sum(
+        block(flat, height, half=0.02, middle=x)
+        for x, height in ((-0.15, -0.01), (0.0, 0.0075), (0.06, -0.005))
+    )
+    goal = make_goal(flat, wanted, Limits(4.0))
+    found = report(goal)["transport"]
+    assert found["take_cm3"] == pytest.approx(24, rel=0.06)  # walls lean, and half squares
+    assert found["bring_cm3"] == pytest.approx(12, rel=0.06)
+    assert found["stock_cm3"] == found["bring_cm3"] - found["take_cm3"] < -10
+    volumes = [one["volume_cm3"] for one in found["take"]]
+    assert volumes == pytest.approx([16, 8], rel=0.06) and len(found["bring"]) == 1
+    assert [one["most_mm"] for one in found["take"]] == pytest.approx([10, 5], rel=0.01)
+    at = [171 + 600 * x for x in (-0.15, 0.06)]  # 600 pixels a metre, of an axis at (171, 109)
+    for one, u in zip(found["take"], at, strict=True):
+        assert one["place"] == pytest.approx([u, 109], abs=4)
+    assert [one["to"] for one in found["carries"]] == 2 * [found["bring"][0]["place"]]
+    near, far = found["carries"]
+    assert near["from"] == found["take"][1]["place"]
+    assert near["volume_cm3"] == pytest.approx(volumes[1])  # all of it, the rest comes from afar
+    assert near["volume_cm3"] + far["volume_cm3"] == pytest.approx(found["bring_cm3"])
+    # From the right to the right two thirds of the hollow, and from the near side of the left.
+    assert near["way_mm"] == pytest.approx(53, abs=5)
+    assert far["way_mm"] == pytest.approx(135 - 13, abs=10)  # its blocks are of 30 mm
+    says = " ".join(found["says"])
+    for words in ("too much: 1", "to carry: 1", "a stock would have to take 1"):
+        assert words in says
+
+
+def test_carries_go_the_least_way(hills, rng):
+    """As parcels of the same volume do that are assigned one by one."""
+    x, y = hills.axes()
+    shape = sum(
+        a * np.exp(-(((x[None] - b) / 0.04) ** 2) - (((y[:, None] - c) / 0.05) ** 2))
+        for a, (b, c) in zip((9, -7, 5, -6, 8), rng.uniform(-0.12, 0.12, (5, 2)), strict=True)
+    )
+    change = (1e-3 * shape * hills.seen).astype(np.float32)
+    found = transport(hills, change)
+    sides = []
+    for sign, total in ((-1, found.take_cm3), (1, found.bring_cm3)):
+        row, column = np.nonzero(sign * change > 5e-4)
+        volume = np.cumsum(np.abs(change[row, column].astype(float)))
+        parcels = np.arange(0.5, round(5 * total)) / round(5 * total) * volume[-1]
+        picked = np.searchsorted(volume, parcels)
+        sides.append(np.stack([x[column[picked]], y[row[picked]]], 1))
+    ways = np.linalg.norm(sides[0][:, None] - sides[1][None], axis=-1)
+    assert 1e3 * ways[linear_sum_assignment(ways)].mean() == pytest.approx(found.way_mm, rel=0.04)
+
+
+def test_noise_is_no_region_and_a_press_needs_no_carry(flat, rng):
+    noise = rng.normal(0, 6.4e-4, flat.height.shape).astype(np.float32)
+    found = transport(flat, block(flat, -0.008) + noise)
+    assert len(found.take) == 1 and not found.bring and not found.carries
+    assert found.take_cm3 == pytest.approx(28.8, rel=0.05) and found.way_mm is None
+    said = report(make_goal(flat, block(flat, -0.008), Limits(4.0)))["transport"]
+    assert said["carries"] == [] and not any("to carry" in line for line in said["says"])
+
+
+def test_a_picture_says_the_volumes(flat):
+    wanted = block(flat, -0.01, middle=-0.08) + block(flat, 0.01, middle=0.08)
+    (label,), (other,) = [
+        [one for one in goal_figure(make_goal(flat, wanted, Limits(4.0))).axes[2].texts
+         if one.get_text().startswith(sign)]
+        for sign in "-+"
+    ]  # fmt: skip
+    assert float(label.get_text()) == pytest.approx(-36, abs=3)
+    assert float(other.get_text()) == pytest.approx(36, abs=3)
+    assert label.get_position() == pytest.approx((-80, 0), abs=6)
+    assert other.get_position() == pytest.approx((80, 0), abs=6)
 
 
 def test_a_frame_is_its_own_goal(hills):

@@ -151,7 +151,7 @@ def _print(said: dict[str, Any]) -> None:
         )
     if said["seen"] < 1:
         print(f"{said['seen']:.1%} of the bed was seen; the rest does not count")
-    for line in (*said["assumed"], *said["says"]):
+    for line in (*said["assumed"], *said["says"], *said["transport"]["says"]):
         print(line)
     for line in said["warnings"]:
         print(f"warning: {line}")

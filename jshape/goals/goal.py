@@ -12,6 +12,7 @@ from jshape._typing import Bool, Float
 from jshape.errors import BadImage, JShapeError, UnknownName, quoted
 from jshape.goals.bedmap import BedMap
 from jshape.goals.slopes import held
+from jshape.goals.transport import Transport, transport
 from jshape.sim.bed import DEPTH
 
 BALANCES = ("around", "level")
@@ -83,6 +84,11 @@ class Goal:
     def depth(self) -> Float[np.ndarray, "H W"]:
         """The depth image to plan for, metres, without gaps."""
         return self.bed.frame_with(self.height, self.like)
+
+    @cached_property
+    def transport(self) -> Transport:
+        """How much material has to come from where."""
+        return transport(self.bed, self.change)
 
 
 def make_goal(

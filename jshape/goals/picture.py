@@ -11,6 +11,8 @@ from jshape.viz.style import own_style
 
 CONTOURS = 1.0
 """Contour lines are drawn this far apart, mm; wider on changes of more than six lines."""
+LABELLED = 0.02
+"""Regions of less than this share of what all move have no label."""
 
 
 @own_style()
@@ -46,10 +48,12 @@ def goal_figure(goal: Goal, title: str = "") -> Figure:
             x, y, np.nan_to_num(change), levels=[*-lines[::-1], *lines], colors="k",
             linewidths=0.5, negative_linestyles="solid",
         )  # fmt: skip
+    _draw_regions(axes["change"], goal)
     titles = {
         "bed": "the bed now",
         "goal": "the goal",
-        "change": f"the bed now - the goal, a line every {apart:g} mm",
+        "change": f"the bed now - the goal, a line every {apart:g} mm\n"
+        "in the boxes: cm³ to take (-) and to bring (+)",
     }
     for name, text in titles.items():
         ax = axes[name]
@@ -64,6 +68,20 @@ def goal_figure(goal: Goal, title: str = "") -> Figure:
     if title:
         figure.suptitle(title)
     return figure
+
+
+def _draw_regions(ax: Axes, goal: Goal) -> None:
+    """The volume of each large region, cm³, where it is highest or deepest."""
+    found = goal.transport
+    least = LABELLED * (found.take_cm3 + found.bring_cm3)
+    for regions, sign, colour in ((found.take, "-", "darkred"), (found.bring, "+", "navy")):
+        for region in regions:
+            if region.volume_cm3 < least:
+                continue
+            x, y = (1e3 * k for k in region.point)
+            label = ax.text(x, -y, f"{sign}{region.volume_cm3:.{region.volume_cm3 < 9.95:d}f}",
+                            color=colour, fontsize=9, ha="center", va="center")  # fmt: skip
+            label.set_bbox({"facecolor": "white", "edgecolor": colour, "alpha": 0.85, "pad": 1.5})
 
 
 def _draw_cut(ax: Axes, goal: Goal, row: int, x: np.ndarray, span: tuple[float, float]) -> None:

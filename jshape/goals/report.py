@@ -8,12 +8,11 @@ import numpy as np
 from jshape.goals.bedmap import BedMap
 from jshape.goals.goal import Goal
 from jshape.goals.slopes import steepness
+from jshape.goals.transport import LEAST_CM3, TOLD, Region, Transport
 from jshape.sim.material import Material
 
-TOLD = 5e-4
-"""Changes of less than this, metres, have no area: the noise of one frame is 0.45 mm."""
-LEAST_CM3 = 0.05
-"""Less than this is not told, cm³."""
+MOST_TOLD = 3
+"""Regions and carries in one sentence; all of them are in the report."""
 EDGE = 0.02
 """Changes nearer to the view's edge than this, metres, are hardly met by any action."""
 WHY = {
@@ -35,8 +34,10 @@ def report(goal: Goal, material: Material | None = None) -> dict[str, Any]:
 
     Returns:
       Volumes in cm³ (`raised`, `sunk`, `net` = raised - sunk), areas in cm², heights in mm,
-      places as (u, v) in the frame; `left` has one entry per reason; `says` are the same in
-      sentences and `warnings` what no action can do about it.
+      places as (u, v) in the frame; `transport` has the regions to take from and to bring to, what
+      is carried between them along the least way, and what a stock would have to give (`stock_cm3`,
+      below 0: take); `left` has one entry per reason; `says` are the same in sentences and
+      `warnings` what no press can do about it.
     """
     bed, change = goal.bed, goal.change
     up, down = np.maximum(change, 0.0), np.maximum(-change, 0.0)
@@ -54,6 +55,7 @@ def report(goal: Goal, material: Material | None = None) -> dict[str, Any]:
         "floor_mm": 1e3 * goal.limits.floor,
         "wanted_raised_cm3": bed.cm3(np.maximum(goal.wanted, 0.0)),
         "wanted_sunk_cm3": bed.cm3(np.maximum(-goal.wanted, 0.0)),
+        "transport": _transport(goal.transport),
         "left": {reason: _lost(bed, field) for reason, field in goal.left.items()},
         "balance": None,
     }
@@ -63,6 +65,38 @@ def report(goal: Goal, material: Material | None = None) -> dict[str, Any]:
     result["says"] = _sentences(result)
     result["warnings"] = _warnings(goal, result, material)
     return result
+
+
+def _transport(found: Transport) -> dict[str, Any]:
+    """What is taken, brought and carried, with the places of regions."""
+
+    def said(region: Region) -> dict[str, Any]:
+        return {
+            "volume_cm3": region.volume_cm3,
+            "area_cm2": region.area_cm2,
+            "most_mm": region.most_mm,
+            "place": list(region.place),
+        }
+
+    carries = [
+        {
+            "volume_cm3": one.volume_cm3,
+            "from": list(one.take.place),
+            "to": list(one.bring.place),
+            "way_mm": one.way_mm,
+        }
+        for one in found.carries
+    ]
+    result = {
+        "take_cm3": found.take_cm3,
+        "bring_cm3": found.bring_cm3,
+        "stock_cm3": found.stock_cm3,
+        "way_mm": found.way_mm,
+        "take": [said(region) for region in found.take],
+        "bring": [said(region) for region in found.bring],
+        "carries": carries,
+    }
+    return result | {"says": _transport_sentences(result)}
 
 
 def _cm2(bed: BedMap, where: np.ndarray) -> float:
@@ -118,6 +152,41 @@ def _sentences(found: dict[str, Any]) -> list[str]:
     return says
 
 
+def _transport_sentences(found: dict[str, Any]) -> list[str]:
+    """The largest regions, the largest carries, and what is left for a stock."""
+
+    def listed(parts: list[str]) -> str:
+        more = len(parts) - MOST_TOLD
+        return "; ".join(parts[:MOST_TOLD]) + (f"; and {more} more" if more > 0 else "")
+
+    says = []
+    for name, side in (("too much", "take"), ("too little", "bring")):
+        parts = [
+            f"{one['volume_cm3']:.1f} cm³ around ({one['place'][0]}, {one['place'][1]})"
+            for one in found[side]
+        ]
+        if parts:
+            says.append(f"{name}: {listed(parts)}")
+    parts = [
+        f"{one['volume_cm3']:.1f} cm³ from ({one['from'][0]}, {one['from'][1]}) to "
+        f"({one['to'][0]}, {one['to'][1]}), {one['way_mm']:.0f} mm"
+        for one in found["carries"]
+    ]
+    if parts:
+        carried = sum(one["volume_cm3"] for one in found["carries"])
+        says.append(
+            f"to carry: {carried:.1f} cm³ by {found['way_mm']:.0f} mm on average: {listed(parts)}"
+        )
+    stock = found["stock_cm3"]
+    if abs(stock) > max(LEAST_CM3, 0.01 * (found["take_cm3"] + found["bring_cm3"])):
+        says.append(
+            f"a stock beside the bed would have to give {stock:.1f} cm³"
+            if stock > 0
+            else f"a stock would have to take {-stock:.1f} cm³, as far as presses do not pack it"
+        )
+    return says
+
+
 def _warnings(goal: Goal, found: dict[str, Any], material: Material | None) -> list[str]:
     warnings = []
     if not np.abs(goal.change).max() > TOLD:
@@ -125,13 +194,13 @@ def _warnings(goal: Goal, found: dict[str, Any], material: Material | None) -> l
     net, moved = found["net_cm3"], found["raised_cm3"] + found["sunk_cm3"]
     if net > max(LEAST_CM3, 0.02 * moved):
         warnings.append(
-            f"{net:.1f} cm³ more are raised than sunk: that is more material than there is, and no "
-            "action brings any; --balance takes it from the bed"
+            f"{net:.1f} cm³ more are raised than sunk: that is more material than there is, and "
+            "only a pour from a stock brings any; --balance takes it from the bed"
         )
     elif goal.balance is not None and goal.balance.before > max(LEAST_CM3, 0.02 * moved):
         warnings.append(
-            f"{found['raised_cm3']:.1f} cm³ are to be raised: actions push material down or "
-            "aside and bring none, so hills keep most of their distance to the goal"
+            f"{found['raised_cm3']:.1f} cm³ are to be raised: hills keep most of their distance to "
+            "the goal unless a bank carries material (moving-flour-robot)"
         )
     elif -net > max(LEAST_CM3, 0.02 * moved):
         warnings.append(_to_pack(goal, -net, material))

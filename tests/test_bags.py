@@ -12,8 +12,8 @@ import pytest
 
 from jshape import Camera
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
+from jshape.io.bag_images import decode_rvl
 from jshape.io.bags import open_bag
-from jshape.io.rvl import decode_rvl
 
 pytest.importorskip("rosbags")
 

@@ -40,16 +40,18 @@ def annotate(
       dataset: Folder with pairs of frames.
       out: Folder of the new data set; the same as DATASET with --overwrite replaces it.
     """
-    folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    folders.check_target(out, options.overwrite, contents=datasets.CONTENTS)
     pairs = datasets.load_pairs(dataset)
-    annotations.sheet_name((len(pairs) - 1) // sheets.PER_PAGE)  # too many are refused at once
+    if len(pairs) > sheets.PER_PAGE * len(datasets.SHEETS):
+        pages = len(datasets.SHEETS)
+        raise BadDataset(f"a contact sheet has at most {pages} pages; annotate fewer pairs")
     by_hand = annotations.boxes_by_hand(dataset)
     if options.all:
         by_hand[:] = False
     elif by_hand.all():
         raise BadDataset(
             f"{dataset}: all {len(pairs)} boxes were given by hand (no row has a box in "
-            f"the column {annotations.FOUND!r} that is still its own); --all finds them anew"
+            f"the column {datasets.FOUND!r} that is still its own); --all finds them anew"
         )
     effects = [
         finding.find_effect(prior, posterior, pairs.depth_unit, hidden=pairs.camera.orthographic)
@@ -69,7 +71,7 @@ def annotate(
         raise BadDataset(f"{dataset}: no pair shows a change, so none is left")
     doubts = _doubts(found, effects, by_hand, there)
     kept = np.flatnonzero(there).tolist()
-    with annotations.found_writer(
+    with datasets.dataset_writer(
         out, pairs.camera, pairs.depth_unit, overwrite=options.overwrite
     ) as add:
         for k in kept:
@@ -81,7 +83,7 @@ def annotate(
             ]
             colours = [sheets.colour_of(str(found.action[k])) for k in page]
             sheet = partial(sheets.contact_sheet, tiles, colours=colours)
-            add.pictures.update(drawn({annotations.sheet_name(number): sheet}, dpi=90))
+            add.pictures.update(drawn({datasets.SHEETS[number]: sheet}, dpi=90))
     rows = _groups(found.select(there), by_hand[there])
     print_table(("action", "pairs", "by hand", "ROI (w x h)"), rows)
     for name, why in doubts.items():

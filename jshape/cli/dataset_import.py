@@ -52,13 +52,13 @@ def import_dataset(
       source: Folder: camera.json with NAME_before.png and NAME_after.png, or before/ and after/.
       out: Folder of the new data set.
     """
-    folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    folders.check_target(out, options.overwrite, contents=datasets.CONTENTS)
     found = imports.before_after_files(source)
     seen = imports.before_after_view(source, found, options.camera_file, like_of(options))
     labels = _by_name(options, source, list(found))
     kept = {name: paths for name, paths in found.items() if labels[name].action != LEAVE_OUT}
     still, left_out = [], Counter()
-    with annotations.found_writer(
+    with datasets.dataset_writer(
         out, seen.camera, seen.depth_unit, overwrite=options.overwrite
     ) as add:
         pairs = imports.before_after_pairs(kept, seen, left_out)
@@ -66,9 +66,8 @@ def import_dataset(
             if pair.box[2:] == (seen.camera.width, seen.camera.height):
                 still.append(pair.name)
             label, place = labels[pair.name], placed(pair.box)
-            add(
-                id=pair.name, prior=pair.prior, posterior=pair.posterior, **label._asdict(), **place
-            )
+            frames = {"prior": pair.prior, "posterior": pair.posterior}
+            add(id=pair.name, by_hand=False, **frames, **label._asdict(), **place)
     said = [f"{len(kept)} pairs"]
     if gaps := sum(left_out.values()):
         said.append(f"{gaps} pixels without depth{said_of(left_out)}")
@@ -137,7 +136,7 @@ def merge(out: Path, dataset: Path, /, *more: Path, options: Writes = Writes()) 
       more: The others.
     """
     whole = (dataset, *more)
-    folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    folders.check_target(out, options.overwrite, contents=datasets.CONTENTS)
     parts = [datasets.load_pairs(folder) for folder in whole]
     first = parts[0]
     fields = [
@@ -151,7 +150,7 @@ def merge(out: Path, dataset: Path, /, *more: Path, options: Writes = Writes()) 
                 what = f"its {name} is {theirs[name]}, that of {dataset} {ours}"
                 raise BadDataset(f"{folder}: another camera: {what}")
     seen = set()
-    with annotations.found_writer(
+    with datasets.dataset_writer(
         out, first.camera, first.depth_unit, overwrite=options.overwrite
     ) as add:
         for folder, pairs in zip(whole, parts, strict=True):

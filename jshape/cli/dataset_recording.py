@@ -34,7 +34,7 @@ from jshape.data.changes import (
 from jshape.data.moved import TURNED_DEG, moved
 from jshape.data.pair_view import PairView, pair_view
 from jshape.errors import BadDataset
-from jshape.io import annotations, folders, recordings
+from jshape.io import datasets, folders, recordings
 from jshape.io.at_once import open_at_once
 from jshape.io.recordings import LABELS, LEAVE_OUT, Label, Recording
 from jshape.io.simulated import material_of
@@ -127,7 +127,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
       folder: camera.json and numbered frames; of several cameras at once, a folder of each in it.
       out: Folder of the new data set.
     """
-    folders.check_target(out, options.overwrite, contents=annotations.FOUND_CONTENTS)
+    folders.check_target(out, options.overwrite, contents=datasets.CONTENTS)
     parts = open_at_once(folder, allow_gaps=options.allow_gaps)
     file = str(folder / LABELS) if (folder / LABELS).is_file() else "FILE with one row per change"
     labels = labels_of(options, file)
@@ -165,7 +165,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     name = folder.resolve().name
     texts = iter([label.action if label else "left out" for label in named])
     told = [(c, next(texts) if c.kind == "action" else c.kind) for c in changes]
-    with annotations.found_writer(
+    with datasets.dataset_writer(
         out, seen.camera, seen.depth_unit, overwrite=options.overwrite
     ) as add:
         for number, (change, label) in enumerate(kept):
@@ -173,6 +173,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
                 id=f"{name}_{number:03d}_{label.action}",
                 prior=change.before.counts,
                 posterior=change.after.counts,
+                by_hand=False,
                 **label._asdict(),
                 **placed(provisional_box(change.effect, seen.camera.shape)),
             )
@@ -182,7 +183,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
         timeline = partial(
             sheets.timeline_figure, cut.motion, cut.occluded, segments, marks, title=title
         )
-        add.pictures.update(drawn({annotations.TIMELINE: timeline}))
+        add.pictures.update(drawn({datasets.TIMELINE: timeline}))
     rows = [(f"{c.before.segment} / {c.after.segment}", text, c.why) for c, text in told]
     hidden = sum(s.state == "occluded" for s in cut.segments)
     print(
@@ -192,7 +193,7 @@ def segment(folder: Path, out: Path, /, options: Segmented = Segmented()) -> dic
     if seen.said:
         print(seen.said)
     print_table(("frames before / after", "what", "why no pair"), rows)
-    print(f"{len(kept)} pairs, and {annotations.TIMELINE} to check: {out}")
+    print(f"{len(kept)} pairs, and {datasets.TIMELINE} to check: {out}")
     return {
         "out": str(out),
         "frames": count,

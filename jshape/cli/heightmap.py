@@ -18,7 +18,7 @@ from jshape.errors import BadFile
 from jshape.height_map import HeightMap
 from jshape.io import files
 from jshape.io.cameras import read_bed
-from jshape.io.looks import CameraFrames, read_looks
+from jshape.io.frames import CameraFrames, read_looks
 from jshape.io.maps import SUFFIX, read_map, write_map
 from jshape.viz.style import drawn
 

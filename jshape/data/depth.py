@@ -9,7 +9,7 @@ from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera
 from jshape.data.intrinsics import REACH
 from jshape.data.missing import missing, readings
-from jshape.errors import BadCamera, BadImage, one_line, quoted
+from jshape.errors import BadCamera, BadImage, JShapeError, one_line, quoted
 
 _HEIGHT_HINT = "; say which camera took it (camera=, --camera-file), and it is seen from above"
 
@@ -92,8 +92,7 @@ def check_depth(
     Raises:
       BadImage: another shape, no reading, or too few readings inside the camera's range.
     """
-    if depth.shape != camera.shape:
-        raise BadImage(wrong_shape(where, depth.shape, camera))
+    check_shape(depth, camera, where)
     found = depth[~missing(depth)]
     if found.size == 0:
         raise BadImage(f"{where}: no pixel has a reading")
@@ -117,8 +116,7 @@ def check_unit(
     Refused is a median reading beyond 3 times the camera's range (a factor of ten is 3.2 each
     way) that a power of ten brings into the range, or within half of it beside.
 
-    Raises:
-      BadImage: with the unit that would fit.
+    Raises BadImage: with the unit that would fit.
     """
     step = max(1, int((depth.size / MANY) ** 0.5))
     some = depth[::step, ::step]
@@ -144,8 +142,7 @@ def check_numbers(raw: np.ndarray, unit: float, camera: Camera, where: str) -> b
     A thousandth of the readings (`raw` times `unit` metres) must reach the camera's range if their
     median would lie in it in another unit.  False: there is no reading to tell by.
 
-    Raises:
-      BadImage: so it is, or the median is out of `REACH`.
+    Raises BadImage: so it is, or the median is out of `REACH`.
     """
     depth = np.ma.getdata(raw)[readings(raw).there].astype(np.float64) * unit
     if not depth.size:
@@ -181,10 +178,14 @@ def unit_that_fits(counts: np.ndarray, camera: Camera) -> str:
     )
 
 
-def wrong_shape(where: str, shape: tuple[int, ...], camera: Camera) -> str:
-    """The sentence for an image of another size."""
-    size = f"{shape[1]}x{shape[0]} pixels" if len(shape) == 2 else f"shape {shape}"
-    return f"{where}: has {size}; the camera makes {camera.width}x{camera.height}"
+def check_shape(
+    image: np.ndarray, camera: Camera, where: str, error: type[JShapeError] = BadImage
+) -> None:
+    """Refuse an image of another size than the camera makes; raises as `error`."""
+    if image.shape != camera.shape:
+        plain = image.ndim == 2
+        size = "{1}x{0} pixels".format(*image.shape) if plain else f"shape {image.shape}"
+        raise error(f"{where}: has {size}; the camera makes {camera.width}x{camera.height}")
 
 
 def _factor(median: float, low: float, high: float) -> float | None:

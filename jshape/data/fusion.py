@@ -42,8 +42,7 @@ class Look(NamedTuple):
 def check_poses(cameras: Sequence[Camera], names: Sequence[str]) -> None:
     """Refuse several cameras of which one, called by its name, has no pose, or another's.
 
-    Raises:
-      BadCamera: there is one.
+    Raises BadCamera: there is one.
     """
     for k, (camera, name) in enumerate(zip(cameras, names, strict=True)):
         if len(cameras) > 1 and camera.pose is None:
@@ -80,21 +79,20 @@ def points_of(
 
 
 def seen_from(
-    looks: Sequence[Look], target: Camera, where: str = "depth"
+    looks: Sequence[Look],
+    target: Camera,
+    where: str = "depth",
+    each: Sequence[np.ndarray] | None = None,
 ) -> Float[np.ndarray, "h w"]:
     """What a camera would see of the bed that others see: metres, NaN where none of them does.
+
+    `each` is what `reprojected` gave of every look, if it was asked already.
 
     Raises:
       BadImage: nothing of it.
       BadCamera: looks that do not agree.
     """
-    return fused(looks, [reprojected(look, target) for look in looks], target, where)
-
-
-def fused(
-    looks: Sequence[Look], each: Sequence[np.ndarray], target: Camera, where: str = "depth"
-) -> Float[np.ndarray, "h w"]:
-    """As `seen_from`, of looks that `each` are reprojected already."""
+    each = [reprojected(look, target) for look in looks] if each is None else each
     seen = _mean_of(looks, each, target, where)
     middle = (float(target.z_min) + float(target.z_max)) / 2
     found = _without_gaps(seen, float(target.scale(middle)[0]))
@@ -139,8 +137,7 @@ def _mean_of(
 
     Where looks disagree by more than `APART`, as at edges, the least noisy one holds.
 
-    Raises:
-      BadCamera: two of them do not agree on most of what both see.
+    Raises BadCamera: two of them do not agree on most of what both see.
     """
     if len(seen) == 1:
         return seen[0]

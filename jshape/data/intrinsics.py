@@ -45,8 +45,7 @@ def lens_of(distortion: Iterable[float], where: str) -> tuple[float, ...] | None
     So OpenCV orders them, ROS (plumb_bob the first five, rational_polynomial all) and the RealSense
     SDK (Brown-Conrady).
 
-    Raises:
-      BadCamera: others than these are not 0 (thin prisms, a tilted sensor).
+    Raises BadCamera: others than these are not 0 (thin prisms, a tilted sensor).
     """
     coefficients = [float(c) for c in distortion]
     if bent(coefficients[8:]):
@@ -68,8 +67,7 @@ def bent(distortion: Iterable[float]) -> bool:
 def check_straight(camera: Camera, where: str) -> Camera:
     """The camera itself, if its rays are straight.
 
-    Raises:
-      BadCamera: its lens bends them, which nothing that takes its images knows of.
+    Raises BadCamera: its lens bends them, which nothing that takes its images knows of.
     """
     if camera.lens is not None:
         raise BadCamera(f"{where}: the camera's lens distorts; {LENS_WAY}")

@@ -6,8 +6,8 @@ import numpy as np
 
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera, check_camera, check_pose
-from jshape.data.depth import check_unit, to_metres, wrong_shape
-from jshape.data.fusion import RELIEF, Look, check_poses, fused, points_of, reprojected, some_of
+from jshape.data.depth import check_shape, check_unit, to_metres
+from jshape.data.fusion import RELIEF, Look, check_poses, points_of, reprojected, seen_from, some_of
 from jshape.data.moved import GRAIN, averaged, moved
 from jshape.data.planes import LEAST_SURFACE, NEAR, bed_in, fit_plane, off_plane
 from jshape.errors import BadCamera, BadImage, JShapeError, quoted
@@ -78,7 +78,7 @@ def together(
     else:
         target, of = check_map(like, "like").camera(), like.frame
     each = [reprojected(look, target) for look in looks]
-    found = map_of(fused(looks, each, target, where), target, of)
+    found = map_of(seen_from(looks, target, where, each), target, of)
     if like is not None:
         check_still(found, like, where, before)
     return found, target, each
@@ -96,8 +96,7 @@ def taken(
 
     Errors name the frames of each of several cameras by `names`, if they are given.
 
-    Raises:
-      BadImage, BadCamera: as for `heightmap`.
+    Raises BadImage, BadCamera: as for `heightmap`.
     """
     several = not isinstance(cameras, Camera)
     every = list(cameras) if isinstance(cameras, Sequence) else [cameras]
@@ -115,8 +114,8 @@ def taken(
     for raw, camera, name in zip(frames, every, names, strict=True):
         stack = to_metres(raw, depth_unit, name)
         stack = stack[None] if stack.ndim == 2 else stack
-        if stack.ndim != 3 or stack.shape[1:] != camera.shape:
-            raise BadImage(wrong_shape(name, stack.shape[-2:] or stack.shape, camera))
+        for one in stack if stack.ndim == 3 else [stack]:
+            check_shape(one, camera, name)
         depth = stack[0] if len(stack) == 1 else _mean(stack)
         if not np.isfinite(depth).any():
             away = "; does the camera's pose look away from the bed?" if camera.pose else ""
@@ -148,8 +147,7 @@ def plane_frame(look: Look, where: str = "depth") -> Float[np.ndarray, "4 4"]:
     Its z is the plane's normal towards the camera, the origin lies where the optical axis meets
     the plane, x runs along the image's u.
 
-    Raises:
-      BadImage: there is no such plane before the camera.
+    Raises BadImage: there is no such plane before the camera.
     """
     plane = _plane(look, where)
     if not plane[2] > 1e-6:
@@ -166,8 +164,7 @@ def plane_frame(look: Look, where: str = "depth") -> Float[np.ndarray, "4 4"]:
 def _plane(look: Look, where: str) -> np.ndarray:
     """The plane that most readings of the bed that a look shows lie in.
 
-    Raises:
-      BadImage: there is none.
+    Raises BadImage: there is none.
     """
     depth, camera = bed_of(look)
     there = np.isfinite(depth)
@@ -210,8 +207,7 @@ def camera_over(
 ) -> tuple[Camera, Frame]:
     """The camera that sees all of the looks' bed from straight above, and the frame of its map.
 
-    Raises:
-      BadImage, BadCamera, JShapeError: as for `heightmap`.
+    Raises BadImage, BadCamera, JShapeError: as for `heightmap`.
     """
     first = looks[0]
     if frame is not None:
@@ -245,8 +241,7 @@ def check_still(found: HeightMap, like: HeightMap, where: str, of: str) -> None:
 
     As far as `moved` tells it, from nodes averaged over `GRAIN`.
 
-    Raises:
-      BadCamera: the camera moved.
+    Raises BadCamera: the camera moved.
     """
     camera = like.camera(found)
     now, before = found.depth(camera), like.depth(camera)

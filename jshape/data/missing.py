@@ -176,8 +176,7 @@ def fill_missing(
 def fill_nan(image: np.ndarray) -> Float[np.ndarray, "H W"]:
     """An image of any numbers with its NaN pixels filled as `fill_missing` does.
 
-    Raises:
-      MissingDepth: it is all NaN.
+    Raises MissingDepth: it is all NaN.
     """
     holes = np.isnan(image)
     if holes.all():

@@ -128,8 +128,7 @@ def cut(
 def cut_at_once(cuts: Sequence[Cut], names: Sequence[str], min_frames: int = MIN_FRAMES) -> Cut:
     """The cut of recordings by several cameras at once: open is what all of them see open.
 
-    Raises:
-      BadDataset: they see the open bed at other moments: they were not recorded at once.
+    Raises BadDataset: they see the open bed at other moments: they were not recorded at once.
     """
     found, first = cuts[0], cuts[0].shown
     for other, name in zip(cuts[1:], names[1:], strict=True):

@@ -152,8 +152,7 @@ def measure(
 def _over_time(stack: np.ndarray, bed: np.ndarray, unit_mm: float, where: str) -> float:
     """The median noise of some of the bed's pixels, mm.
 
-    Raises:
-      BadImage: they lie elsewhere at the end than at the beginning.
+    Raises BadImage: they lie elsewhere at the end than at the beginning.
     """
     if len(stack) == 1:
         return float("nan")

@@ -59,8 +59,7 @@ class SimulatedPair(NamedTuple):
 def random_bed(key: Key[Array, ""], kind: str, std: float = 0.008) -> sim.Bed:
     """A bed of one kind; irregular ones have hills of standard deviation `std` metres.
 
-    Raises:
-      UnknownName: no such kind.
+    Raises UnknownName: no such kind.
     """
     if kind == "flat":
         return sim.flat_bed()
@@ -177,17 +176,8 @@ def simulate_pairs(
                     )
                     for k, b in ((for_prior, bed), (for_posterior, after))
                 )
-                yield SimulatedPair(
-                    action,
-                    who,
-                    material.name,
-                    place,
-                    roi,
-                    prior,
-                    posterior,
-                    strength,
-                    path * length,
-                )
+                what, frames_of_both = (action, who, material.name, place, roi), (prior, posterior)
+                yield SimulatedPair(*what, *frames_of_both, strength, path * length)
 
 
 def random_place(key: Key[Array, ""], roi: tuple[int, int], camera: Camera) -> tuple[int, int]:

@@ -10,7 +10,7 @@ import numpy as np
 from jshape import metric
 from jshape._typing import ArrayLike, Bool, Float, Num
 from jshape.camera import PAPER_BOX, Camera, check_camera, differing, matrix, window_of
-from jshape.data.depth import check_depth, outside_range, to_metres, wrong_shape
+from jshape.data.depth import check_depth, check_shape, outside_range, to_metres
 from jshape.data.fusion import Look, seen_from
 from jshape.data.looks import camera_over, plane_frame
 from jshape.data.missing import fill_missing, missing
@@ -60,8 +60,7 @@ class View:
           BadImage: another size than the source's, or no reading at all.
           BadCamera: looks that do not agree, or a target that only cuts a window out of one.
         """
-        if depth.shape != self.source.shape:
-            raise BadImage(wrong_shape(where, depth.shape, self.source))
+        check_shape(depth, self.source, where)
         if self.window is None:
             return seen_from([look_of(depth, self.source), *others], self.target, where)
         if others:
@@ -133,8 +132,7 @@ def in_range(frame: np.ndarray, camera: Camera) -> bool:
 def cut_of(source: Camera, target: Camera) -> tuple[int, int]:
     """(left, top) of a bank's image in the frames of a camera.
 
-    Raises:
-      BadCamera: they do not hold it.
+    Raises BadCamera: they do not hold it.
     """
     check_camera(source)
     at = window_of(target, source)
@@ -174,8 +172,7 @@ def view_above(
       BadImage: another size than the camera's, or no bed in it.
     """
     check_camera(source, where)
-    if frame.shape != source.shape:
-        raise BadImage(wrong_shape(where, frame.shape, source))
+    check_shape(frame, source, where)
     look = look_of(frame, source)
     if target is None:
         whole, _ = camera_over([look, *others], where=where)
@@ -193,8 +190,7 @@ def view_like(view: View, source: Camera, frame: np.ndarray, where: str = "frame
     Raises BadCamera, BadImage: as `view_above`.
     """
     check_camera(source, where)
-    if frame.shape != source.shape:
-        raise BadImage(wrong_shape(where, frame.shape, source))
+    check_shape(frame, source, where)
     cut = window_of(view.target, source)
     if view.window is not None and cut is not None:
         return View(source, view.target, cut)
@@ -276,8 +272,7 @@ def known_in_both(
 ) -> Bool[np.ndarray, "H W"]:
     """What is known of the bed now and of the one wanted: all that a distance counts.
 
-    Raises:
-      BadImage: less than `LEAST_SEEN`; the `names` are of the two.
+    Raises BadImage: less than `LEAST_SEEN`; the `names` are of the two.
     """
     both = now & wanted
     if (share := float(both.mean())) < LEAST_SEEN:

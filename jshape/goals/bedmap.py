@@ -4,7 +4,7 @@ Arrays of the image are `[v, u]`, arrays of the map `[y, x]`; x runs along u, y 
 camera's frame.  Heights are metres above the bed's level, up.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -12,10 +12,9 @@ import numpy as np
 
 from jshape._typing import Array, Bool, Float
 from jshape.camera import Camera, check_camera
-from jshape.data.depth import to_metres, wrong_shape
+from jshape.data.depth import check_shape, to_metres
 from jshape.data.missing import LIMIT, fill_missing, missing
 from jshape.data.view import LEAST_SEEN, above
-from jshape.errors import BadImage
 from jshape.models.orthographic import OrthographicGrid
 
 SPAN = 0.06
@@ -143,8 +142,7 @@ def bed_map(
       BadCamera: a camera that makes no sense, or a window that leaves its image.
     """
     check_camera(camera)
-    if np.shape(frame) != camera.shape:
-        raise BadImage(wrong_shape(where, np.shape(frame), camera))
+    check_shape(frame, camera, where)
     depth = to_metres(frame, 1.0, where)
     known = ~(missing(depth) & above(camera))
     limit = max_missing if known.all() else 1.0 - LEAST_SEEN
@@ -172,16 +170,14 @@ def bed_map(
         grid=grid,
         height=surface,
         inside=everywhere,
-        seen=everywhere.copy(),
+        seen=everywhere,
         filled=filled if known.all() else 0,
     )
     u, v = bed.pixels()
     inside = (np.abs(u - left - (width - 1) / 2) <= width / 2) & (
         np.abs(v - top - (height - 1) / 2) <= height / 2
     )
-    bed.inside[:] = inside
-    bed.seen[:] = inside & bed.at_nodes(known)
-    return bed
+    return replace(bed, inside=inside, seen=inside & bed.at_nodes(known))
 
 
 def _part(frame: np.ndarray, corner: tuple[int, int], camera: Camera) -> np.ndarray:

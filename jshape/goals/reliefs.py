@@ -91,11 +91,7 @@ def relief_of_mask(mask: np.ndarray, height: float, name: str = "mask") -> Relie
 
 
 def inked(mask: np.ndarray, name: str = "mask") -> Float[np.ndarray, "rows columns"]:
-    """1 where something is drawn and 0 elsewhere.
-
-    Raises:
-      BadImage: as for `relief_of_mask`.
-    """
+    """1 where something is drawn and 0 elsewhere.  Raises BadImage: as for `relief_of_mask`."""
     values = _numbers(mask, name)
     top = float(np.nanmax(values)) if np.isfinite(values).any() else 0.0
     ink = np.nan_to_num(values) > top / 2

@@ -12,9 +12,8 @@ from jshape.errors import BadFile, BadImage, one_line
 def read_arrays(data: bytes, where: str, limit: int) -> dict[str, np.ndarray]:
     """The arrays of numbers in an NPZ, by name; nothing is unpickled.
 
-    Raises:
-      BadFile: it is damaged, unpacks to more bytes than `limit`, or holds something else than
-        arrays of numbers.
+    Raises BadFile: it is damaged, unpacks to more bytes than `limit`, or holds something else than
+    arrays of numbers.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -36,8 +35,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
 def parse_npy(data: bytes, where: str) -> np.ndarray:
     """The array of an NPY's bytes; nothing is unpickled.
 
-    Raises:
-      BadImage: not a whole NPY, or one that does not hold numbers.
+    Raises BadImage: not a whole NPY, or one that does not hold numbers.
     """
     try:
         with warnings.catch_warnings(action="ignore"):

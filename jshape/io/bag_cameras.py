@@ -49,10 +49,9 @@ def camera_of(
     The topic's name says whether the frames, of `size` (width, height), are rectified; the bed lies
     in `z_range`, metres.
 
-    Raises:
-      BadCamera: numbers that make no sense, of frames of another size, or of a lens of another
-        model than those of `LENSES`; or K and P differ, or the lens distorts, and nothing says
-        whether the frames are rectified.
+    Raises BadCamera: numbers that make no sense, of frames of another size, or of a lens of another
+    model than those of `LENSES`; or K and P differ, or the lens distorts, and nothing says whether
+    the frames are rectified.
     """
     k, d, p, whole, binning, region = stated(info)
     left, top, width, height, distinct = (int(n) for n in region)

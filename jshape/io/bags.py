@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import Camera
-from jshape.data.depth import check_numbers, wrong_shape
+from jshape.data.depth import check_numbers, check_shape
 from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, same_frames
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
 from jshape.io.bag_cameras import INFO, camera_of, stated
@@ -78,8 +78,7 @@ class DepthBag:
             raw = _decoded(message, where)
             if (raw.dtype.kind == "f") != self.metres:
                 raise BadImage(f"{where}: has another encoding than the first")
-            if raw.shape != self.camera.shape:
-                raise BadImage(wrong_shape(where, raw.shape, self.camera))
+            check_shape(raw, self.camera, where)
             sure = sure or check_numbers(raw, self.number_unit, self.camera, where)
             yield counts_of(raw * self.number_unit) if self.metres else raw
             number += 1

@@ -22,7 +22,7 @@ from jshape.io.arrays import read_arrays
 from jshape.io.cameras import camera_fields, camera_from
 from jshape.io.files import as_error, check_sums, read_bytes, read_json, write_atomic, write_json
 from jshape.io.folders import atomic_folder, folder_of
-from jshape.io.kinds import KINDS
+from jshape.io.kinds import KINDS, pack, unpack
 from jshape.io.records import OneLine, Range, check_format, read_record
 from jshape.models.bank import Bank
 
@@ -145,7 +145,7 @@ def _packed(bank: Bank, where: str) -> bytes:
     """The NPZ of all actions' arrays."""
     arrays = {}
     for number, (name, predictor) in enumerate(zip(bank.actions, bank.predictors, strict=True)):
-        for part, array in KINDS[bank.kind].pack(predictor).items():
+        for part, array in pack(predictor, bank.kind).items():
             if not np.isfinite(array).all():
                 raise BadBank(f"{where}: {part} of {name} holds NaN or infinity")
             arrays[f"{number}.{part}"] = array
@@ -170,7 +170,7 @@ def load_bank(name_or_folder: str | os.PathLike) -> Bank:
         start = f"{number}."
         mine = {k[len(start) :]: a for k, a in arrays.items() if k.startswith(start)}
         try:
-            predictors.append(KINDS[manifest.kind].unpack(mine, manifest.rois[name], camera))
+            predictors.append(unpack(manifest.kind, mine, manifest.rois[name], camera))
         except KeyError as missing:
             raise BadBank(f"{folder}: {EFFECTS} has no {missing.args[0]} of {name}") from None
         except BadBank as problem:

@@ -117,8 +117,7 @@ def write_camera(
 def read_bed(path: str | os.PathLike) -> Frame | None:
     """The bed's frame of a camera.json; None: it has none, or the path is a preset's name.
 
-    Raises:
-      BadFile, BadCamera: as `read_camera`; a frame that is none.
+    Raises BadFile, BadCamera: as `read_camera`; a frame that is none.
     """
     found = read_json(path).get("bed") if Path(path).is_file() else None
     if found is not None:
@@ -129,8 +128,7 @@ def read_bed(path: str | os.PathLike) -> Frame | None:
 def camera_fields(camera: Camera) -> dict[str, Any]:
     """The fields of a camera as plain numbers; those that say nothing are left out.
 
-    Raises:
-      BadCamera: they make no sense.
+    Raises BadCamera: they make no sense.
     """
     check_camera(camera)
     values = {one.name: getattr(camera, one.name) for one in fields(Camera)}
@@ -150,8 +148,7 @@ def camera_fields(camera: Camera) -> dict[str, Any]:
 def camera_from(content: dict[str, Any], where: str) -> Camera:
     """The camera of a dict of fields; `where` names the file in errors.
 
-    Raises:
-      BadCamera: a field is missing, unknown or not a number in its range.
+    Raises BadCamera: a field is missing, unknown or not a number in its range.
     """
     try:
         found = dict(vars(read_record(CameraFile, content, where, error=BadCamera)))
@@ -179,8 +176,7 @@ def _shortest(value: Any) -> float:
 def described(text: str, depth_unit: float | None = None) -> Source:
     """The camera that a camera.json or the name of a preset describes; `depth_unit` overrides it.
 
-    Raises:
-      BadCamera: neither of them, or both.
+    Raises BadCamera: neither of them, or both.
     """
     if text in PRESETS:
         if Path(text).is_file():

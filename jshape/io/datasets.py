@@ -1,12 +1,13 @@
 """Data sets on disk: a folder with `camera.json`, `pairs.csv` and 16-bit depth frames.
 
 Frames are (H, W) uint16 counts of `depth_unit` metres, 0 = no reading.  ROI centres are `(u, v)`
-and sizes `(w, h)`, pixels.
+and sizes `(w, h)`, pixels.  Where a program found the ROIs, the column `found` holds the box
+`u v width height` that it wrote, and pictures lie beside the table.
 """
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -16,19 +17,25 @@ from typing import Any
 import numpy as np
 
 from jshape.camera import Camera
-from jshape.data.depth import check_unit, to_metres, wrong_shape
+from jshape.data.depth import check_shape, check_unit, to_metres
 from jshape.data.pairs import Frames, Pairs
 from jshape.errors import BadDataset, BadFile, BadImage, quoted
 from jshape.io.cameras import CAMERA, read_camera, write_camera
 from jshape.io.files import as_error, inside, write_atomic
 from jshape.io.folders import atomic_folder, folder_of
 from jshape.io.images import read_counts, write_counts_png
-from jshape.io.pair_rows import COLUMNS, NAMES, OPTIONAL, PairRow, parse_row, read_row
+from jshape.io.pair_rows import BOX, COLUMNS, NAMES, OPTIONAL, PairRow, parse_row, read_row
 from jshape.io.tables import Table, read_table
 
 TABLE = "pairs.csv"
 FRAMES = "frames"
-CONTENTS = (TABLE, CAMERA, FRAMES)
+FOUND = "found"
+"""Name of the column."""
+TIMELINE = "segments.png"
+"""How a recording was cut."""
+SHEETS = ("contact_sheet.png", *(f"contact_sheet_{page:03d}.png" for page in range(2, 1000)))
+"""Pages of the pairs with their boxes."""
+CONTENTS = (TABLE, CAMERA, FRAMES, TIMELINE, *SHEETS)
 """What a data set's folder holds, at the top."""
 IN_MEMORY = 2 * 2**30
 """Most bytes of frames that are kept in memory; of more, each is read when it is needed."""
@@ -119,9 +126,7 @@ def dataset_writer(
     depth_unit: float,
     *,
     overwrite: bool = False,
-    contents: Sequence[str] = CONTENTS,
-    adder: "type[Adder] | None" = None,
-) -> "Iterator[Any]":
+) -> Iterator[Any]:
     """A data set written pair by pair: only one pair is in memory, and the folder appears whole.
 
         with dataset_writer(folder, camera, 1e-4) as add:
@@ -133,8 +138,6 @@ def dataset_writer(
       camera: that sees all frames.
       depth_unit: metres per count.
       overwrite: replace the data set that is there.
-      contents: what the folder of one that is replaced may hold.
-      adder: the kind of `Adder`.
 
     Yields:
       The adder, a function that adds a pair.
@@ -144,9 +147,9 @@ def dataset_writer(
       BadFile: the folder exists or cannot be written.
       BadCamera: the camera or the unit makes no sense.
     """
-    with atomic_folder(folder, overwrite, contents=contents) as temp:
+    with atomic_folder(folder, overwrite, contents=CONTENTS) as temp:
         write_camera(temp / CAMERA, camera, depth_unit)
-        add = (adder or Adder)(str(folder), temp, camera)
+        add = Adder(str(folder), temp, camera)
         yield add
         if not add.ids:
             raise BadDataset(f"{folder}: no pairs were added")
@@ -174,14 +177,16 @@ class Adder:
         id: str,
         prior: np.ndarray,
         posterior: np.ndarray,
+        by_hand: bool | None = None,
         extra: Mapping[str, str] | None = None,
         **said: Any,
     ) -> None:
         """Write the two frames of a pair, (H, W) uint16 counts, and remember its row.
 
-        `said` are the other fields of a `PairRow`; `extra` are columns of one's own: any text, by
-        name.  Raises BadDataset for a name, number or frame that could not be read again, BadFile
-        for a frame that cannot be written.
+        `said` are the other fields of a `PairRow`; `by_hand` says whether a person drew the box or
+        a program found it (None: neither); `extra` are columns of one's own: any text, by name.
+        Raises BadDataset for a name, number or frame that could not be read again, BadFile for a
+        frame that cannot be written.
         """
         where, own = f"{self.where}: pair {quoted(id)}", dict(extra or {})
         # Numbered, because an id need not be a file name.
@@ -191,6 +196,8 @@ class Adder:
         taken = [name for name in own if name in row]
         if taken:
             raise BadDataset(f"{where}: {taken[0]} is a column of every data set, not one's own")
+        if by_hand is not None:
+            own[FOUND] = "" if by_hand else " ".join(str(row[name]) for name in BOX)
         if id in self.ids:
             raise BadDataset(f"{where}: the id is there twice")
         for state, counts in zip(_STATES, (prior, posterior), strict=True):
@@ -261,8 +268,7 @@ def _read_frames(
             counts = read_counts(inside(folder, name), left_out)
         except (BadFile, BadImage) as problem:
             raise BadDataset(f"{where}: {problem}") from None
-        if counts.shape != camera.shape:
-            raise BadDataset(wrong_shape(f"{where}: {name}", counts.shape, camera))
+        check_shape(counts, camera, f"{where}: {name}", BadDataset)
         return counts
 
     # One frame first: a camera.json of absurd size is refused before memory is asked for.

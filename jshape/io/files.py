@@ -46,8 +46,7 @@ def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
 
     Its folder is made if need be; text is written as UTF-8.
 
-    Raises:
-      BadFile: it cannot be written; nothing new is left behind.
+    Raises BadFile: it cannot be written; nothing new is left behind.
     """
     path = Path(path)
     temp = temp_beside(path)
@@ -67,8 +66,7 @@ def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
 def read_bytes(path: str | os.PathLike, *, limit: int, start: int | None = None) -> bytes:
     """The content of a regular file of at most `limit` bytes (or only its first `start` bytes).
 
-    Raises:
-      BadFile: it is missing, a folder, empty, too large or unreadable.
+    Raises BadFile: it is missing, a folder, empty, too large or unreadable.
     """
     with refused(path, "cannot be read"), open(path, "rb", opener=regular) as file:
         size = os.fstat(file.fileno()).st_size
@@ -84,8 +82,7 @@ def regular(path: str, flags: int) -> int:
 
     A FIFO would wait until somebody writes to it, and some devices never end or act when opened.
 
-    Raises:
-      BadFile: it is missing, a folder, or something else than a file.
+    Raises BadFile: it is missing, a folder, or something else than a file.
     """
     try:
         if not (flags & os.O_CREAT and not os.path.lexists(path)):
@@ -110,11 +107,7 @@ def _check_regular(found: os.stat_result, path: str) -> None:
 
 
 def sha256(path: str | os.PathLike) -> str:
-    """SHA-256 of a file, in hexadecimal.
-
-    Raises:
-      BadFile: it cannot be read.
-    """
+    """SHA-256 of a file, in hexadecimal.  Raises BadFile: it cannot be read."""
     with refused(path, "cannot be read"), open(path, "rb", opener=regular) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -122,8 +115,7 @@ def sha256(path: str | os.PathLike) -> str:
 def check_sums(folder: Path, sums: dict[str, str]) -> None:
     """Refuse a folder of which a file is not as its checksum says.
 
-    Raises:
-      BadFile: naming the file.
+    Raises BadFile: naming the file.
     """
     for name, expected in sums.items():
         if sha256(inside(folder, name)) != expected:
@@ -133,9 +125,8 @@ def check_sums(folder: Path, sums: dict[str, str]) -> None:
 def read_json(path: str | os.PathLike, *, limit: int = JSON_LIMIT) -> dict[str, Any]:
     """The object (a dict) that a JSON file holds.
 
-    Raises:
-      BadFile: the file cannot be read, is too large, is not JSON, is not an object, names a key
-        twice, or holds NaN or infinity.
+    Raises BadFile: the file cannot be read, is too large, is not JSON, is not an object, names a
+    key twice, or holds NaN or infinity.
     """
     return parse_json(read_bytes(path, limit=limit), str(path))
 
@@ -164,8 +155,7 @@ def parse_json(text: bytes | str, where: str) -> dict[str, Any]:
 def read_toml(path: str | os.PathLike, *, limit: int) -> dict[str, Any]:
     """The table that a TOML file holds.
 
-    Raises:
-      BadFile: the file cannot be read, is too large, or is not TOML.
+    Raises BadFile: the file cannot be read, is too large, or is not TOML.
     """
     data = read_bytes(path, limit=limit)
     try:
@@ -177,8 +167,7 @@ def read_toml(path: str | os.PathLike, *, limit: int) -> dict[str, Any]:
 def json_text(content: dict[str, Any], where: str, *, indent: int | None = 1) -> str:
     """JSON of a dict; NumPy and JAX numbers and arrays become numbers and lists.
 
-    Raises:
-      BadFile: it holds NaN, infinity or something that JSON has no word for.
+    Raises BadFile: it holds NaN, infinity or something that JSON has no word for.
     """
     try:
         return json.dumps(content, indent=indent, allow_nan=False, default=_plain)
@@ -194,9 +183,8 @@ def write_json(path: str | os.PathLike, content: dict[str, Any]) -> Path:
 def inside(folder: str | os.PathLike, relative: Any) -> Path:
     """The path of a file that a data file names, which must lie inside `folder`.
 
-    Raises:
-      BadFile: an empty or absolute path, one with `..` or a backslash, or a symbolic link that
-        leads out of the folder.
+    Raises BadFile: an empty or absolute path, one with `..` or a backslash, or a symbolic link that
+    leads out of the folder.
     """
     folder = Path(folder)
     if not isinstance(relative, str) or not relative.strip() or "\0" in relative:
@@ -215,8 +203,7 @@ def inside(folder: str | os.PathLike, relative: Any) -> Path:
 def lock(handle: int) -> bool:
     """Keep other programs off an open file or folder until it is closed; False: one has it.
 
-    Raises:
-      OSError: nothing can be locked here, as on some network disks.
+    Raises OSError: nothing can be locked here, as on some network disks.
     """
     from filelock import lock_descriptor  # 0.1 s
 

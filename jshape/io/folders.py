@@ -28,8 +28,7 @@ def folder_of(folder: str | os.PathLike, what: str, *needed: str) -> Path:
 def check_writable(folder: str | os.PathLike) -> Path:
     """The folder as a path, if it is writable or can be made; nothing is left behind.
 
-    Raises:
-      BadFile: it, or the nearest folder above it that exists, is a file or refuses new files.
+    Raises BadFile: it, or the nearest folder above it that exists, is a file or refuses new files.
     """
     folder = Path(folder)
     if "\0" in str(folder):
@@ -171,8 +170,7 @@ def _held(folder: Path) -> Iterator[bool]:
 def beside(target: Path, ending: str) -> Path:
     """The folder beside a target where unfinished work for it is kept.
 
-    Raises:
-      BadFile: nothing is beside the root of the disk.
+    Raises BadFile: nothing is beside the root of the disk.
     """
     target = _resolved(target)
     if not target.name:

@@ -117,8 +117,7 @@ def read_drawing(path: str | os.PathLike) -> np.ndarray:
 def encode_png(counts: np.ndarray) -> bytes:
     """The bytes of a 16-bit single-channel PNG of counts (H, W) uint16.
 
-    Raises:
-      BadImage: not such an array, or it is empty.
+    Raises BadImage: not such an array, or it is empty.
     """
     if counts.dtype != np.uint16 or counts.ndim != 2 or counts.size == 0:
         raise BadImage(
@@ -140,8 +139,7 @@ def _check_size(where: str, width: int, height: int) -> None:
 def read_png(data: bytes, where: str) -> np.ndarray:
     """A grey PNG of 8 or 16 bits; masked where its pixels are transparent.
 
-    Raises:
-      BadImage: it is damaged, or another kind of PNG.
+    Raises BadImage: it is damaged, or another kind of PNG.
     """
     broken = BadImage(f"{where}: the PNG is cut off or damaged")
     if len(data) < 33 or data[12:16] != b"IHDR":

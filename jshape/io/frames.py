@@ -1,16 +1,20 @@
 """Depth images that commands read: of which camera they are, and as frames in metres."""
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from jshape._typing import Float
 from jshape.camera import PRESETS, Camera, check_camera, window_of
 from jshape.data.depth import check_depth
 from jshape.data.intrinsics import within
-from jshape.errors import BadImage
+from jshape.errors import BadCamera, BadImage
 from jshape.io import cameras, formats, images, points
-from jshape.io.cameras import Source, described, described_beside
+from jshape.io.cameras import CAMERA, Source, described, described_beside
+from jshape.io.recordings import open_recording
 from jshape.models.bank import Bank
 
 
@@ -82,6 +86,63 @@ def frame_of(
         counts = unit if raw.dtype == np.uint16 else None
         check_depth(depth, camera, str(path), counts, hint=hint)
     return depth
+
+
+class CameraFrames(NamedTuple):
+    """What one camera took of a resting bed."""
+
+    camera: Camera
+    depths: Float[np.ndarray, "T H W"]
+    """Metres, NaN: no reading."""
+    name: str
+    """Of the first file."""
+    said: str
+    """How the camera is known, for people."""
+
+    @property
+    def named(self) -> str:
+        """All frames, for people."""
+        return self.name + (f" and {len(self.depths) - 1} more" if len(self.depths) > 1 else "")
+
+
+def read_looks(
+    paths: Sequence[Path], camera_files: Sequence[str] = (), depth_unit: float | None = None
+) -> list[CameraFrames]:
+    """The frames of one camera, or of several one each.
+
+    Args:
+      paths: depth images, or folders of recordings, all frames of which are taken.
+      camera_files: camera.json or presets: one for all paths, or one for each.  None: the
+        camera.json beside each; those that say the same are one camera.
+      depth_unit: metres per count, instead of theirs.
+
+    Raises:
+      BadCamera: no camera is described, or not as many as there are paths.
+      BadFile, BadImage, BadDataset: frames that cannot be read, or are not of their camera.
+    """
+    if len(camera_files) > 1 and len(camera_files) != len(paths):
+        raise BadCamera(
+            f"{len(paths)} frames and {len(camera_files)} camera files; give one camera file for "
+            "all frames, or one for each"
+        )
+    given = [described(one, depth_unit) for one in camera_files]
+    for path in () if camera_files else paths:
+        if (found := described_beside(path, depth_unit)) is None:
+            raise BadCamera(
+                f"{path}: no {CAMERA} beside it says which camera took it; write one, or name one "
+                "with --camera-file"
+            )
+        given.append(found)
+    if all(one[:2] == given[0][:2] for one in given):
+        return [_frames_of(given[0], paths)]
+    return [_frames_of(one, [path]) for one, path in zip(given, paths, strict=True)]
+
+
+def _frames_of(one: Source, paths: Sequence[Path]) -> CameraFrames:
+    folders = [open_recording(p, allow_gaps=True).files if p.is_dir() else (p,) for p in paths]
+    how = {"camera": one.camera, "depth_unit": one.depth_unit, "check_range": False}
+    depths = [images.read_depth(file, **how) for files in folders for file in files]
+    return CameraFrames(one.camera, np.stack(depths), str(paths[0]), one.said)
 
 
 def part_of(

@@ -13,7 +13,7 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
-from jshape.data.depth import check_depth, check_depth_unit, check_unit, to_metres, wrong_shape
+from jshape.data.depth import check_depth, check_depth_unit, check_shape, check_unit, to_metres
 from jshape.data.missing import check_image, missing, only_readings
 from jshape.errors import BadImage
 from jshape.io.cameras import DEPTH_UNIT
@@ -60,8 +60,7 @@ def read_depth(
         raise BadImage(f"{where}: no pixel has a reading")
     if camera is None:
         return depth
-    if depth.shape != camera.shape:
-        raise BadImage(wrong_shape(where, depth.shape, camera))
+    check_shape(depth, camera, where)
     if luminance:
         for level, colour in ((0, "black"), (255, "white")):
             if (raw == level).all():

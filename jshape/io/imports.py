@@ -43,8 +43,7 @@ class BeforeAfter(NamedTuple):
 def before_after_files(source: str | os.PathLike) -> dict[str, tuple[Path, Path]]:
     """The two files of every name, in order of their names and the numbers in them.
 
-    Raises:
-      BadDataset: no such folder, no frames, a name with one frame only or with two of a kind.
+    Raises BadDataset: no such folder, no frames, a name with one frame only or with two of a kind.
     """
     with as_error(BadDataset):
         source = folder_of(source, "a source of frames")
@@ -112,9 +111,8 @@ def before_after_pairs(
 ) -> Iterator[BeforeAfter]:
     """The frames of every name, one pair at a time; why pixels are no readings adds to `left_out`.
 
-    Raises:
-      BadDataset: a frame that cannot be read, has another size than the camera, or no reading; of
-        a camera that moved, unless it looks straight down.
+    Raises BadDataset: a frame that cannot be read, has another size than the camera, or no reading;
+    of a camera that moved, unless it looks straight down.
     """
     camera, first = seen.camera, None
     ((source, unit),) = seen.sources

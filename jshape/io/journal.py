@@ -18,8 +18,7 @@ LIMIT = 256 * 2**20
 def append(path: Path, line: str, at: int) -> int:
     """Write a line at byte `at`, whatever stands behind it; its length.
 
-    Raises:
-      BadFile: it cannot be written; the file ends at `at`, without a torn line.
+    Raises BadFile: it cannot be written; the file ends at `at`, without a torn line.
     """
     data = line.encode() + b"\n"
     # Without a buffer: one that could not be written is written once more at the end.
@@ -41,8 +40,7 @@ def append(path: Path, line: str, at: int) -> int:
 def note(path: Path, event: Mapping[str, Any]) -> None:
     """Add an event.  A last line that a crash cut off goes.
 
-    Raises:
-      BadFile: it cannot be written, or JSON cannot hold the event.
+    Raises BadFile: it cannot be written, or JSON cannot hold the event.
     """
     line = json_text(dict(event), str(path), indent=None)
     with refused(path, "cannot be written"):
@@ -63,8 +61,7 @@ def events(path: Path) -> list[dict[str, Any]]:
 def read_lines(path: Path) -> tuple[list[dict[str, Any]], int]:
     """The complete lines and the bytes that they take.
 
-    Raises:
-      BadFile: the file cannot be read, or is damaged before its last line.
+    Raises BadFile: the file cannot be read, or is damaged before its last line.
     """
     if path.is_file() and path.stat().st_size == 0:  # it was made, and the disk was full
         return [], 0
@@ -85,8 +82,7 @@ def read_lines(path: Path) -> tuple[list[dict[str, Any]], int]:
 def alone(folder: Path) -> Iterator[None]:
     """Keep other programs out of a run until the block ends.
 
-    Raises:
-      BadFile: another program has the run, or the lock cannot be made.
+    Raises BadFile: another program has the run, or the lock cannot be made.
     """
     path = folder / LOCK
     with refused(path, "cannot be written"):

@@ -6,7 +6,8 @@ file with one checksum is checked before a byte of it is read.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -34,23 +35,50 @@ LONGEST_PATH = 10.0
 """Longest path of an action that is read, metres."""
 WIDEST = 256
 """Largest width of a U-Net that is read: 0.5 billion parameters."""
+_OF_NETWORKS = ("C", "CR", "DC", "DCR")
+_INSTEAD = "instead"
+"""The mean difference that a bank of networks holds for an action: it was better for it.  Never
+named as in one of f_D, so that a manifest with another kind than the arrays' is refused."""
 
 
-class Kind(NamedTuple):
-    """How the predictors of one kind become arrays and come back."""
+def pack(predictor: Any, kind: str) -> dict[str, np.ndarray]:
+    """The arrays of a predictor in a bank of that kind, by name."""
+    if isinstance(predictor, Difference):
+        name = _INSTEAD if kind in _OF_NETWORKS else "delta"
+        return {name: np.asarray(predictor.delta, np.float32)}
+    if isinstance(predictor, Network):
+        leaves, _ = jax.tree_util.tree_flatten_with_path(predictor.params)
+        return {_network_name(path): np.asarray(leaf, np.float32) for path, leaf in leaves}
+    if isinstance(predictor, Sequential):
+        return pack(predictor.first, "D") | pack(predictor.second, kind)
+    if isinstance(predictor, Refined):
+        mask, offset = np.asarray(predictor.mask, np.uint8), np.asarray(predictor.offset)
+        own = {"mask": mask, "offset": offset.astype(np.float32)}
+        return pack(predictor.inside, kind) | pack(predictor.outside, "D") | own
+    names = (*_MAPS, *_NUMBERS)
+    if predictor.height is not None:
+        names += (*_HEAP_MAPS, *_HEAP_NUMBERS)
+    if predictor.path is not None:
+        names += (_PATH,)
+    ground = np.array([predictor.grid.depth, predictor.grid.pitch], np.float32)
+    found = {name: np.asarray(getattr(predictor, name), np.float32) for name in names}
+    return {"ground": ground, **found}
 
-    pack: Callable[[Any], dict[str, np.ndarray]]
-    """Predictor -> its arrays by name."""
-    unpack: Callable[[Arrays, tuple[int, int], Camera], Any]
-    """Arrays by name, ROI size (w, h) and camera -> predictor.  A missing array is a KeyError."""
+
+def unpack(kind: str, arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Any:
+    """The predictor of arrays by name, for ROIs of size (w, h) of a camera.
+
+    Raises:
+      KeyError: an array is missing.
+      BadBank: one of another shape, or that is not finite.
+    """
+    if kind in _OF_NETWORKS and set(arrays) == {_INSTEAD}:
+        arrays, kind = {"delta": arrays[_INSTEAD]}, "D"
+    return KINDS[kind](arrays, roi, camera)
 
 
 def checked(arrays: Arrays, name: str, shape: tuple[int, ...]) -> jax.Array:
-    """A float32 array of that name and shape, all finite.
-
-    Raises:
-      BadBank: it is not.
-    """
+    """A float32 array of that name and shape, all finite; else BadBank."""
     array = arrays[name]
     if array.shape != shape:
         raise BadBank(f"{name} has shape {array.shape}; expected {shape}")
@@ -59,20 +87,11 @@ def checked(arrays: Arrays, name: str, shape: tuple[int, ...]) -> jax.Array:
     return jnp.asarray(array, jnp.float32)
 
 
-def _pack_difference(predictor: Any) -> dict[str, np.ndarray]:
-    return {"delta": np.asarray(predictor.delta, np.float32)}
-
-
-def _difference(arrays: Arrays, roi: tuple[int, int], _: Any = None) -> Difference:
+def _difference(arrays: Arrays, roi: tuple[int, int], _: Camera) -> Difference:
     return Difference(checked(arrays, "delta", roi[::-1]))
 
 
-def _pack_network(predictor: Any) -> dict[str, np.ndarray]:
-    leaves, _ = jax.tree_util.tree_flatten_with_path(predictor.params)
-    return {_network_name(path): np.asarray(leaf, np.float32) for path, leaf in leaves}
-
-
-def _network(arrays: Arrays, roi: tuple[int, int], _: Any = None) -> Network:
+def _network(arrays: Arrays, roi: tuple[int, int], _: Camera) -> Network:
     from jshape.models import unet
 
     output = arrays["network.output.kernel"]
@@ -88,44 +107,18 @@ def _network_name(path: tuple[Any, ...]) -> str:
     return ".".join(("network", *(str(entry.key) for entry in path)))
 
 
-def _pack_sequential(predictor: Any) -> dict[str, np.ndarray]:
-    return _pack_difference(predictor.first) | _pack_network(predictor.second)
+def _sequential(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Sequential:
+    return Sequential(_difference(arrays, roi, camera), _network(arrays, roi, camera))
 
 
-def _sequential(arrays: Arrays, roi: tuple[int, int], _: Any = None) -> Sequential:
-    return Sequential(_difference(arrays, roi), _network(arrays, roi))
-
-
-def _pack_refined(predictor: Any) -> dict[str, np.ndarray]:
-    inside = predictor.inside
-    network = inside.second if isinstance(inside, Sequential) else inside
-    own = {
-        "mask": np.asarray(predictor.mask, np.uint8),
-        "offset": np.asarray(predictor.offset, np.float32),
-    }
-    return _pack_difference(predictor.outside) | own | _pack_network(network)
-
-
-def _refined(inside: Callable[..., Any]) -> Callable[..., Refined]:
-    def unpack(arrays: Arrays, roi: tuple[int, int], _: Any = None) -> Refined:
-        found = inside(arrays, roi)
-        mask = checked(arrays, "mask", roi[::-1])
-        if not np.isin(mask, (0, 1)).all():
-            raise BadBank("mask holds something else than 0 and 1")
-        offset = checked(arrays, "offset", ())
-        return Refined(found, _difference(arrays, roi), mask, offset)
-
-    return unpack
-
-
-def _pack_imprint(predictor: Any) -> dict[str, np.ndarray]:
-    ground = np.array([predictor.grid.depth, predictor.grid.pitch], np.float32)
-    names = (*_MAPS, *_NUMBERS)
-    if predictor.height is not None:
-        names += (*_HEAP_MAPS, *_HEAP_NUMBERS)
-    fitted = {name: np.asarray(getattr(predictor, name), np.float32) for name in names}
-    path = {} if predictor.path is None else {_PATH: np.asarray(predictor.path, np.float32)}
-    return {"ground": ground, **fitted, **path}
+def _refined(
+    inside: Callable[..., Any], arrays: Arrays, roi: tuple[int, int], camera: Camera
+) -> Refined:
+    found, mask = inside(arrays, roi, camera), checked(arrays, "mask", roi[::-1])
+    if not np.isin(mask, (0, 1)).all():
+        raise BadBank("mask holds something else than 0 and 1")
+    outside, offset = _difference(arrays, roi, camera), checked(arrays, "offset", ())
+    return Refined(found, outside, mask, offset)
 
 
 def _imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
@@ -148,31 +141,13 @@ def _imprint(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Imprint:
     return Imprint(OrthographicGrid(camera, depth, pitch, shape, roi), path=path, **fitted)
 
 
-_INSTEAD = "instead"
-"""The mean difference that a bank of networks holds for an action: never named as in one of f_D, so
-that a manifest with another kind than the arrays' is refused."""
-
-
-def _or_difference(pack: Callable[..., Any], unpack: Callable[..., Any]) -> Kind:
-    """A kind of which some actions hold the mean difference: it was better for them."""
-
-    def pack_either(one: Any) -> dict[str, np.ndarray]:
-        return {_INSTEAD: np.asarray(one.delta)} if isinstance(one, Difference) else pack(one)
-
-    def unpack_either(arrays: Arrays, roi: tuple[int, int], camera: Camera) -> Any:
-        if set(arrays) == {_INSTEAD}:
-            return Difference(checked(arrays, _INSTEAD, roi[::-1]))
-        return unpack(arrays, roi)
-
-    return Kind(pack_either, unpack_either)
-
-
-KINDS: dict[str, Kind] = {
-    "D": Kind(_pack_difference, _difference),
-    "C": _or_difference(_pack_network, _network),
-    "CR": _or_difference(_pack_refined, _refined(_network)),
-    "DC": _or_difference(_pack_sequential, _sequential),
-    "DCR": _or_difference(_pack_refined, _refined(_sequential)),
-    "P": Kind(_pack_imprint, _imprint),
+KINDS: dict[str, Callable[[Arrays, tuple[int, int], Camera], Any]] = {
+    "D": _difference,
+    "C": _network,
+    "CR": partial(_refined, _network),
+    "DC": _sequential,
+    "DCR": partial(_refined, _sequential),
+    "P": _imprint,
 }
-"""The kinds of bank that can be saved and loaded.  Another kind is one more entry."""
+"""What reads the arrays of each kind of bank.  Another kind is one more entry, and what it is in
+`pack`."""

@@ -53,8 +53,7 @@ def write_map(path: str | os.PathLike, found: HeightMap) -> None:
 def read_map(path: str | os.PathLike) -> HeightMap:
     """A height map that `write_map`, or somebody's NumPy, wrote; arrays of other names are left.
 
-    Raises:
-      BadFile: it cannot be read, lacks an array, or its arrays do not fit each other.
+    Raises BadFile: it cannot be read, lacks an array, or its arrays do not fit each other.
     """
     where = str(path)
     arrays = read_arrays(read_bytes(path, limit=LIMIT), where, LIMIT)

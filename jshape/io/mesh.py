@@ -25,8 +25,7 @@ def depth_of_faces(
 
     Faces that reach behind the camera are left out.  Exact: 1/z of a plane is linear in the image.
 
-    Raises:
-      BadFile: so many large faces that drawing them would take minutes.
+    Raises BadFile: so many large faces that drawing them would take minutes.
     """
     corners = points[faces].astype(np.float64)
     corners = corners[(corners[..., 2] > 1e-6).all(1)]

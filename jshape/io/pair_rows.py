@@ -50,7 +50,7 @@ class PairRow:
 
 COLUMNS = tuple(one.name for one in fields(PairRow) if one.name not in OPTIONAL)
 """The header of pairs.csv."""
-NAMES, NUMBERS = COLUMNS[:4], COLUMNS[6:]
+NAMES, BOX = COLUMNS[:4], COLUMNS[6:]
 
 
 def read_row(content: Mapping[str, Any], camera: Camera, where: str) -> PairRow:
@@ -75,7 +75,7 @@ def parse_row(cells: Mapping[str, str], camera: Camera, where: str) -> PairRow:
 
 def _value(column: str, text: str) -> str | int | float:
     """What a cell says; a number that is not as it should be stays a text."""
-    if column in NUMBERS and _WHOLE.fullmatch(text):
+    if column in BOX and _WHOLE.fullmatch(text):
         return int(text)
     if column == PATH and not text:
         return 0.0

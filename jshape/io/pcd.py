@@ -99,8 +99,7 @@ def _ascii(text: bytes, point: np.dtype, xyz: list[str], count: int) -> np.ndarr
 def _unpack_lzf(data: bytes, size: int) -> bytearray:
     """What LZF packed: runs of new bytes, and copies of what stands up to 8 KiB before.
 
-    Raises:
-      IndexError, ValueError: it is damaged.
+    Raises IndexError, ValueError: it is damaged.
     """
     out, at = bytearray(), 0
     while at < len(data):

@@ -59,8 +59,7 @@ def depth_of_points(
     As `Camera.project` in metres, except that a pixel that nothing reaches is NaN and not black,
     and that a depth beyond the camera's range stays what it is.
 
-    Raises:
-      BadImage: nothing is in view and, if `check_range`, within the camera's range.
+    Raises BadImage: nothing is in view and, if `check_range`, within the camera's range.
     """
     if faces is None or not len(faces):
         depth = _nearest(points, camera)
@@ -96,8 +95,7 @@ def read_mesh(
 
     Points with a coordinate that is not finite are dropped.
 
-    Raises:
-      BadFile: the file cannot be read, is of another kind, damaged, or holds no point.
+    Raises BadFile: the file cannot be read, is of another kind, damaged, or holds no point.
     """
     path = Path(path)
     suffix = path.suffix.lower()

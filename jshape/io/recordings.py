@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape.camera import Camera
-from jshape.data.depth import check_unit, to_metres, wrong_shape
+from jshape.data.depth import check_shape, check_unit, to_metres
 from jshape.errors import BadDataset, one_line, quoted
 from jshape.io.cameras import CAMERA, read_camera, write_camera
 from jshape.io.files import as_error, refused, write_atomic, write_json
@@ -84,8 +84,7 @@ class Recording:
         path = self.files[index]
         with as_error(BadDataset):
             counts = read_counts(path, covered=True)
-        if counts.shape != self.camera.shape:
-            raise BadDataset(wrong_shape(str(path), counts.shape, self.camera))
+        check_shape(counts, self.camera, str(path), BadDataset)
         return counts
 
     def frames(self, indices: Iterable[int] | None = None) -> Iterator[np.ndarray]:
@@ -137,9 +136,8 @@ def in_order(paths: Iterable[Path]) -> dict[Decimal, Path]:
     A number may have a fraction, since names are often times: 100.1 comes after 100.033333; a date
     and a time are one number.
 
-    Raises:
-      BadDataset: the names differ in more than that number, two have the same one, or the dot may
-        as well stand between two numbers (1.9, 1.10).
+    Raises BadDataset: the names differ in more than that number, two have the same one, or the dot
+    may as well stand between two numbers (1.9, 1.10).
     """
     found: dict[Decimal, Path] = {}
     kinds: dict[tuple[str, str], Path] = {}
@@ -254,8 +252,8 @@ def read_labels(
     stand where the file has no such column, or an empty cell.  The labels are in order, by the
     column `name` if they are `named`, else by their numbers "1", "2" ...
 
-    Raises:
-      BadDataset: it cannot be read, has no rows or unknown columns, a name is missing or twice.
+    Raises BadDataset: it cannot be read, has no rows or unknown columns, a name is missing or
+    twice.
     """
     needed = ["name", "action"] if named else ["action"]
     table = read_table(path, needed)

@@ -88,8 +88,7 @@ class Run:
     def open(cls, folder: str | os.PathLike) -> "Run":
         """Open a run to read it or to go on with it.  A last line cut off by a crash is left out.
 
-        Raises:
-          BadFile: not a run, from a newer version, or damaged before its last line.
+        Raises BadFile: not a run, from a newer version, or damaged before its last line.
         """
         folder = Path(folder)
         where, steps_file = str(folder / DESCRIPTION), folder / STEPS

@@ -150,8 +150,7 @@ def agent_of(text: str) -> str | Agent:
 def read_material(path: str | os.PathLike) -> Material:
     """The material of a `MaterialFile`.
 
-    Raises:
-      BadFile: not such a file, an unknown or missing field, or a number beyond what can be.
+    Raises BadFile: not such a file, an unknown or missing field, or a number beyond what can be.
     """
     found = read_record(MaterialFile, _content(path), str(path))
     name, given = found.name or Path(path).stem, _in_si(found)

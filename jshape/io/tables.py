@@ -45,9 +45,8 @@ class Table:
 def read_table(path: str | os.PathLike, needed: Sequence[str]) -> Table:
     """The table of a CSV file (UTF-8, or UTF-16 with a byte order mark); empty lines are left out.
 
-    Raises:
-      BadDataset: it cannot be read, one of the names that are `needed` is missing, a name is there
-        twice, a row has more or fewer cells.
+    Raises BadDataset: it cannot be read, one of the names that are `needed` is missing, a name is
+    there twice, a row has more or fewer cells.
     """
     with as_error(BadDataset):
         data = read_bytes(path, limit=FILE_LIMIT)
@@ -95,8 +94,7 @@ def read_table(path: str | os.PathLike, needed: Sequence[str]) -> Table:
 def check_action(name: str, where: str) -> str:
     """The name, if it can be an action's: a dash is what people write where nothing was done.
 
-    Raises:
-      BadDataset: it has no letter and no digit.
+    Raises BadDataset: it has no letter and no digit.
     """
     if not any(c.isalnum() for c in name):
         raise BadDataset(f"{where}: action is {quoted(name)}; a name has a letter or a digit")

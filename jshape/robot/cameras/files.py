@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jshape.camera import D435_BAZAR, PAPER_BOX, Camera
-from jshape.data.depth import check_numbers, to_metres, wrong_shape
+from jshape.data.depth import check_numbers, check_shape, to_metres
 from jshape.data.intrinsics import FLOAT_UNIT, Z_RANGE, counts_of, within
 from jshape.errors import BadCamera, BadImage, JShapeError, one_line
 from jshape.io import bags
@@ -90,8 +90,7 @@ def picture_camera(path: str | os.PathLike, given: CameraSettings = AS_THEY_SAY)
         raise BadImage(f"{path}: holds luminance (8 bits); a camera's frames are 16-bit or metres")
     camera, unit = given.camera or _beside(path, raw.shape, given.depth_unit)
     camera = within(camera, given.z_range)
-    if raw.shape != camera.shape:
-        raise BadImage(wrong_shape(str(path), raw.shape, camera))
+    check_shape(raw, camera, str(path))
     whole = raw.dtype == np.uint16
     unit = given.depth_unit or (unit if whole else 1.0)
     if given.depth_unit is None:

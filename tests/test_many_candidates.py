@@ -60,10 +60,12 @@ def on(kind, seed, hands):
 
 
 @pytest.mark.full
+@pytest.mark.parametrize("price", [None, 0.7])
 @pytest.mark.parametrize("kind", ["image", "ground"])
-def test_what_need_not_be_looked_at_again_cannot_gain_more(kind, hands):
+def test_what_need_not_be_looked_at_again_cannot_gain_more(kind, price, hands):
     """After the best and after random actions."""
     state, candidates = on(kind, 3, hands)
+    state = replace(state, price=price and np.float32(price))
     gains = [-np.asarray(changes).min(1) for changes in sweep(state, candidates)]
     first = [candidates.of_move(m) for m in range(len(state.moves))]
     rng = np.random.default_rng(5)

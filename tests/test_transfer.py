@@ -12,8 +12,11 @@ from jshape import PAPER_BOX, Camera, JShapeError
 from jshape.errors import BadBank, UnknownName
 from jshape.models.bank import Bank
 from jshape.models.difference import Difference
+from jshape.planning import problem
 from jshape.planning.candidates import dense_positions
+from jshape.planning.evaluate import candidates_at, sweep
 from jshape.planning.problem import carries
+from jshape.planning.state import search_state
 from tests.reference import transfer as twin
 
 CAMERA = Camera(48, 40, 30.0, 30.0, 24.0, 20.0, 0.42, 0.47)
@@ -197,3 +200,50 @@ def test_a_stock_needs_a_bank_in_metres_and_actions_that_use_it(bank):
         jshape.plan(now, now, bank=bank, **jshape.options(stock_cm3=100.0, carries={}))
     with pytest.raises(JShapeError, match="stock_cm3 is -1.0; it must be a number from 0"):
         jshape.plan(now, now, bank=bank, **jshape.options(stock_cm3=-1.0))
+
+
+def test_material_that_is_missing_elsewhere_is_carried_not_packed(bank, monkeypatch):
+    """A knock gains more per action, but then nothing is left to fill the hollow with."""
+    level = np.full(CAMERA.shape, 0.5, np.float32)
+    dug = twin.put(level, TAKE, (12, 10), 1.0)
+    heap = ndimage.gaussian_filter(moved(level, (12, 10), 1.0, (33, 27))[0] - dug, 1.5)
+    goal = (dug + heap).astype(np.float32)
+    deep = replace(bank, predictors=(Difference(jnp.asarray(1.2 * TAKE)), *bank.predictors[1:]))
+    how = jshape.options(stride=2, strengths=(0.5, 0.8, 1.0, 2.0), max_steps=4, **FREE)
+    plans = []
+    for price in (0.0, problem.PRICE):
+        monkeypatch.setattr(problem, "PRICE", price)
+        plans.append(jshape.plan(level, goal, bank=deep, **how))
+    packed, kept = plans
+    assert packed.actions[0] == "knock" and kept.actions[:2] == ("scoop", "pour")
+    assert kept.distances[-1] < 0.8 * packed.distances[-1]
+
+
+@pytest.mark.parametrize(("missing", "share"), [(1.0, 1.0), (2.0, 1.0), (0.75, 0.5), (0.4, 0.0)])
+def test_material_has_a_price_where_it_is_scarce(bank, missing, share):
+    now = np.full(CAMERA.shape, 0.5, np.float32)
+    goal = now.copy()
+    goal[:8, :8] -= 0.1
+    goal[20:28, 20:28] += 0.1 * missing
+    state = search_state(bank, now, goal)
+    assert problem.price(state) == pytest.approx(-share * problem.PRICE, abs=1e-4)
+
+
+def test_the_objective_is_d_and_the_price_of_what_was_lost(moving, rng):
+    """What a candidate changes of it, from its window, is what its action changes of the map's."""
+    now, goal = (rng.uniform(0.35, 0.65, (7, 8)).repeat(14, 0).repeat(15, 1) for _ in range(2))
+    now, goal = (ndimage.gaussian_filter(one, 3).astype(np.float32) for one in (now, goal))
+    state = replace(search_state(moving, now, goal), price=np.float32(0.7))
+    where = {name: np.array([[60, 50], [50, 44]]) for name in moving.actions}
+    candidates = candidates_at(state, moving, where, (0.5, 1.0))
+    for number, changes in enumerate(sweep(state, candidates)):
+        for first, row in zip(jnp.asarray(candidates.of_move(number)), changes, strict=True):
+            for strength, change in zip((0.5, 1.0), row, strict=True):
+                after = state.act(number, state.now, first, strength)
+                whole = state.objective(after) - state.objective(state.now)
+                assert float(change) == pytest.approx(float(whole), abs=2e-6)
+    lost = ((state.now - state.goal) * state.weight).sum()
+    free = replace(state, price=None)
+    assert float(state.objective(state.now)) == pytest.approx(
+        float(free.objective(state.now) + 0.7 * lost), rel=1e-5
+    )

@@ -132,7 +132,9 @@ def plan_images(
     )
     state = on_images(bank, first, goal, *moves, seen)
     if planner == "greedy":
-        state = replace(state, carries=pairs)
+        stocked = constraints.stock_cm3 is not None
+        worth = tasks.price(state) if pairs and not stocked else None
+        state = replace(state, carries=pairs, price=worth)
     elif start is not None and any(name in start.actions for name in tasks.names(bank, pairs)):
         start = None  # one half of a carry without the other makes no sense
     limits = replace(limits, stock=tasks.stock(state, constraints))

@@ -52,6 +52,8 @@ class SearchState:
     """The predictors' own (see `Predictor.carry_over`), the greatest."""
     carries: tuple[tuple[int, int], ...] = field(default=(), metadata=STATIC)
     """Actions tried in pairs: (takes material out, brings it elsewhere)."""
+    price: Float[Any, ""] | None = None
+    """What a search pays for Σ weight·now to rise by 1 (see `problem.price`); None: nothing."""
 
     @property
     def distance(self) -> Float[Array, ""]:
@@ -62,6 +64,14 @@ class SearchState:
         """D of another map.  Columns first: on a CPU faster than both axes at once."""
         apart = jnp.abs(now - self.goal)
         return (apart if self.weight is None else apart * self.weight).sum(0).sum() / self.size
+
+    def objective(self, now: Float[Array, "R C"]) -> Float[Array, ""]:
+        """What a search lowers: d, and the price of what was lost."""
+        if self.price is None:
+            return self.distance_of(now)
+        lost = now - self.goal
+        lost = lost if self.weight is None else lost * self.weight
+        return self.distance_of(now) + self.price * lost.sum(0).sum() / self.size
 
     @property
     def size(self) -> int | float:
@@ -146,11 +156,12 @@ class SearchState:
         first: Int[Array, "K 2"],
         strength: Float[Array, ""],
     ) -> Float[Array, "K"]:
-        """Change of d by an effect in a few windows, whose first nodes are given."""
+        """Change of the objective by an effect in a few windows, whose first nodes are given."""
         before, goal, *weight = windows
         at = first[0, ::-1] if before.ndim == 2 else first[:, ::-1]
         after = self.seen(effect(before, at, strength))
         closer = jnp.abs(after - goal) - jnp.abs(before - goal)
+        closer = closer if self.price is None else closer + self.price * (after - before)
         closer = closer * weight[0] if weight else closer
         return _sums(closer) / jnp.asarray(self.size, before.dtype)
 
@@ -175,9 +186,12 @@ class SearchState:
         A gain is Σ weight·(|e| - |f|) with e = now - goal before the action and f after it.  If e
         becomes e + x, and f becomes f + s·x with s in [0, 1], no node's term grows by more than
         |e + x| - |e| + |x|: by nothing where the map came nearer to the goal without passing it.
+        With a price by p·(1 - s)·x more.
         """
         near = jnp.abs(after - self.goal) - jnp.abs(before - self.goal)
-        more = near + (1.0 + (self.carry_over or 0.0)) * jnp.abs(after - before)
+        reach = 1.0 + (self.carry_over or 0.0)
+        reach = reach if self.price is None else reach + jnp.abs(self.price)
+        more = near + reach * jnp.abs(after - before)
         more = (more if self.weight is None else more * self.weight) / self.size
         # Sums of windows as differences of sums from the corner, by products with triangles.
         rows, columns = (np.tri(n + 1, n, k=-1, dtype=np.float32) for n in more.shape)

@@ -22,8 +22,8 @@ from jshape.planning.search.base import (
     compiled,
     ended,
 )
-from jshape.planning.search.greedy import Carry
 from jshape.planning.search.local import Local, improved_locally
+from jshape.planning.search.step import Carry, begin, take
 from jshape.planning.state import SearchState
 
 WIDTH = 4
@@ -33,7 +33,7 @@ WIDTH = 4
 def search(problem: SearchProblem) -> SearchResult:
     """The best of all sequences that a beam of `WIDTH` meets; never worse than greedy's."""
     best = greedy.search(problem)
-    beam = [greedy.begin(problem.state, problem.candidates, problem.max_steps)]
+    beam = [begin(problem.state, problem.candidates, problem.max_steps)]
     for _ in range(problem.max_steps):
         children: dict[tuple, Carry] = {}
         for carry in beam:
@@ -60,7 +60,7 @@ def _children(problem: SearchProblem, carry: Carry) -> list[Carry]:
         return []
     where = carry, problem.state, problem.candidates
     return [
-        problem.budget.call(greedy.take, *where, best.move[k], best.first[k], best.strength[k])
+        problem.budget.call(take, *where, best.move[k], best.first[k], best.strength[k])
         for k in range(len(best.gain))
         if float(best.gain[k]) > 0
     ]

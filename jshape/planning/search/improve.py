@@ -13,9 +13,9 @@ from jshape._typing import Array
 from jshape.planning.evaluate import CandidateCache, Candidates, empty_cache, touch
 from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchProblem, SearchResult, Status, better, compiled, ended
-from jshape.planning.search.greedy import Carry
 from jshape.planning.search.local import no_local
 from jshape.planning.search.sequence import measured, warm_start, without
+from jshape.planning.search.step import Carry
 from jshape.planning.state import SearchState
 
 PASSES = 4

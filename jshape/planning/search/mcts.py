@@ -18,7 +18,7 @@ from jshape.errors import needs
 from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchProblem, SearchResult, Status, better, compiled, ended
 from jshape.planning.search.beam import listed
-from jshape.planning.search.greedy import Carry
+from jshape.planning.search.step import Carry, begin, take
 from jshape.planning.state import SearchState
 
 LISTED = 12
@@ -39,7 +39,7 @@ def search(problem: SearchProblem) -> SearchResult:
     """
     _mctx()
     best = greedy.search(problem)
-    carry = greedy.begin(problem.state, problem.candidates, problem.max_steps)
+    carry = begin(problem.state, problem.candidates, problem.max_steps)
     key = jax.random.key(problem.seed)
     while int(carry.result.steps) < problem.max_steps:
         listed, carry = _list(problem, carry)
@@ -54,7 +54,7 @@ def search(problem: SearchProblem) -> SearchResult:
         )
         problem.budget.spend(work)
         move = (of_all[choice] for of_all in listed)
-        carry = problem.budget.call(greedy.take, carry, problem.state, problem.candidates, *move)
+        carry = problem.budget.call(take, carry, problem.state, problem.candidates, *move)
         best = better(best, replace(carry.result, status=best.status))
         if float(best.distance) <= float(problem.limits.tolerance):
             return ended(problem, best, Status.CONVERGED)

@@ -150,8 +150,8 @@ class _Task:
         return Transfer(half, half, yes, no, more, gain)
 
     def gain(self, after: Array, *halves: Half) -> Array:
-        """By how much d falls, if that is more than each of the actions must gain."""
-        gain = self.state.distance_of(self.now) - self.state.distance_of(after)
+        """By how much the objective falls, if that is more than each of the actions must gain."""
+        gain = self.state.objective(self.now) - self.state.objective(after)
         strengths = jnp.stack([half.strength for half in halves])[:, None]
         actions = jnp.asarray(self.state.actions)[jnp.stack([half.move for half in halves])]
         return jnp.where(gain > self.limits.needed(actions, strengths).sum(), gain, 0.0)

@@ -1,0 +1,248 @@
+"""One step of a greedy search: what is evaluated next, and the best action once it is known."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jshape._typing import Array, Bool, Float, Int
+from jshape.planning.evaluate import (
+    CandidateCache,
+    Candidates,
+    Work,
+    empty_cache,
+    touch,
+    work_of,
+)
+from jshape.planning.search.base import (
+    SearchLimits,
+    SearchResult,
+    Status,
+    compiled,
+    empty_result,
+)
+from jshape.planning.search.local import (
+    Local,
+    begin_local,
+    local_work,
+    next_local,
+    no_local,
+    pending,
+)
+from jshape.planning.search.transfer import best_transfer
+from jshape.planning.state import SearchState
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Carry:
+    """What changes from step to step; all storage is allocated before the loop."""
+
+    now: Float[Array, "R C"]
+    cache: CandidateCache
+    used: Int[Array, "A"]
+    """How often each action was taken."""
+    result: SearchResult
+    local: Local
+    stocked: Float[Array, ""]
+    """What a stock beside the bed holds more than at first, in units of Σ now."""
+
+
+@jax.jit(static_argnames=["max_steps"])
+def begin(state: SearchState, candidates: Candidates, max_steps: int) -> Carry:
+    """Nothing done, nothing known."""
+    used = jnp.zeros(1 + max(state.actions, default=0), jnp.int32)
+    result = empty_result(state, max_steps)
+    none = jnp.zeros((), jnp.float32)
+    return Carry(state.now, empty_cache(candidates), used, result, no_local(state), none)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class NextBatch:
+    """What is to be evaluated next."""
+
+    work: Work
+    due: Bool[Array, "N"]
+    """Candidates that are then known; none while a local search is in progress."""
+
+    def count(self, candidates: Candidates) -> Array:
+        """Evaluations, where candidates are evaluated."""
+        return self.work.start[-1] * candidates.num_strengths
+
+
+def empty_batch(carry: Carry, candidates: Candidates) -> NextBatch:
+    """Nothing (host)."""
+    places, strengths = carry.cache.changes.shape
+    moves = len(candidates.start) - 1
+    due, order = np.zeros(places, bool), np.zeros(places, np.int32)
+    start, tried = np.zeros(moves + 1, np.int32), np.zeros((moves, strengths), np.float32)
+    due, order, start, tried = jax.device_put((due, order, start, tried))
+    return NextBatch(Work(candidates.first, order, start, tried, candidates.num_strengths), due)
+
+
+def next_batch(
+    carry: Carry,
+    state: SearchState,
+    candidates: Candidates,
+    limits: SearchLimits,
+    room: Array,
+    fine: int | Array,
+) -> NextBatch:
+    """Stale candidates, as far as there is room, or the next round of a local search."""
+
+    def look(carry: Carry) -> tuple[Work, Array]:
+        due = pending(state, candidates, carry.cache, carry.used, limits)
+        return work_of(state, candidates, due, room)
+
+    def move(carry: Carry) -> tuple[Work, Array]:
+        nothing = jnp.zeros_like(carry.cache.stale)
+        return local_work(state, candidates, carry.local, fine), nothing
+
+    return NextBatch(*lax.cond(carry.local.round < 0, look, move, carry))
+
+
+@compiled
+def step(
+    carry: Carry,
+    batch: NextBatch,
+    changes: tuple[Array, ...],
+    state: SearchState,
+    candidates: Candidates,
+    limits: SearchLimits,
+    room: Array,
+    left: Array,
+    fine: int | Array,
+) -> tuple[Carry, NextBatch]:
+    """What follows from candidates that were evaluated, in parts; and what to evaluate next.
+
+    At most `left` evaluations are made, with those; of what comes next about `room` before the next
+    look at the clock.
+    """
+    known_before, began = carry.cache.changes, carry.result.evaluations
+    whole = changes[0]
+    for part in changes[1:]:  # each part left the others' rows as they were
+        whole = jnp.where(part == known_before, whole, part)
+    cache = replace(carry.cache, changes=whole, stale=carry.cache.stale & ~batch.due)
+    carry = replace(carry, cache=cache)
+    looking = carry.local.round < 0
+    spent = jnp.where(looking, batch.count(candidates), 0)
+
+    def looked(carry: Carry) -> tuple[Local, Array]:
+        """A local search begins when nothing is pending any more."""
+        waiting = pending(state, candidates, carry.cache, carry.used, limits).any()
+        return lax.cond(waiting, lambda s: (s.local, jnp.int32(0)), begun, carry)
+
+    def begun(carry: Carry) -> tuple[Local, Array]:
+        cache = known(carry.cache)
+        return begin_local(state, candidates, cache, carry.used, limits, fine, left=left - spent)
+
+    def moved(carry: Carry) -> tuple[Local, Array]:
+        local = next_local(state, candidates, carry.local, whole, limits, fine)
+        return local, jnp.int32(0)
+
+    local, more = lax.cond(looking, looked, moved, carry)
+    result = replace(carry.result, evaluations=began + spent + more)
+    carry = replace(carry, result=result, local=local)
+    decided = partial(_decided, state=state, candidates=candidates, limits=limits, fine=fine)
+    carry = lax.cond(local.round == fine, decided, lambda s: s, carry)
+    rest = jnp.minimum(room, left - spent) - more
+    return carry, next_batch(carry, state, candidates, limits, jnp.maximum(rest, 0), fine)
+
+
+def _decided(
+    carry: Carry,
+    state: SearchState,
+    candidates: Candidates,
+    limits: SearchLimits,
+    fine: int | Array,
+) -> Carry:
+    """The end, or the best action taken, or a carry if it gains more per action."""
+    local, result = carry.local, carry.result
+    best = jnp.argmax(local.gain)
+
+    def one(carry: Carry) -> Carry:
+        chosen = local.move[best], local.first[best], local.strength[best]
+        return take(carry, state, candidates, *chosen)
+
+    worth, act = local.gain[best] > 0, one
+    if state.carries:
+        left = jnp.asarray(limits.stock, jnp.float32) + carry.stocked
+        where = state, carry.now, candidates, carry.cache, carry.used, left, limits
+        pair = best_transfer(*where, fine)
+        room = result.steps + pair.cost.astype(jnp.int32) <= limits.max_steps
+        pays = room & (pair.gain > pair.cost * local.gain[best])
+        worth |= pays
+
+        def both(carry: Carry) -> Carry:
+            for half, done in ((pair.take, pair.takes), (pair.bring, pair.brings)):
+                carry = lax.cond(
+                    done,
+                    lambda c, h=half: take(c, state, candidates, h.move, h.first, h.strength),
+                    lambda c: c,
+                    carry,
+                )
+            return replace(carry, stocked=carry.stocked + pair.stock)
+
+        def act(carry: Carry) -> Carry:
+            return lax.cond(pays, both, one, carry)
+
+    def judged(carry: Carry, other: Array | int) -> Carry:
+        """With the status; `other` where the search has neither converged nor enough actions."""
+        result = carry.result
+        status = jnp.where(result.steps >= limits.max_steps, Status.MAX_STEPS, other)
+        status = jnp.where(result.distance <= limits.tolerance, Status.CONVERGED, status)
+        return replace(carry, result=replace(result, status=status.astype(jnp.int32)))
+
+    carry = replace(carry, local=replace(local, round=jnp.int32(-1)))
+    carry = judged(carry, jnp.where(worth, -1, Status.NO_IMPROVEMENT))
+    # Judged at once, not when all candidates are known again: in a closed loop that is half of it.
+    return lax.cond(carry.result.status < 0, lambda c: judged(act(c), -1), lambda c: c, carry)
+
+
+def known(cache: CandidateCache) -> CandidateCache:
+    """The cache with stale values set to 0."""
+    return replace(cache, changes=jnp.where(cache.stale[:, None], 0.0, cache.changes))
+
+
+@compiled
+def take(carry: Carry, state: SearchState, candidates: Candidates, move, first, strength) -> Carry:
+    """Apply a move to the map and note it."""
+    now = state.act(move, carry.now, first, strength)
+    shape = jnp.asarray(state.shapes)[move]
+    result, k = carry.result, carry.result.steps
+    return replace(
+        carry,
+        now=now,
+        cache=touch(carry.cache, candidates, state, first, shape, (carry.now, now)),
+        used=carry.used.at[jnp.asarray(state.actions)[move]].add(1),
+        result=replace(
+            result,
+            steps=k + 1,
+            move=result.move.at[k].set(move.astype(jnp.int32)),
+            node=result.node.at[k].set((first + shape // 2).astype(jnp.float32)),
+            strength=result.strength.at[k].set(strength),
+            distance=state.distance_of(now),
+        ),
+    )
+
+
+@jax.jit
+def last(
+    carry: Carry, state: SearchState, candidates: Candidates, limits: SearchLimits
+) -> SearchResult:
+    """One more action out of what is known, where it helps; then the budget is over."""
+    if not state.moves:
+        return replace(carry.result, status=jnp.int32(Status.BUDGET))
+    best, _ = begin_local(state, candidates, known(carry.cache), carry.used, limits, 0, width=1)
+    room = carry.result.steps < limits.max_steps
+    carry = lax.cond(
+        (best.gain[0] > 0) & room & (carry.result.distance > limits.tolerance),
+        lambda s: take(s, state, candidates, best.move[0], best.first[0], best.strength[0]),
+        lambda s: s,
+        carry,
+    )
+    return replace(carry.result, status=jnp.int32(Status.BUDGET))

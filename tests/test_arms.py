@@ -14,7 +14,7 @@ from jshape.robot.arms.base import Arm, ArmError, ArmLost, Doing, EffortLimit, M
 from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.arms.names import ARMS, open_arm
 from jshape.robot.perform import perform
-from jshape.robot.procedure import NAMES, pose_of
+from jshape.robot.procedure import NAMES
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.signals import SIGNALS
 
@@ -56,10 +56,8 @@ def test_an_arm_goes_where_it_is_told_and_says_so(opened):
     arm, hand, point = opened.arm, load_hand(), _surface(opened)
     assert isinstance(arm, Arm) and arm.name
     procedure = hand.procedures["poke"]
-    tool = np.eye(4)
-    tool[:3, 3] = np.array(procedure.tool_mm) / 1000
-    pose = _base(opened) @ pose_of(procedure.operations[0], point)
-    arm.begin(Doing("poke", "above", 1.0, 0.0), tool)
+    pose = _base(opened) @ procedure.poses(hand.limits, point)[0][1][0]
+    arm.begin(Doing("poke", "above", 1.0, 0.0), procedure.tool)
     moved = arm.move(pose, speed=0.25, threshold=40.0)
     assert isinstance(moved, Moved) and not moved.contact
     for reached in (moved.pose, arm.pose()):

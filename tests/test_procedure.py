@@ -14,10 +14,9 @@ from jshape.robot.arms.names import open_arm
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import levelled_world
 from jshape.robot.perform import perform, prepare
-from jshape.robot.procedure import NAMES, ArmLimits, Operation, Procedure, pose_of, turned
+from jshape.robot.procedure import NAMES, ArmLimits, Operation, Procedure, surface_point, turned
 from jshape.robot.procedure_file import load_hand, read_procedure
 from jshape.robot.simulated import SimulatedWorld
-from jshape.robot.surface import surface_point
 
 POINT = np.array([0.03, -0.02, 0.45])
 HERE = np.eye(4)
@@ -212,11 +211,10 @@ def test_what_leaves_the_workspace_is_refused_before_the_arm_moves(hand):
 
 
 def test_a_stroke_ends_above_the_floor():
-    down = Operation("act", depth_mm=40.0)
-    deepest = ArmLimits().high_mm[2]
-    assert pose_of(down, POINT, 2.0, 0.0, deepest)[2, 3] == deepest / 1000
-    assert pose_of(down, POINT, 1.0, 0.0, deepest)[2, 3] == pytest.approx(0.49)
-    assert pose_of(Operation("clear"), POINT) is None
+    some = Procedure("poke", (Operation("act", depth_mm=40.0), Operation("clear")))
+    for strength, z in ((2.0, ArmLimits().high_mm[2] / 1000), (1.0, 0.49)):
+        (_, (pose,)), (_, nowhere) = some.poses(ArmLimits(), POINT, strength)
+        assert pose[2, 3] == pytest.approx(z, abs=1e-12) and not nowhere
 
 
 def test_a_dry_run_says_every_operation(hand):

@@ -67,12 +67,6 @@ def fresh(flat):
     yield flat
 
 
-def tool_of(hand, action):
-    tool = np.eye(4)
-    tool[:3, 3] = np.asarray(hand.procedures[action].tool_mm) / 1000.0
-    return tool
-
-
 # --- the model ----------------------------------------------------------------------------------
 
 
@@ -116,7 +110,7 @@ def test_fingertips_stand_where_the_strokes_of_the_simulator_begin(flat, hand, e
                 length = 2 * twin.model.geom(f"hand/{tip}_3").size[1]
                 bone = data.body(f"hand/{tip}_3")
                 end = bone.xpos + bone.xmat.reshape(3, 3)[:, 2] * length
-                end = np.linalg.inv(flange @ tool_of(hand, action)) @ np.append(end, 1.0)
+                end = np.linalg.inv(flange @ hand.procedures[action].tool) @ np.append(end, 1.0)
                 off = np.linalg.norm(end[:2] - path[moment, finger].mean(0)[:2])
                 # Four closed fingers cannot be 9 mm apart, as those of the simulator are.
                 assert off < (0.013 if posture == "closed" else 0.001), (posture, tip, off)
@@ -278,7 +272,7 @@ def test_material_gives_way_before_the_bed_changes(
     fresh, hand, engine, posture, action, low, high
 ):  # docs/twin.md: a fingertip meets about 3 N per millimetre, a fist about 5
     arm, twin = fresh.arm, fresh.arm.twin
-    arm.begin(IDLE, tool_of(hand, action))
+    arm.begin(IDLE, hand.procedures[action].tool)
     for height in (-0.05, 0.004):
         pose = fresh.base_camera.copy()
         pose[:3, 3] += pose[:3, :3] @ [0.0, 0.0, 0.45 + height]
@@ -442,7 +436,7 @@ def test_stop_is_always_possible_and_home_lifts_first(fresh, hand):
     pose = fresh.base_camera.copy()
     pose[:3, 3] += [0.1, 0.15, -0.455]  # beside a wall, 5 mm in the material
     arm.stop()
-    arm.begin(IDLE, tool_of(hand, "poke"))
+    arm.begin(IDLE, hand.procedures["poke"].tool)
     arm.move(pose, speed=0.25, threshold=100.0)
     heights = []
     arm.watch = lambda twin: heights.append((arm.pose()[2, 3], *arm.pose()[:2, 3]))

@@ -19,10 +19,9 @@ from jshape.planning.plan_file import write_plan
 from jshape.robot import waypoints
 from jshape.robot.arms.base import PoseRefused
 from jshape.robot.pose_file import CameraPose, write_pose
-from jshape.robot.procedure import Hand, Operation, Procedure
+from jshape.robot.procedure import Hand, Operation, Procedure, surface_point
 from jshape.robot.procedure_file import load_hand
 from jshape.robot.rigid import BadPose, pose_at
-from jshape.robot.surface import surface_point
 from jshape.robot.waypoints import waypoints_of
 
 NAMES = ("above", "prepare", "contact", "act", "up", "clear")

@@ -20,9 +20,8 @@ from jshape.errors import JShapeError
 from jshape.io import files, folders
 from jshape.robot.arms.mujoco import BOX, Ready, make_twin
 from jshape.robot.perform import OperationResult, perform
-from jshape.robot.procedure import Hand
+from jshape.robot.procedure import Hand, surface_point
 from jshape.robot.procedure_file import load_hand
-from jshape.robot.surface import surface_point
 from jshape.robot.twin import engine
 from jshape.robot.twin.model import Obstacle
 from jshape.robot.twin.world import Twin

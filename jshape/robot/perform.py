@@ -11,7 +11,7 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.robot.arms.base import Arm, ArmError, Doing, EffortLimit, Moved, stop_arm
-from jshape.robot.procedure import IN_THE_AIR, ArmLimits, Hand, Operation, check_reach, poses_of
+from jshape.robot.procedure import IN_THE_AIR, ArmLimits, Hand, Operation
 from jshape.robot.rigid import Pose
 
 
@@ -33,15 +33,13 @@ def perform(
     action: str,
     point: Float[np.ndarray, "3"],
     base_camera: Float[np.ndarray, "4 4"],
-    *,
     strength: float = 1.0,
     yaw: float = 0.0,
     length: float = 1.0,
+    *,
     on_operation: Callable[[OperationResult], None] = lambda done: None,
 ) -> list[OperationResult]:
     """Carry an action out as `prepare` has it; `on_operation` is called after each operation.
-
-    `point`, `strength`, `yaw` and `length` are as there.
 
     Any failure, Ctrl-C included, stops the arm before the error is passed on.
 
@@ -80,9 +78,17 @@ def prepare(
     yaw: float = 0.0,
     length: float = 1.0,
 ) -> tuple[Pose, list[tuple[Operation, list[Pose]]]]:
-    """Check an action at a point of the surface (camera's frame, metres); the arm does not move.
+    """Check an action at a point of the surface; the arm does not move.
 
-    `point` is the place, its z the surface where the hand goes down; `length` a factor on its path.
+    Args:
+      arm: that is to carry it out.
+      hand: its procedures and limits.
+      action: its name.
+      point: as `strength`, `yaw` and `length` for `Procedure.poses`.
+      base_camera: pose of the point's camera in the arm's base frame.
+      strength: a factor on depths.
+      yaw: turn of the hand from u towards v, radians.
+      length: a factor on the path.
 
     Returns:
       The pose of the tool in the flange's frame, and the operations with the tool's poses in the
@@ -94,15 +100,12 @@ def prepare(
     if action not in hand.procedures:
         raise ArmError(f"the hand cannot {action}; it can: {', '.join(hand.procedures)}")
     procedure, limits = hand.procedures[action], hand.limits
-    check_reach(procedure, limits, point, strength, yaw, length)
-    tool = np.eye(4)
-    tool[:3, 3] = np.asarray(procedure.tool_mm) / 1000.0
-    seen = poses_of(procedure, limits, point, strength, yaw, length)
+    seen = procedure.poses(limits, point, strength, yaw, length)
     operations = [(one, [base_camera @ pose for pose in poses]) for one, poses in seen]
     arm.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
     every = [pose for _, poses in operations for pose in poses]
-    arm.check(every, [one.posture for one in procedure.operations if one.posture], tool)
-    return tool, operations
+    arm.check(every, [one.posture for one, _ in seen if one.posture], procedure.tool)
+    return procedure.tool, operations
 
 
 def _one(
@@ -122,17 +125,17 @@ def _one(
         return judged(arm.home())
 
     def shaped() -> tuple[bool, float]:
-        if (name := operation.posture) is None:
+        if operation.posture is None:
             return False, 0.0
         how = {"seconds": operation.seconds, "threshold": operation.effort_nm}
-        return judged(arm.posture(name, **how))
+        return judged(arm.posture(operation.posture, **how))
 
     # Far from the bed first: fingers that the action before stretched out could touch it.
     early = operation.name == "above"
     contact, effort = shaped() if early else (False, 0.0)
     for pose in poses:
-        speed = operation.speed_mm_s / 1000.0
-        contact, felt = judged(arm.move(pose, speed=speed, threshold=operation.effort_nm))
+        how = {"speed": operation.speed_mm_s / 1000.0, "threshold": operation.effort_nm}
+        contact, felt = judged(arm.move(pose, **how))
         effort = max(effort, felt)
         if contact:
             break

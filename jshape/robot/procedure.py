@@ -4,14 +4,16 @@ above the place; down, the hand prepared; contact; act; up; clear of the camera'
 moves along the bed goes down where its path begins and up where it ends.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jshape._typing import Float
+from jshape._typing import ArrayLike, Float
+from jshape.actions import PAPER_Z
+from jshape.camera import Camera
 from jshape.errors import quoted
 from jshape.io.records import OneLine, Range
 from jshape.robot.arms.base import PoseRefused
@@ -27,6 +29,8 @@ LONGEST = 10.0
 """Greatest length of an action's path, as a multiple of its own: more than any bed is wide."""
 POINTS = 8
 """Most points of a path."""
+AROUND = 3
+"""The surface at a place is the median over so many pixels to each side."""
 
 REACH_MM = 2000.0
 """No arm's tool is farther than this from anything, mm."""
@@ -75,6 +79,18 @@ class Operation:
             return f"{' and '.join(given)} are both given; one says where the tool is"
         return None if self.path_mm is None else self._path_problem(np.array(self.path_mm))
 
+    def ways(self, path: Float[np.ndarray, "P 2"], strength: float) -> list[tuple[float, float]]:
+        """(x along the hand, depth) of the points that the tool goes to, metres from the place.
+
+        `path` is that of the action's act; where it begins and ends the others go down and up.
+        """
+        if self.path_mm is not None:
+            return [(x, depth * strength) for x, depth in path]
+        x = path[-1 if self.name == "up" else 0, 0] if len(path) else 0.0
+        if self.depth_mm is not None:
+            return [(x, self.depth_mm / 1e3 * strength)]
+        return [] if self.height_mm is None else [(x, -self.height_mm / 1e3)]
+
     def _path_problem(self, path: np.ndarray) -> str | None:
         if not 2 <= len(path) <= POINTS:
             return f"path_mm has {len(path)} points; expected 2 to {POINTS} of [x, depth]"
@@ -88,39 +104,6 @@ class Operation:
             return f"path_mm is {x[-1] - x[0]:g} mm long; {_METRES.format(1)}"
         if depth.max() < 0.1:
             return f"path_mm is {depth.max():g} mm deep; {_METRES.format(0.1)}"
-        return None
-
-
-@dataclass(frozen=True)
-class Procedure:
-    """The six operations of one action."""
-
-    action: Annotated[str, OneLine()]
-    operations: tuple[Operation, ...]
-    tool_mm: _Place = (0.0, 0.0, 0.0)
-    """The point of the hand that meets the place, in the flange's frame."""
-
-    def path(self, length: float = 1.0) -> Float[np.ndarray, "P 2"]:
-        """(x, depth) of the act's path, metres; no points where it has none."""
-        found = [one.path_mm for one in self.operations if one.path_mm is not None]
-        path = np.array(found[0] if found else np.zeros((0, 2)), float) / 1e3
-        if len(path):
-            middle = path[[0, -1], 0].mean()
-            path[:, 0] = middle + length * (path[:, 0] - middle)
-        return path
-
-    def begins(self, yaw: float = 0.0, length: float = 1.0) -> Float[np.ndarray, "2"]:
-        """(x, y) from the place to where the hand goes down, metres in the camera's frame."""
-        path = self.path(length)
-        return turned(yaw)[:2, 0] * (path[0, 0] if len(path) else 0.0)
-
-    def problem(self) -> str | None:
-        """What a file of it must not say."""
-        names, length = [one.name for one in self.operations], float(np.linalg.norm(self.tool_mm))
-        if names != list(NAMES):
-            return f"operations are {quoted(names)}; expected {', '.join(NAMES)}, in this order"
-        if 0 < length < 1:
-            return f"tool_mm is {length:g} mm long; {_METRES.format(1)}"
         return None
 
 
@@ -147,6 +130,113 @@ class ArmLimits:
             return f"low_mm to high_mm is {room.max():g} mm at most; {_METRES.format(ROOM_MM)}"
         return None
 
+    def check(self, operation: Operation, poses: Sequence[Pose], where: str) -> None:
+        """PoseRefused where an operation is too fast, trips too late or leaves the workspace."""
+        for what, value, most in (
+            ("speed {:g} mm/s", operation.speed_mm_s, self.speed_mm_s),
+            ("threshold {:g} Nm", operation.effort_nm, self.effort_nm),
+        ):
+            if value > most:
+                raise PoseRefused(f"{where}: {what.format(value)}; at most {most:g}")
+        for pose in poses:
+            at = pose[:3, 3] * 1000.0
+            if not ((at >= self.low_mm) & (at <= self.high_mm)).all():
+                text = "({:.0f}, {:.0f}, {:.0f})".format
+                raise PoseRefused(
+                    f"{where} goes to {text(*at)} mm in the camera's frame; "
+                    f"the workspace is {text(*self.low_mm)} to {text(*self.high_mm)}"
+                )
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """The six operations of one action."""
+
+    action: Annotated[str, OneLine()]
+    operations: tuple[Operation, ...]
+    tool_mm: _Place = (0.0, 0.0, 0.0)
+    """The point of the hand that meets the place, in the flange's frame."""
+
+    @property
+    def tool(self) -> Pose:
+        """The pose of that point in the flange's frame, metres; its axes are the flange's."""
+        pose = np.eye(4)
+        pose[:3, 3] = np.asarray(self.tool_mm) / 1000.0
+        return pose
+
+    def path(self, length: float = 1.0) -> Float[np.ndarray, "P 2"]:
+        """(x, depth) of the act's path, metres; no points where it has none."""
+        found = [one.path_mm for one in self.operations if one.path_mm is not None]
+        path = np.array(found[0] if found else np.zeros((0, 2)), float) / 1e3
+        if len(path):
+            middle = path[[0, -1], 0].mean()
+            path[:, 0] = middle + length * (path[:, 0] - middle)
+        return path
+
+    def begins(self, yaw: float = 0.0, length: float = 1.0) -> Float[np.ndarray, "2"]:
+        """(x, y) from the place to where the hand goes down, metres in the camera's frame."""
+        path = self.path(length)
+        return turned(yaw)[:2, 0] * (path[0, 0] if len(path) else 0.0)
+
+    def poses(
+        self,
+        limits: ArmLimits,
+        point: Float[np.ndarray, "3"],
+        strength: float = 1.0,
+        yaw: float = 0.0,
+        length: float = 1.0,
+    ) -> list[tuple[Operation, list[Pose]]]:
+        """Each operation with the poses of the tool that it goes to, camera's frame, metres.
+
+        None, one, or the points of its path.
+
+        Args:
+          limits: a stroke ends at the far end of the workspace.
+          point: x and y of the place, and z of the surface where the hand goes down, metres.
+          strength: a factor on depths.
+          yaw: turn of the hand from u towards v, radians.
+          length: a factor on the path.
+
+        Raises:
+          PoseRefused: it leaves the workspace, is too fast, trips above the hard limit, or has a
+            strength, yaw or length that makes no sense.
+        """
+        if not (np.isfinite(point).all() and np.isfinite(yaw) and 0 < strength <= DEEPEST):
+            raise PoseRefused(
+                f"{self.action}: at {point} m, strength {strength:g}, yaw {yaw:g} rad; a strength "
+                f"is above 0 and at most {DEEPEST:g}, and all are finite"
+            )
+        if not 0 < length <= LONGEST:
+            said = f"{self.action}: its path {length:g} times as long"
+            raise PoseRefused(f"{said}; a length is above 0 and at most {LONGEST:g}")
+        path = self.path(length)
+        if length != 1 and not len(path):
+            said = f"{self.action}: its act has no path_mm"
+            raise PoseRefused(f"{said}, so it cannot be {length:g} times as long")
+        found = []
+        for one in self.operations:
+            poses = []
+            for x, depth in one.ways(path, strength):
+                pose = np.eye(4)
+                pose[:3, :3] = turned(yaw)
+                pose[:3, 3] = point + x * pose[:3, 0]
+                pose[2, 3] += depth
+                if one.height_mm is None:
+                    pose[2, 3] = min(pose[2, 3], limits.high_mm[2] / 1000.0)
+                poses.append(pose)
+            limits.check(one, poses, f"{self.action}: {one.name}")
+            found.append((one, poses))
+        return found
+
+    def problem(self) -> str | None:
+        """What a file of it must not say."""
+        names, length = [one.name for one in self.operations], float(np.linalg.norm(self.tool_mm))
+        if names != list(NAMES):
+            return f"operations are {quoted(names)}; expected {', '.join(NAMES)}, in this order"
+        if 0 < length < 1:
+            return f"tool_mm is {length:g} mm long; {_METRES.format(1)}"
+        return None
+
 
 @dataclass(frozen=True)
 class Hand:
@@ -161,104 +251,33 @@ def turned(yaw: float) -> Float[np.ndarray, "3 3"]:
     return Rotation.from_euler("z", yaw).as_matrix()
 
 
-def pose_of(
-    operation: Operation,
-    point: Float[np.ndarray, "3"],
-    strength: float = 1.0,
-    yaw: float = 0.0,
-    deepest_mm: float = np.inf,
-) -> Float[np.ndarray, "4 4"] | None:
-    """Of the tool at the end of an operation, in the camera's frame, metres; None: it goes nowhere.
+def surface_point(
+    depth: Float[np.ndarray, "H W"],
+    camera: Camera,
+    position: ArrayLike,
+    *,
+    place_depth: float = PAPER_Z,
+    beside: ArrayLike = (0.0, 0.0),
+) -> Float[np.ndarray, "3"]:
+    """The point of the surface under a place, metres, in the frame of the bank's camera.
 
-    `point` is on the surface there, `strength` a factor on the depth, which ends at `deepest_mm`
-    at the latest; `yaw` turns the hand from u towards v, radians.
-    """
-    if operation.depth_mm is not None:
-        return _below(point, operation.depth_mm * strength, yaw, deepest_mm)
-    if operation.height_mm is not None:
-        return _below(point, -operation.height_mm, yaw)
-    return None
-
-
-def _below(point: np.ndarray, depth_mm: float, yaw: float, deepest_mm: float = np.inf) -> Pose:
-    """So far below a point, but not below `deepest_mm`."""
-    pose = np.eye(4)
-    pose[:3, :3] = turned(yaw)
-    pose[:3, 3] = point
-    pose[2, 3] = min(pose[2, 3] + depth_mm / 1e3, deepest_mm / 1e3)
-    return pose
-
-
-def poses_of(
-    procedure: Procedure,
-    limits: ArmLimits,
-    point: Float[np.ndarray, "3"],
-    strength: float = 1.0,
-    yaw: float = 0.0,
-    length: float = 1.0,
-) -> list[tuple[Operation, list[Pose]]]:
-    """Each operation with the poses that it goes to: none, one, or the points of its path.
+    A place (u, v) is the pixel of a point at one depth for all (Hypothesis 3), which gives its x
+    and y.  The surface there may be nearer or farther, and is then seen at another pixel.
 
     Args:
-      procedure: of the action.
-      limits: strokes end above the floor.
-      point: x and y of the place, and z of the surface where the hand goes down.
-      strength: a factor on depths.
-      yaw: turn of the hand from u towards v, radians.
-      length: a factor on the path.
+      depth: what the bank's camera sees, metres, without gaps.
+      camera: the bank's.
+      position: (u, v) pixels, whole or not.
+      place_depth: depth at which places are meant, metres.
+      beside: (x, y) from the place to where the surface is looked up instead, metres: there a hand
+        that goes along a path goes down.
     """
-    path, along, deepest = procedure.path(length), turned(yaw)[:, 0], limits.high_mm[2]
-    ends = path[[0, -1], 0] if len(path) else np.zeros(2)
-    found = []
-    for one in procedure.operations:
-        if one.path_mm is not None:
-            poses = [_below(point + x * along, 1e3 * z * strength, yaw, deepest) for x, z in path]
-        else:
-            there = point + ends[int(one.name == "up")] * along
-            pose = pose_of(one, there, strength, yaw, deepest)
-            poses = [] if pose is None else [pose]
-        found.append((one, poses))
-    return found
-
-
-def check_reach(
-    procedure: Procedure,
-    limits: ArmLimits,
-    point: Float[np.ndarray, "3"],
-    strength: float = 1.0,
-    yaw: float = 0.0,
-    length: float = 1.0,
-) -> None:
-    """Whether all of an action stays inside the limits, before the arm moves.
-
-    Raises:
-      PoseRefused: it leaves the workspace, is too fast, trips above the hard limit, or has a
-        strength, yaw or length that makes no sense.
-    """
-    if not (np.isfinite(point).all() and np.isfinite(yaw) and 0 < strength <= DEEPEST):
-        raise PoseRefused(
-            f"{procedure.action}: at {point} m, strength {strength:g}, yaw {yaw:g} rad; a strength "
-            f"is above 0 and at most {DEEPEST:g}, and all are finite"
-        )
-    if not 0 < length <= LONGEST:
-        said = f"{procedure.action}: its path {length:g} times as long"
-        raise PoseRefused(f"{said}; a length is above 0 and at most {LONGEST:g}")
-    if length != 1 and not len(procedure.path()):
-        said = f"{procedure.action}: its act has no path_mm"
-        raise PoseRefused(f"{said}, so it cannot be {length:g} times as long")
-    for operation, poses in poses_of(procedure, limits, point, strength, yaw, length):
-        where = f"{procedure.action}: {operation.name}"
-        for what, value, most in (
-            ("speed {:g} mm/s", operation.speed_mm_s, limits.speed_mm_s),
-            ("threshold {:g} Nm", operation.effort_nm, limits.effort_nm),
-        ):
-            if value > most:
-                raise PoseRefused(f"{where}: {what.format(value)}; at most {most:g}")
-        for pose in poses:
-            at = pose[:3, 3] * 1000.0
-            if not ((at >= limits.low_mm) & (at <= limits.high_mm)).all():
-                text = "({:.0f}, {:.0f}, {:.0f})".format
-                raise PoseRefused(
-                    f"{where} goes to {text(*at)} mm in the camera's frame; "
-                    f"the workspace is {text(*limits.low_mm)} to {text(*limits.high_mm)}"
-                )
+    u, v = np.asarray(position, np.float64)
+    x, y = camera.at(u, v, place_depth)
+    z, (dx, dy) = place_depth, np.asarray(beside, np.float64)
+    for _ in range(4):  # the surface's slope is well below 1: each round halves the error
+        column, row = (int(np.rint(at)) for at in camera.pixel(x + dx, y + dy, z))
+        column, row = min(max(column, 0), camera.width - 1), min(max(row, 0), camera.height - 1)
+        rows, columns = (slice(max(at - AROUND, 0), at + AROUND + 1) for at in (row, column))
+        z = float(np.median(depth[rows, columns]))
+    return np.array([x, y, z])

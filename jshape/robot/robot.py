@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,7 @@ from jshape.robot.cameras.base import FRAMES, DepthCamera, look
 from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.checks import check_clear
 from jshape.robot.perform import OperationResult, perform, prepare
-from jshape.robot.procedure import Hand
-from jshape.robot.surface import surface_point
+from jshape.robot.procedure import Hand, surface_point
 
 
 class Robot(AbstractContextManager):
@@ -138,17 +138,15 @@ class Robot(AbstractContextManager):
     ) -> None:
         """Carry an action out at pixel (u, v) of the bank's image; ArmError: it did not."""
         self.moved = True
-        given = self._given(action, position, yaw, length)
-        how = {"strength": strength, "yaw": yaw, "length": length}
-        perform(*given, **how, on_operation=self.on_operation)
+        given = self._given(action, position, strength, yaw, length)
+        perform(*given, on_operation=self.on_operation)
 
-    def _given(
-        self, action: str, position: tuple[float | int, float | int], yaw: float, length: float
-    ) -> tuple[GuardedArm, Hand, str, Float[np.ndarray, "3"], Float[np.ndarray, "4 4"]]:
-        """What `prepare` and `perform` take first."""
+    def _given(self, action: str, position: tuple[float | int, float | int], *how: float) -> Any:
+        """What `prepare` and `perform` take; `how` is strength, yaw and length."""
         procedure = self._hand.procedures.get(action)
-        beside = (0.0, 0.0) if procedure is None else procedure.begins(yaw, length)
-        return self.guard, self._hand, action, self.point(position, beside), self._base_bank
+        beside = (0.0, 0.0) if procedure is None else procedure.begins(*how[1:])
+        point = self.point(position, beside)
+        return self.guard, self._hand, action, point, self._base_bank, *how
 
     def point(
         self, position: tuple[float | int, float | int], beside: ArrayLike = (0.0, 0.0)
@@ -178,7 +176,7 @@ class Robot(AbstractContextManager):
         length: float = 1.0,
     ) -> None:
         """Whether it could carry an action out; nothing moves.  Raises as `act`."""
-        prepare(*self._given(action, position, yaw, length), strength, yaw, length)
+        prepare(*self._given(action, position, strength, yaw, length))
 
     def home(self) -> None:
         """Bring the arm out of the camera's view; ArmError: it did not."""

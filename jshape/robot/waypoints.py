@@ -18,9 +18,8 @@ from jshape.actions import PAPER_Z
 from jshape.errors import BadFile, BadPosition, JShapeError, UnknownName, needs, quoted
 from jshape.io.files import write_atomic, write_json
 from jshape.planning.plan import Plan
-from jshape.robot.procedure import Hand, Operation, check_reach, poses_of
+from jshape.robot.procedure import Hand, Operation, surface_point
 from jshape.robot.rigid import BadPose, Pose, check_rigid, quaternion_of
-from jshape.robot.surface import surface_point
 
 with needs("robot", "a hand or waypoint file"):
     import yaml
@@ -151,30 +150,25 @@ def waypoints_of(
             "are the poses of its cameras in that frame already? then leave --base out"
         )
     frame = ("cameras" if on_map else "camera") if base_camera is None else "base"
+    how = (of.astype(float).tolist() for of in (plan.strengths, plan.yaws, plan.lengths))
     paths = []
-    for k, action in enumerate(plan.actions):
-        procedure = hand.procedures[action]
-        u, v = (float(x) for x in plan.exact_positions[k])
-        how = strength, yaw, length = (
-            float(plan.strengths[k]), float(plan.yaws[k]), float(plan.lengths[k])
-        )  # fmt: skip
+    for k, strength, yaw, length in zip(range(len(plan)), *how, strict=True):
+        procedure = hand.procedures[plan.actions[k]]
+        u, v = plan.exact_positions[k].astype(float).tolist()
         depth = np.asarray(camera.depth(metric.unweigh(plan.images[k], camera)))
         beside = procedure.begins(yaw, length)
         point = surface_point(depth, camera, (u, v), place_depth=place_depth, beside=beside)
-        check_reach(procedure, hand.limits, point, *how)
+        seen = procedure.poses(hand.limits, point, strength, yaw, length)
         path = ActionPath(
-            action=action,
+            action=plan.actions[k],
             position=(u, v),
             strength=strength,
             yaw=yaw,
             length=length,
             surface=change[:3, :3] @ point + change[:3, 3],
-            tool=np.array(procedure.tool_mm) / 1e3,
+            tool=procedure.tool[:3, 3],
             distance_mm=float(plan.distances_mm[k + 1]),
-            waypoints=[
-                (operation, [change @ pose for pose in poses])
-                for operation, poses in poses_of(procedure, hand.limits, point, *how)
-            ],
+            waypoints=[(one, [change @ pose for pose in poses]) for one, poses in seen],
         )
         paths.append(path)
     kept = None if base_camera is None else own
@@ -222,9 +216,11 @@ def waypoint_fields(ways: Waypoints) -> dict[str, Any]:
         "cameras": "that of the poses in the files of the map's cameras (of one camera without a "
         f"pose, its own: {_CAMERA_AXES}); the arm's base only if they are in it",
     }
+    actions = [_action(k, path) for k, path in enumerate(ways.actions, 1)]
+    operations = [one for action in actions for one in action["operations"]]
     return {
         "format": FORMAT,
-        "version": WITH_PATHS if _have_paths(ways) else VERSION,
+        "version": WITH_PATHS if any("path" in one for one in operations) else VERSION,
         "frame": ways.frame,
         "frame_is": where[ways.frame],
         "units": dict(UNITS),
@@ -232,18 +228,13 @@ def waypoint_fields(ways: Waypoints) -> dict[str, Any]:
         "T_base_camera": None if ways.base_camera is None else _numbers(ways.base_camera),
         "place_depth_m": float(ways.place_depth),
         "hard_effort_Nm": float(ways.hard_effort),
-        "actions": [_action(k, path) for k, path in enumerate(ways.actions)],
+        "actions": actions,
     }
 
 
-def _have_paths(ways: Waypoints) -> bool:
-    """Whether a controller that goes straight to each pose would do something else."""
-    return any(len(poses) > 1 for path in ways.actions for _, poses in path.waypoints)
-
-
-def _action(index: int, path: ActionPath) -> dict[str, Any]:
+def _action(number: int, path: ActionPath) -> dict[str, Any]:
     return {
-        "number": index + 1,
+        "number": number,
         "action": path.action,
         "position_px": _numbers(path.position),
         "strength": round(path.strength, 6),
@@ -257,12 +248,12 @@ def _action(index: int, path: ActionPath) -> dict[str, Any]:
 
 
 def _operation(one: Operation, poses: Sequence[Pose]) -> dict[str, Any]:
-    ends = _pose(poses[-1]) if poses else dict.fromkeys(_pose(np.eye(4)))
-    path = {"path": [_pose(pose) for pose in poses]} if len(poses) > 1 else {}
+    written = [_pose(pose) for pose in poses]
+    end = written[-1] if written else dict.fromkeys(_pose(np.eye(4)))
     return {
         "operation": one.name,
-        **ends,
-        **path,
+        **end,
+        **({"path": written} if len(written) > 1 else {}),
         "speed_m_s": one.speed_mm_s / 1e3,
         "effort_Nm": float(one.effort_nm),
         "posture": one.posture,

@@ -17,6 +17,7 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -153,7 +154,8 @@ def deeper(times: float, options: argparse.Namespace) -> None:
                 change = plain[1]
                 errors = {"D": float(plain[0].mean())}
                 for kind in options.kinds:
-                    told = roi_errors_mm(fit(train, kind), test, action, strength=times)
+                    deeper = replace(test, strength=times * test.strength)
+                    told = roi_errors_mm(fit(train, kind), deeper, action)
                     errors[f"{kind} x {times:g}"] = float(told[0].mean())
                 same = roi_errors_mm(fit(test, "D"), test, action)[0].mean()
                 base = errors["D"]

@@ -28,6 +28,7 @@ class MyArm:
 
     def move(self, pose, *, speed, threshold):  # raise ArmError where it did not
         self.poses.append(np.array(pose))  # of the tool in the base frame, metres
+        # The effort is the greatest |joint torque - what gravity needs| on the way, Nm.
         return Moved(contact=False, effort=0.0, pose=self.pose())
 
     def posture(self, name, *, seconds, threshold):
@@ -35,9 +36,6 @@ class MyArm:
 
     def home(self):
         return self.move(np.eye(4), speed=0.1, threshold=50.0)
-
-    def effort(self):
-        return 0.0  # greatest |joint torque - what gravity needs|, Nm
 
     def pose(self):
         return self.poses[-1].copy()

@@ -88,9 +88,6 @@ class Arm:
         self.homes += 1
         return Moved(False, 0.0, self.at)
 
-    def effort(self):
-        return 0.0
-
     def pose(self):
         return self.at
 

@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from jshape.camera import PAPER_BOX
-from jshape.robot.arms.base import Arm, ArmError, ArmLost, Doing, EffortLimit, Moved, stop_arm
+from jshape.robot.arms.base import (
+    Arm,
+    ArmError,
+    ArmLost,
+    ArmSettings,
+    Doing,
+    EffortLimit,
+    Moved,
+    stop_arm,
+)
 from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.arms.names import ARMS, open_arm
 from jshape.robot.perform import perform
@@ -27,7 +36,7 @@ def opened(request):
         if importlib.util.find_spec(package) is None:
             pytest.skip(f"{package} is not installed")
     address = ":3" if ARMS[request.param].address else ""
-    opened = open_arm(request.param + address, PAPER_BOX, say=lambda line: None)
+    opened = open_arm(request.param + address, ArmSettings(PAPER_BOX, say=lambda line: None))
     yield opened
     opened.arm.stop()
     opened.arm.close()
@@ -63,7 +72,7 @@ def test_an_arm_goes_where_it_is_told_and_says_so(opened):
     for reached in (moved.pose, arm.pose()):
         assert 1000 * np.linalg.norm(reached[:3, 3] - pose[:3, 3]) < 2.0
         assert np.degrees(np.arccos(np.clip(reached[2, :3] @ pose[2, :3], -1, 1))) < 1.0
-    assert np.isfinite(arm.effort()) and arm.effort() >= 0
+    assert np.isfinite(moved.effort) and moved.effort >= 0
 
 
 @pytest.mark.full
@@ -118,9 +127,6 @@ class Plain:
         self.told.append("home")
         return Moved(False, 0.0, self.at)
 
-    def effort(self):
-        return 0.0
-
     def pose(self):
         return self.at
 
@@ -138,7 +144,6 @@ CALLS = {
     "move": lambda arm: arm.move(TURNED, speed=1e3, threshold=1.0),
     "posture": lambda arm: arm.posture("fist", seconds=0.001, threshold=1.0),
     "home": lambda arm: arm.home(),
-    "effort": lambda arm: arm.effort(),
     "pose": lambda arm: arm.pose(),
 }
 
@@ -154,7 +159,9 @@ def hung():
 def fast(arm, **more):
     """Guarded, with waits that a test can afford."""
     waits = {"floor": 0.05, "stopping": 0.1, "closing": 0.05, "homing": 0.0}
-    return GuardedArm(arm, **waits | more)
+    guard = GuardedArm(arm)
+    vars(guard).update(waits | more)
+    return guard
 
 
 @pytest.mark.parametrize("call", CALLS)
@@ -251,10 +258,10 @@ def test_a_stop_that_came_before_the_motion_is_repeated():
 def test_what_waits_behind_a_call_that_hangs_is_never_told():
     """A motion that nobody waits for any more must not begin later."""
     arm, end = Plain(), threading.Event()
-    arm.effort = lambda: end.wait(30) and 0.0
+    arm.pose = lambda: end.wait(30) and TURNED
     guard = fast(arm)
-    for call in ("effort", "home"):
-        with pytest.raises(ArmLost, match="effort has not ended"):
+    for call in ("pose", "home"):
+        with pytest.raises(ArmLost, match="pose has not ended"):
             CALLS[call](guard)
     end.set()
     guard.close()
@@ -338,12 +345,12 @@ def test_what_an_arm_cannot_have_done_is_refused(wrong, call):
 
 
 def test_readings_are_checked_where_they_come_in():
-    with pytest.raises(EffortLimit, match="plain arm: effort: effort -0.5 Nm"):
-        fast(Plain(effort=lambda: -0.5)).effort()
     with pytest.raises(ArmError, match="plain arm: pose: the tool's pose: the last row"):
         fast(Plain(pose=lambda: np.zeros((4, 4)))).pose()
-    guard = fast(Plain(effort=lambda: np.float32(2.5), pose=lambda: NONE.astype(np.float32)))
-    assert guard.effort() == 2.5 and guard.pose().dtype == np.float64
+    felt = Moved(False, np.float32(2.5), NONE.astype(np.float32))
+    guard = fast(Plain(posture=lambda *given, **named: felt, pose=lambda: felt.pose))
+    moved = guard.posture("fist", seconds=0.001, threshold=9.0)
+    assert moved.effort == 2.5 and moved.pose.dtype == guard.pose().dtype == np.float64
     with pytest.raises(ArmError, match="Nothing: an arm has .*stop"):
         GuardedArm(type("Nothing", (), {})())
     forgot = type("Forgot", (Arm,), {n: getattr(Plain, n) for n in vars(Arm) if n in CALLS})

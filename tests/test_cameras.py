@@ -19,7 +19,7 @@ from jshape.robot.cameras.base import CameraLost, CameraSettings, DepthCamera, E
 from jshape.robot.cameras.files import bag_camera, folder_camera, picture_camera
 from jshape.robot.cameras.names import names, open_camera
 from jshape.robot.cameras.played import Played, windowed
-from jshape.robot.cameras.realsense import realsense_camera
+from jshape.robot.cameras.realsense import played, realsense_camera
 from jshape.robot.cameras.simulated import levelled_world, simulated_camera
 from tests.seen_beds import above_simulated
 
@@ -43,7 +43,7 @@ def realsense(path, frames):
     device = Virtual(SMALL, 1e-4)
     for counts in frames:
         device.push(counts)
-    opened = realsense_camera(source=device.source(), temporal=False, timeout=0.3)
+    opened = realsense_camera(device.source(), temporal=False, timeout=0.3)
     opened.device = device  # it must live as long
     return opened
 
@@ -53,7 +53,7 @@ def realsense_file(path, frames):
     from tests.virtual_realsense import record
 
     record(path / "rec.db3", SMALL, 1e-4, frames)
-    return realsense_camera(file=path / "rec.db3", temporal=False)
+    return realsense_camera(played(path / "rec.db3"), temporal=False)
 
 
 def bag(how):

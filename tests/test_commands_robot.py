@@ -166,10 +166,10 @@ def test_what_cannot_be_is_refused_in_one_line(goal, tmp_path, capsys, options, 
 
 
 def test_every_arm_by_name_acts(capsys):
-    from jshape.robot.arms.base import Arm
+    from jshape.robot.arms.base import Arm, ArmSettings
 
     for name in ("dry", "sim:1"):
-        assert isinstance(open_arm(name, PAPER_BOX).arm, Arm)
+        assert isinstance(open_arm(name, ArmSettings(PAPER_BOX)).arm, Arm)
 
 
 HUNG = """

@@ -240,7 +240,8 @@ def test_strength_reaches_the_predictor(pairs):
     rois = pairs.rois("poke")
     delta = np.asarray(bank.predictor("poke").delta)
     gap = np.abs(np.clip(rois.prior + 2.5 * delta, 0, 1) - rois.posterior).mean((1, 2))
-    error, _ = roi_errors_mm(bank, pairs, "poke", strength=2.5)
+    deeper = replace(pairs, strength=np.full(len(pairs), 2.5, np.float32))
+    error, _ = roi_errors_mm(bank, deeper, "poke")
     np.testing.assert_allclose(error, gap * float(metric.to_mm(1.0, PAPER_BOX)), rtol=1e-4)
 
 

@@ -8,7 +8,15 @@ import yaml
 
 from jshape.camera import PAPER_BOX
 from jshape.errors import BadFile, JShapeError
-from jshape.robot.arms.base import POSTURES, Arm, ArmError, EffortLimit, Moved, PoseRefused
+from jshape.robot.arms.base import (
+    POSTURES,
+    Arm,
+    ArmError,
+    ArmSettings,
+    EffortLimit,
+    Moved,
+    PoseRefused,
+)
 from jshape.robot.arms.dry_run import DryRun
 from jshape.robot.arms.names import open_arm
 from jshape.robot.arms.simulated import SimulatedArm
@@ -233,7 +241,7 @@ def test_a_dry_run_says_every_operation(hand):
 
 
 def test_the_simulated_arm_refuses_what_lies_beyond_its_box(hand):
-    opened, world = open_arm("sim:3", PAPER_BOX), levelled_world(3)
+    opened, world = open_arm("sim:3", ArmSettings(PAPER_BOX)), levelled_world(3)
     np.testing.assert_array_equal(opened.arm.world.bed.height, world.bed.height)  # one bed
     for x, y in ((0.29, 0.0), (0.0, -0.24)):
         with pytest.raises(PoseRefused, match="beyond the walls of the simulated box, ±280 and"):
@@ -276,6 +284,20 @@ def test_the_simulated_arm_does_what_the_world_does(hand, flat):
     assert np.abs(_depth(other) - surface).max() > 0.01
 
 
+class Buried(SimulatedArm):
+    """Over a bed that is rigid up to so far above the floor, mm."""
+
+    def __init__(self, world, top_mm):
+        super().__init__(world)
+        self.top_mm = top_mm
+
+    def _efforts(self, line):
+        from jshape import sim
+
+        stone = sim.Z_FLOOR - self.top_mm / 1000
+        return super()._efforts(line) + 1e4 * np.maximum(line[:, 2] - stone, 0.0)
+
+
 @pytest.mark.full
 def test_something_buried_ends_the_stroke_early_and_the_bed_knows(hand, flat):
     import jax
@@ -284,7 +306,7 @@ def test_something_buried_ends_the_stroke_early_and_the_bed_knows(hand, flat):
 
     surface = float(np.median(_depth(flat)))
     top_mm = 1000 * (sim.Z_FLOOR - surface) - 6.0  # 6 mm below the surface
-    arm = SimulatedArm(flat, obstacle_mm=top_mm)
+    arm = Buried(flat, top_mm)
     done = perform(arm, hand, "knock", np.array([0.0, 0.0, surface]), HERE)
     act = done[3]
     assert act.contact and act.operation == "act" and len(done) == 6
@@ -376,7 +398,7 @@ def test_a_stock_beside_the_bed_is_brought_and_ends():
     for brought in (50e-6, 70e-6, 70e-6):
         world.act("pour", (240, 197))
         assert float(sim.mass(world.bed)) - before == pytest.approx(brought, abs=2e-6)
-    opened = open_arm("sim:3", PAPER_BOX, stock_cm3=70.0).arm.world
+    opened = open_arm("sim:3", ArmSettings(PAPER_BOX, stock_cm3=70.0)).arm.world
     before = float(sim.mass(opened.bed))
     opened.act("pour", (240, 197))
     assert float(sim.mass(opened.bed)) - before == pytest.approx(50e-6, abs=2e-6)

@@ -14,7 +14,7 @@ from jshape.io.cameras import write_camera
 from jshape.robot.cameras import realsense
 from jshape.robot.cameras.base import CameraLost, EndOfFrames, look
 from jshape.robot.cameras.names import open_camera
-from jshape.robot.cameras.realsense import realsense_camera
+from jshape.robot.cameras.realsense import played, realsense_camera
 
 rs = pytest.importorskip("pyrealsense2")
 
@@ -33,7 +33,7 @@ def noisy(rng, count, shape=SMALL.shape, holes=0.0, std=5.0):
 def through(frames, camera=SMALL, unit=UNIT, **options):
     """What comes out of the camera of what is pushed into the virtual device."""
     device = Virtual(camera, unit)
-    with realsense_camera(source=device.source(), **options) as seen:
+    with realsense_camera(device.source(), **options) as seen:
         out = []
         for counts in frames:
             device.push(counts)
@@ -88,7 +88,7 @@ def test_a_look_through_the_device_is_a_median_in_metres(rng):
     device = Virtual(SMALL, UNIT)
     for counts in noisy(rng, 15):
         device.push(counts)
-    with realsense_camera(source=device.source()) as camera:
+    with realsense_camera(device.source()) as camera:
         depth = look(camera)
     assert np.abs(depth - 0.45).max() < 0.001 and depth.std() < 0.0003
 
@@ -99,7 +99,7 @@ def test_sixty_per_cent_missing_comes_as_missing(rng):
     device = Virtual(SMALL, UNIT)
     for counts in frames:
         device.push(counts)
-    with realsense_camera(source=device.source()) as camera:
+    with realsense_camera(device.source()) as camera:
         assert np.isclose((look(camera) == 0).mean(), 0.6, atol=0.02)
 
 
@@ -108,7 +108,7 @@ def test_a_frozen_device_is_lost(rng):
     device = Virtual(SMALL, UNIT)
     for _ in range(15):
         device.push(same)
-    with realsense_camera(source=device.source()) as camera:
+    with realsense_camera(device.source()) as camera:
         with pytest.raises(CameraLost, match="virtual D435 .*: 15 frames are the same to the bit"):
             look(camera)
 
@@ -116,7 +116,7 @@ def test_a_frozen_device_is_lost(rng):
 def test_an_unplugged_device_is_lost(rng):
     device = Virtual(SMALL, UNIT)
     device.push(noisy(rng, 1)[0])
-    with realsense_camera(source=device.source(), timeout=0.25) as camera:
+    with realsense_camera(device.source(), timeout=0.25) as camera:
         camera.frame()
         device.started.stop()
         with pytest.raises(CameraLost, match=r"sent nothing for 0.25 s; is it unplugged\?"):
@@ -129,7 +129,7 @@ def test_a_device_that_fails_is_lost():
     def wait(milliseconds):
         raise RuntimeError("Device\ndisconnected")
 
-    with realsense_camera(source=device.source()._replace(wait=wait)) as camera:
+    with realsense_camera(device.source()._replace(wait=wait)) as camera:
         with pytest.raises(CameraLost, match="is lost: Device disconnected"):
             camera.frame()
 
@@ -138,13 +138,13 @@ def test_a_device_that_fails_is_lost():
 def test_wrong_intrinsics_are_refused(lens, match):
     device = Virtual(replace(SMALL, **lens), UNIT)
     with pytest.raises(BadCamera, match=f"virtual D435 {SERIAL}: {match}"):
-        realsense_camera(source=device.source())
+        realsense_camera(device.source())
 
 
 def test_a_lens_is_the_sdks():
     coeffs = (0.08, -0.2, 1e-3, -2e-3, 0.05)
     device = Virtual(SMALL, UNIT, coeffs=coeffs)
-    camera = realsense_camera(source=device.source()).camera
+    camera = realsense_camera(device.source()).camera
     np.testing.assert_allclose(camera.lens, (*coeffs, 0, 0, 0), rtol=1e-6)
     lens = device.profile.as_video_stream_profile().get_intrinsics()
     point = [0.11, -0.07, 0.4]
@@ -157,9 +157,9 @@ def test_lenses_of_other_models_are_refused_unless_they_are_straight(model):
     model = getattr(rs.distortion, model)
     device = Virtual(SMALL, UNIT, coeffs=(0.1, 0.0, 0.0, 0.0, 0.0), model=model)
     with pytest.raises(BadCamera, match="brown_conrady, of which none but brown_conrady is read"):
-        realsense_camera(source=device.source())
+        realsense_camera(device.source())
     straight = Virtual(SMALL, UNIT, model=model)
-    assert realsense_camera(source=straight.source()).camera.lens is None
+    assert realsense_camera(straight.source()).camera.lens is None
 
 
 # Recordings of the SDK.
@@ -174,7 +174,7 @@ def recorded(tmp_path, rng):
 
 def test_a_recording_comes_back_to_the_bit_however_slowly_it_is_asked(recorded):
     path, frames = recorded
-    with realsense_camera(file=path, temporal=False) as camera:
+    with realsense_camera(played(path), temporal=False) as camera:
         assert camera.camera == D435_BAZAR and camera.depth_unit == UNIT and not camera.live
         assert camera.name == f"virtual D435 {SERIAL}"
         for k, counts in enumerate(frames):
@@ -184,16 +184,16 @@ def test_a_recording_comes_back_to_the_bit_however_slowly_it_is_asked(recorded):
         for _ in range(2):
             with pytest.raises(EndOfFrames, match="no more frames"):
                 camera.frame()
-    with realsense_camera(file=path, temporal=False) as camera:  # closed in the middle: begins anew
+    with realsense_camera(played(path), temporal=False) as camera:  # closed early: anew
         np.testing.assert_array_equal(camera.frame(), frames[0])
 
 
 def test_a_recording_through_the_filter_is_what_was_live(recorded):
     path, frames = recorded
     _, live = through(frames, D435_BAZAR)
-    with realsense_camera(file=path) as camera:
-        played = np.stack([camera.frame() for _ in frames])
-    np.testing.assert_array_equal(played, live)
+    with realsense_camera(played(path)) as camera:
+        out = np.stack([camera.frame() for _ in frames])
+    np.testing.assert_array_equal(out, live)
     assert (live != frames).mean() > 0.5
 
 
@@ -215,7 +215,7 @@ def test_recordings_that_cannot_be_played(recorded, tmp_path):
 
     def refused(match, file):
         with pytest.raises(BadFile, match=match) as found:
-            realsense_camera(file=file)
+            realsense_camera(played(file))
         message = str(found.value)
         assert "\n" not in message and file.name in message and len(message) < 400
 

@@ -11,7 +11,7 @@ import pytest
 from jshape.camera import PAPER_BOX
 from jshape.cli.main import main
 from jshape.errors import JShapeError
-from jshape.robot.arms.base import OpenedArm
+from jshape.robot.arms.base import ArmSettings, OpenedArm
 from jshape.robot.arms.dry_run import DryRun
 from jshape.robot.arms.names import ARMS, open_arm
 from jshape.robot.cameras.names import CAMERAS, open_camera
@@ -65,7 +65,7 @@ def test_a_camera_opens_at_its_raw_address(toys, capsys):
 
 
 def test_an_arm_opens_at_its_raw_address(toys, tmp_path, capsys):
-    assert open_arm(f"toy:{HOST}", PAPER_BOX).arm.name == f"toy at {HOST}"
+    assert open_arm(f"toy:{HOST}", ArmSettings(PAPER_BOX)).arm.name == f"toy at {HOST}"
     goal = tmp_path / "goal.npy"
     np.save(goal, np.full(PAPER_BOX.shape, 0.45, np.float32))
     command = ["mold", str(goal), "--out", str(tmp_path / "run"), "--yes"]
@@ -106,7 +106,7 @@ def test_a_wrong_name_or_address_is_refused(toys):
         ("sim:-1", "sim:-1: a seed is a whole number"),
     ):
         with pytest.raises(JShapeError, match=said):
-            open_arm(text, PAPER_BOX)
+            open_arm(text, ArmSettings(PAPER_BOX))
     assert seed_of("") == 0 and seed_of("4294967295") == 2**32 - 1
 
 

@@ -494,10 +494,9 @@ def test_whatever_hangs_the_run_ends_and_goes_on_later(session, bank, molded, wh
 
     eye = Eye(molded[0].copy())
     arm = Arm(bank, eye, second)
-    guards = (
-        GuardedCamera(eye, hangs=0.3, closing=0.1),
-        GuardedArm(arm, floor=0.3, stopping=0.2, closing=0.1, homing=0.0),
-    )
+    guards = GuardedCamera(eye), GuardedArm(arm)
+    vars(guards[0]).update(hangs=0.3, closing=0.1)
+    vars(guards[1]).update(floor=0.3, stopping=0.2, closing=0.1, homing=0.0)
     robot = Robot(*guards, load_hand(), bank.camera, frames=3)
     if what == "close":
         arm.close = hangs

@@ -141,9 +141,9 @@ def sent(tilt, turn):
         patches=(image[v - 1 : v + 1, u - 1 : u + 1],),
         view=robot.view,
     )
-    path = waypoints_of(plan, HAND, base).actions[0]
-    told = [pose for _, poses in path.waypoints for pose in poses]
-    return np.array(arm.poses), np.array(told), path.surface
+    path = waypoints_of(plan, HAND, base)["actions"][0]
+    told = [one["matrix"] for one in path["operations"] if one["matrix"]]
+    return np.array(arm.poses), np.array(told), path["surface_m"]
 
 
 def test_a_place_is_one_point_of_the_base_frame_from_wherever_it_is_seen():

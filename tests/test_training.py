@@ -111,7 +111,7 @@ def test_a_checkpoint_of_something_else_is_refused(examples):
     ):
         with pytest.raises(BadFile, match="memory: holds a training with other pairs or settings"):
             train(roi_loss, start, data, settings, Hooks(keep=keep))
-    del keep.kept[0]["best.0"]
+    del keep.kept[0]["leaf.0"]
     with pytest.raises(BadFile, match="memory: its checkpoint is incomplete"):
         train(roi_loss, zero(), examples, QUICK, Hooks(keep=keep))
 

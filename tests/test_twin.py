@@ -210,7 +210,7 @@ def test_depth_equals_the_simulators_for_every_posture_at_home(camera):
 def test_frames_are_counts_with_noise_and_lost_once_closed(flat):
     from jshape.robot.cameras.mujoco import MuJoCoCamera
 
-    with MuJoCoCamera(flat.arm.twin) as eye:
+    with MuJoCoCamera(flat.arm.twin, jax.random.key(1)) as eye:
         frame = eye.frame()
         assert frame.dtype == np.uint16 and frame.shape == PAPER_BOX.shape
         assert (frame != eye.frame()).mean() > 0.5

@@ -24,6 +24,13 @@ from jshape.robot.procedure_file import load_hand
 from jshape.robot.rigid import BadPose, pose_at
 from jshape.robot.waypoints import waypoints_of
 
+
+def poses_in(action):
+    """The tool's poses in each operation of an action: none, one, or those of its path."""
+    moved = [one.get("path", [one]) for one in action["operations"]]
+    return [[np.array(one["matrix"]) for one in some if one["matrix"]] for some in moved]
+
+
 NAMES = ("above", "prepare", "contact", "act", "up", "clear")
 ROI = (60, 40)
 PLACES = [[239, 197], [239, 197], [60, 330]]
@@ -87,11 +94,11 @@ def pixel(point, z):
 
 def test_places_are_the_plans_pixels(plan):
     ways = waypoints_of(plan, load_hand())
-    for path, expected in zip(ways.actions, plan.exact_positions, strict=True):
-        np.testing.assert_array_equal(path.position, expected)
+    for path, expected in zip(ways["actions"], plan.exact_positions, strict=True):
+        np.testing.assert_allclose(path["position_px"], expected, rtol=0, atol=1e-9)
         # Places are meant at one depth (Hypothesis 3), whatever the surface.
-        np.testing.assert_allclose(pixel(path.surface, PAPER_Z), expected, atol=1e-6)
-        for _, poses in path.waypoints:
+        np.testing.assert_allclose(pixel(path["surface_m"], PAPER_Z), expected, atol=1e-6)
+        for poses in poses_in(path):
             for pose in poses:
                 np.testing.assert_allclose(pixel(pose[:3, 3], PAPER_Z), expected, atol=1e-6)
 
@@ -99,25 +106,30 @@ def test_places_are_the_plans_pixels(plan):
 def test_from_the_base_they_go_back_through_the_camera(plan):
     ways = waypoints_of(plan, load_hand(), BASE)
     beside = waypoints_of(plan, load_hand())
-    assert (ways.frame, beside.frame) == ("base", "camera") and beside.base_camera is None
+    assert (ways["frame"], beside["frame"]) == ("base", "camera")
+    assert beside["T_base_camera"] is None
     for path, seen, expected in zip(
-        ways.actions, beside.actions, plan.exact_positions, strict=True
+        ways["actions"], beside["actions"], plan.exact_positions, strict=True
     ):
-        back = (np.linalg.inv(BASE) @ np.append(path.surface, 1.0))[:3]
+        back = (np.linalg.inv(BASE) @ np.append(path["surface_m"], 1.0))[:3]
         np.testing.assert_allclose(pixel(back, PAPER_Z), expected, atol=1e-6)
-        for (_, a), (_, b) in zip(path.waypoints, seen.waypoints, strict=True):
+        for a, b in zip(poses_in(path), poses_in(seen), strict=True):
             np.testing.assert_allclose(a, [BASE @ pose for pose in b], atol=1e-12)
 
 
 def test_a_surface_at_the_places_depth_is_seen_at_the_plans_pixels():
     depths = [np.full(PAPER_BOX.shape, PAPER_Z)] * 2
-    (path,) = waypoints_of(plan_of(depths, [[100, 300]]), load_hand()).actions
-    assert path.surface[2] == pytest.approx(PAPER_Z, abs=1e-7)
-    np.testing.assert_allclose(pixel(path.surface, path.surface[2]), [100, 300], atol=1e-4)
+    (path,) = waypoints_of(plan_of(depths, [[100, 300]]), load_hand())["actions"]
+    assert path["surface_m"][2] == pytest.approx(PAPER_Z, abs=1e-7)
+    np.testing.assert_allclose(
+        pixel(path["surface_m"], path["surface_m"][2]), [100, 300], atol=1e-4
+    )
 
 
 def test_heights_follow_the_predicted_surface(plan):
-    first, second, third = (path.surface[2] for path in waypoints_of(plan, load_hand()).actions)
+    first, second, third = (
+        path["surface_m"][2] for path in waypoints_of(plan, load_hand())["actions"]
+    )
     assert first == pytest.approx(FLAT, abs=1e-7)
     assert second == pytest.approx(FLAT + DENT, abs=1e-7)
     assert third == pytest.approx(FLAT, abs=1e-7)
@@ -125,13 +137,10 @@ def test_heights_follow_the_predicted_surface(plan):
 
 def test_operations_are_the_hands(plan):
     hand = load_hand()
-    for k, path in enumerate(waypoints_of(plan, hand).actions):
-        procedure = hand.procedures[path.action]
-        fields = waypoints.waypoint_fields(waypoints_of(plan, hand))["actions"][k]["operations"]
+    for k, path in enumerate(waypoints_of(plan, hand)["actions"]):
+        fields, operations = path["operations"], hand.procedures[path["action"]].operations
         assert tuple(one["operation"] for one in fields) == NAMES
-        for (_, poses), one, operation in zip(
-            path.waypoints, fields, procedure.operations, strict=True
-        ):
+        for poses, one, operation in zip(poses_in(path), fields, operations, strict=True):
             assert one["posture"] == operation.posture
             assert one["speed_m_s"] == pytest.approx(operation.speed_mm_s / 1e3)
             assert one["effort_Nm"] == operation.effort_nm
@@ -139,7 +148,7 @@ def test_operations_are_the_hands(plan):
                 assert not poses
                 continue
             (pose,) = poses
-            down = 1e3 * (pose[2, 3] - path.surface[2])
+            down = 1e3 * (pose[2, 3] - path["surface_m"][2])
             if operation.depth_mm is not None:
                 assert down == pytest.approx(operation.depth_mm * plan.strengths[k])
             else:
@@ -169,36 +178,40 @@ def test_on_a_map_of_cameras_in_the_base_frame_no_pose_is_counted_twice(plan):
         waypoints_of(on_map, hand),
         waypoints_of(replace(plan, camera=replace(above, pose=None)), hand),
     )
-    assert ways.frame == "cameras" and seen.frame == "camera"
-    for path, other in zip(ways.actions, seen.actions, strict=True):
-        expected = BASE[:3, :3] @ other.surface + BASE[:3, 3]
-        np.testing.assert_allclose(path.surface, expected, atol=1e-12)
+    assert ways["frame"] == "cameras" and seen["frame"] == "camera"
+    for path, other in zip(ways["actions"], seen["actions"], strict=True):
+        expected = BASE[:3, :3] @ other["surface_m"] + BASE[:3, 3]
+        np.testing.assert_allclose(path["surface_m"], expected, atol=1e-12)
     beside = replace(on_map, camera=replace(above, pose=moved(z=-0.2)))  # in its camera's own frame
-    assert waypoints_of(beside, hand, BASE).frame == "base"
+    assert waypoints_of(beside, hand, BASE)["frame"] == "base"
 
 
 def test_a_camera_elsewhere_looks_from_where_it_is(plan):
     """The bank's camera is imitated from 0.2 m above the one that looks, 0.3 m below, and aside."""
-    beside = waypoints_of(plan, load_hand()).actions
+    beside = waypoints_of(plan, load_hand())["actions"]
     limits = replace(load_hand().limits, low_mm=(-400.0, -400.0, 0.0), high_mm=(400.0, 400.0, 1e3))
     hand = replace(load_hand(), limits=limits)
     for higher in (0.2, -0.3):
         view = View(D435_BAZAR, replace(PAPER_BOX, pose=moved(z=-higher)))
         ways = waypoints_of(replace(plan, view=view), hand)
-        for path, other in zip(ways.actions, beside, strict=True):
-            np.testing.assert_allclose(path.surface, other.surface - [0, 0, higher], atol=1e-12)
+        for path, other in zip(ways["actions"], beside, strict=True):
+            np.testing.assert_allclose(
+                path["surface_m"], np.subtract(other["surface_m"], [0, 0, higher]), atol=1e-12
+            )
     # A camera at 30 degrees: what the straight one has at (x, y, z) is turned into its frame.
     turn = Rotation.from_euler("x", 30, degrees=True).as_matrix()
     view = View(D435_BAZAR, replace(PAPER_BOX, pose=moved(turn, z=0.1)))
     for path, other in zip(
-        waypoints_of(replace(plan, view=view), hand).actions, beside, strict=True
+        waypoints_of(replace(plan, view=view), hand)["actions"], beside, strict=True
     ):
-        np.testing.assert_allclose(path.surface, turn @ other.surface + [0, 0, 0.1], atol=1e-12)
+        np.testing.assert_allclose(
+            path["surface_m"], turn @ other["surface_m"] + [0, 0, 0.1], atol=1e-12
+        )
     window = View(D435_BAZAR, PAPER_BOX, (181, 46))
     for path, other in zip(
-        waypoints_of(replace(plan, view=window), hand).actions, beside, strict=True
+        waypoints_of(replace(plan, view=window), hand)["actions"], beside, strict=True
     ):
-        np.testing.assert_array_equal(path.surface, other.surface)
+        np.testing.assert_array_equal(path["surface_m"], other["surface_m"])
 
 
 def test_the_surface_is_looked_up_where_it_is_seen():
@@ -255,7 +268,7 @@ def test_yaml_equals_json(plan, tmp_path):
     for name in ("ways.json", "ways.yaml", "ways.yml"):
         waypoints.write_waypoints(tmp_path / name, ways)
     content = json.loads((tmp_path / "ways.json").read_text())
-    assert content == waypoints.waypoint_fields(ways)
+    assert content == ways
     for name in ("ways.yaml", "ways.yml"):
         assert yaml.safe_load((tmp_path / name).read_text()) == content
 
@@ -281,13 +294,13 @@ def test_a_file_can_be_followed_without_jshape(plan, tmp_path):
 
 
 def test_without_a_base_the_file_says_so(plan):
-    fields = waypoints.waypoint_fields(waypoints_of(plan, load_hand()))
+    fields = waypoints_of(plan, load_hand())
     assert fields["frame"] == "camera" and fields["T_base_camera"] is None
     assert "NOT the arm" in fields["frame_is"]
 
 
 def test_every_number_has_a_unit(plan):
-    fields = waypoints.waypoint_fields(waypoints_of(plan, load_hand(), BASE))
+    fields = waypoints_of(plan, load_hand(), BASE)
     action = fields["actions"][0]
     for name, value in (action | action["operations"][3]).items():
         numbers = isinstance(value, float) or (isinstance(value, list) and name != "operations")
@@ -298,8 +311,8 @@ def test_every_number_has_a_unit(plan):
 def test_an_operation_without_motion_stays(plan):
     still = (Operation("above", height_mm=50.0), Operation("act", posture="fist", seconds=2.0))
     hand = Hand({name: Procedure(name, still) for name in ("knock", "poke")})
-    _, (act, poses) = waypoints_of(plan, hand).actions[0].waypoints
-    assert not poses and act.posture == "fist" and act.seconds == 2.0
+    act = waypoints_of(plan, hand)["actions"][0]["operations"][1]
+    assert act["matrix"] is None and (act["posture"], act["posture_s"]) == ("fist", 2.0)
 
 
 def test_a_path_is_in_the_file_between_two_heights(plan, tmp_path):
@@ -308,11 +321,8 @@ def test_a_path_is_in_the_file_between_two_heights(plan, tmp_path):
         plan, actions=("knock", "sweep", "knock"), lengths=np.array([1.0, 2.0, 1.0], np.float32)
     )
     ways, hand = waypoints_of(there, load_hand(), BASE), load_hand()
-    fields = waypoints.waypoint_fields(ways)
-    assert (
-        fields["version"] == 2
-        and waypoints.waypoint_fields(waypoints_of(plan, hand))["version"] == 1
-    )
+    fields = ways
+    assert fields["version"] == 2 and waypoints_of(plan, hand)["version"] == 1
     sweep, camera_base = fields["actions"][1], np.linalg.inv(BASE)
     assert sweep["length"] == 2.0 and fields["actions"][0]["length"] == 1.0
     assert [one["operation"] for one in sweep["operations"] if "path" in one] == ["act"]

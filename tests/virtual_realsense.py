@@ -49,7 +49,7 @@ class Virtual:
         self.sensor.on_video_frame(frame)
 
     def source(self):
-        """For `realsense_camera(source=...)`."""
+        """For `realsense_camera(...)`."""
 
         def wait(milliseconds):
             there, frame = self.queue.try_wait_for_frame(milliseconds)

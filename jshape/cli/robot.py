@@ -22,7 +22,7 @@ from jshape.io.cameras import read_camera
 from jshape.io.simulated import material_of
 from jshape.models.bank import Bank
 from jshape.planning.plan import Plan
-from jshape.robot.arms.base import stop_arm
+from jshape.robot.arms.base import ArmSettings, stop_arm
 from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.arms.names import ARMS, open_arm
 from jshape.robot.cameras.base import DepthCamera
@@ -102,8 +102,8 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
         eyes = [_guarded(stack, one) for one in _eyes(options)]
         cameras = [] if eyes else described
         stock = getattr(options, "stock_cm3", None) or 0.0
-        how = {"material": material, "cameras": cameras, "stock_cm3": stock}
-        opened = open_arm(options.arm, bank.camera, say=say, **how)
+        settings = ArmSettings(bank.camera, material, say, cameras, stock)
+        opened = open_arm(options.arm, settings)
         arm = GuardedArm(opened.arm)
         stack.callback(_let_go, arm)
         stack.callback(stop_arm, arm)

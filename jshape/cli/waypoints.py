@@ -13,13 +13,7 @@ from jshape.errors import BadFile
 from jshape.planning.plan import Plan
 from jshape.robot import pose_file as poses
 from jshape.robot import procedure_file as procedures
-from jshape.robot.waypoints import (
-    Waypoints,
-    check_ending,
-    waypoint_fields,
-    waypoints_of,
-    write_waypoints,
-)
+from jshape.robot.waypoints import check_ending, waypoints_of, write_waypoints
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,29 +51,23 @@ def waypoints(plan: Path, /, options: WaypointsOptions) -> dict[str, Any]:
     write_waypoints(options.out, ways)
     _print(ways)
     print(f"waypoints: {options.out}")
-    return waypoint_fields(ways) | {"out": str(options.out)}
+    return ways | {"out": str(options.out)}
 
 
-def _print(ways: Waypoints) -> None:
+def _print(ways: dict[str, Any]) -> None:
     what = {
         "base": "the arm's base",
         "camera": "the camera (no --base was given)",
         "cameras": "that of the poses of the map's cameras",
     }
-    print(f"frame: {what[ways.frame]}; the tool at the end of the act, mm")
+    print(f"frame: {what[ways['frame']]}; the tool at the end of the act, mm")
     head = ("step", "action", "strength", "x", "y", "z", "surface z", "poses")
     rows = []
-    for k, path in enumerate(ways.actions):
-        act = next(poses for operation, poses in path.waypoints if operation.name == "act")
-        at = act[-1][:3, 3] * 1e3 if act else ("", "", "")
-        rows.append(
-            (
-                k + 1,
-                path.action,
-                f"{path.strength:.2f}",
-                *(x if x == "" else f"{x:.1f}" for x in at),
-                f"{1e3 * path.surface[2]:.1f}",
-                sum(len(poses) for _, poses in path.waypoints),
-            )
-        )
+    for one in ways["actions"]:
+        moves = [move for move in one["operations"] if move["matrix"]]
+        ends = [move["position_m"] for move in moves if move["operation"] == "act"]
+        at = [f"{1e3 * x:.1f}" for x in ends[0]] if ends else [""] * 3
+        poses = sum(len(move.get("path", [move])) for move in moves)
+        name = one["number"], one["action"], f"{one['strength']:.2f}"
+        rows.append((*name, *at, f"{1e3 * one['surface_m'][2]:.1f}", poses))
     print_table(head, rows)

@@ -61,3 +61,7 @@ class DataParallel:
         if self.mesh is None:
             return jax.tree.map(jnp.asarray, tree)
         return jax.device_put(tree, NamedSharding(self.mesh, spec))
+
+
+ALONE = DataParallel()
+"""On one device."""

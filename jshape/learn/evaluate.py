@@ -48,13 +48,12 @@ def cross_validate(
 ) -> list[Score]:
     """Errors over random partitions: fit on the larger part, test on the other, as the paper does.
 
-    Agents are fitted apart: each is predicted by a bank of its own pairs; with `across`, what was
-    fitted to one agent's pairs is tested on every agent's.
+    Agents are fitted apart: each is predicted by a bank of its own pairs.
 
     Args:
       pairs: of any actions, agents and materials.
       kinds: of banks; all are fitted to and tested on the same pairs.
-      more: fields of `Study`: partitions, test_share, seed, sizes, across, options of training.
+      more: other fields of `Study`: partitions, test_share, seed, sizes, across, options.
 
     Raises:
       UnknownName, BadDataset, JShapeError: as for `Study`.
@@ -62,30 +61,12 @@ def cross_validate(
     return scores_of(Study(pairs, candidates_of(kinds), **more))
 
 
-def few_shot_candidates(start: Bank, name: str = "start") -> list[Candidate]:
-    """A bank as it is, adapted, and its kind fitted from nothing; and f_D, the simplest of all.
-
-    Args:
-      start: the bank of another agent or material.
-      name: what to call it in tables.
-
-    Raises:
-      BadBank: of kind "D", to which another bank's pairs add nothing.
-    """
-    if start.kind == "D":
-        raise BadBank(f"{name} is of kind 'D', which learns nothing from a start; bring another")
-    found = [
-        Candidate(start.kind, start, fitted=False, name=f"{name} as it is"),
-        Candidate(start.kind, start, name=f"{start.kind} from {name}"),
-        Candidate(start.kind, name=f"{start.kind} from scratch"),
-    ]
-    return [*found, Candidate("D", name="D from scratch")]
-
-
 def few_shot(
     pairs: Pairs, start: Bank, sizes: Sequence[int] = FEW, name: str = "start", **more: Any
 ) -> Study:
     """A bank of another agent or material, adapted with few pairs, beside training from scratch.
+
+    Compared are the bank as it is, adapted, its kind fitted from nothing, and f_D.
 
     Args:
       pairs: of the new agent or material; those of actions that the bank knows are used.
@@ -95,13 +76,22 @@ def few_shot(
       more: other fields of `Study`.
 
     Raises:
-      BadBank: `start` cannot be adapted, or knows none of the actions.
+      BadBank: `start` is of kind "D", to which other pairs add nothing, or knows none of the
+        actions.
       BadCamera: it is for another camera.
       BadDataset: as for `Study`.
     """
     check_start(start, pairs)
+    if start.kind == "D":
+        raise BadBank(f"{name} is of kind 'D', which learns nothing from a start; bring another")
+    candidates = [
+        Candidate(start.kind, start, fitted=False, name=f"{name} as it is"),
+        Candidate(start.kind, start, name=f"{start.kind} from {name}"),
+        Candidate(start.kind, name=f"{start.kind} from scratch"),
+        Candidate("D", name="D from scratch"),
+    ]
     known = pairs.select(np.isin(pairs.action, start.actions))
-    return Study(known, few_shot_candidates(start, name), sizes=sizes, **more)
+    return Study(known, candidates, sizes=sizes, **more)
 
 
 def scores_of(study: Study) -> list[Score]:

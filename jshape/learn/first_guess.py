@@ -59,7 +59,8 @@ def begin(
       shown: on it.
       out: "tool", "heap": what is left out.
     """
-    lowers, alike = has_tool(shown), mirrors(shown)
+    mean, alike = _mean_change(shown), mirrors(shown)
+    lowers = float(mean.max()) >= LOWERS * float(-mean.min())
     first = first_guess(grid, shown, tool=lowers and "tool" not in out)
     drags = len(shown.strength) >= LEAST_PAIRS and not all(alike)
     if "heap" not in out and (drags or not lowers):
@@ -72,12 +73,6 @@ def fixed_of(start: Imprint) -> tuple[str, ...]:
     if start.height is None:
         return ()
     return ("swell", "brought") if bool(jnp.any(start.give)) else OF_TOOL
-
-
-def has_tool(shown: Shown) -> bool:
-    """Whether the action lowers the bed: else there is nothing for a tool to level."""
-    mean = _mean_change(shown)
-    return float(mean.max()) >= LOWERS * float(-mean.min())
 
 
 def mirrors(shown: Shown) -> tuple[float, float, float]:

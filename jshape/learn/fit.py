@@ -1,6 +1,7 @@
 """From pairs to a bank."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from jax.sharding import Mesh
@@ -9,13 +10,13 @@ from jshape.camera import Camera, check_same_camera
 from jshape.data.intrinsics import check_straight
 from jshape.data.pairs import Examples, Pairs
 from jshape.errors import BadBank, BadDataset, UnknownName, quoted
-from jshape.learn import networks
 from jshape.learn.imprint import fit_imprint
+from jshape.learn.networks import fit_network
 from jshape.learn.settings import Training, settings_from
 from jshape.learn.training import Hooks, Keep, Progress
 from jshape.models.bank import Bank
 from jshape.models.base import Predictor
-from jshape.models.difference import Difference, fit_difference
+from jshape.models.difference import fit_difference
 from jshape.models.imprint import Imprint
 
 Fitter = Callable[[Examples, Camera, Training, Predictor | None, Hooks], Predictor]
@@ -45,30 +46,9 @@ def _pressed(
     return fit_imprint(examples, camera, start, seed=settings.seed)
 
 
-def _of_one_strength(fitter: Fitter) -> Fitter:
-    """A fitter of networks, which know one depth only and would average over several."""
-
-    def checked(examples: Examples, *others: Any) -> Predictor:
-        camera, settings, start, hooks = others
-        if (examples.strengths != 1.0).any():
-            least, most = examples.strengths.min(), examples.strengths.max()
-            raise BadDataset(
-                f"pairs of strengths from {least:g} to {most:g}; networks are trained at a "
-                "strength of 1 only, banks of kind P and D at any"
-            )
-        if isinstance(start, Difference):  # that bank had nothing better, see `validation`
-            start = None
-        return fitter(examples, camera, settings, start, hooks)
-
-    return checked
-
-
 FITTERS: dict[str, Fitter] = {
     "D": _difference,
-    "C": _of_one_strength(networks.fit_network),
-    "CR": _of_one_strength(networks.fit_refined),
-    "DC": _of_one_strength(networks.fit_after_difference),
-    "DCR": _of_one_strength(networks.fit_after_difference_refined),
+    **{kind: partial(fit_network, kind) for kind in ("C", "CR", "DC", "DCR")},
     "P": _pressed,
 }
 """Kind of bank -> what fits the predictor of one action.  Another kind is one more entry, and one

@@ -75,21 +75,20 @@ def fit_imprint(
         seen.
     """
     filled, seen = complete(examples)
-    key, count = jax.random.key(seed), len(seen)
     if start is not None:
         shown = shown_on(start.grid, filled, seen)
-        first = _corrected(start, shown)
-        if examples.path_mm:
-            first = replace(first, path=1e-3 * examples.path_mm)
-        way = ADAPT_STEPS, ADAPT_STEP, fixed_of(start), mirrors(shown)
-        return descend(absolute_error, first, shown, key, *way)
-    grid = grid_below(OrthographicGrid.over(camera, filled.roi), filled)
-    shown = shown_on(grid, filled, seen)
-    first, fixed, alike = begin(grid, shown)
-    found = descend(absolute_error, first, shown, key, steps_for(count, alike), STEP, fixed, alike)
+        first, fixed, alike = _corrected(start, shown), fixed_of(start), mirrors(shown)
+        steps, step = ADAPT_STEPS, ADAPT_STEP
+    else:
+        grid = grid_below(OrthographicGrid.over(camera, filled.roi), filled)
+        shown = shown_on(grid, filled, seen)
+        first, fixed, alike = begin(grid, shown)
+        steps, step = steps_for(len(seen), alike), STEP
+    key = jax.random.key(seed)
+    found = descend(absolute_error, first, shown, key, steps, step, fixed, alike)
     if examples.path_mm:
         found = replace(found, path=1e-3 * examples.path_mm)
-    if (shown.strength == 1.0).all():
+    if start is None and (shown.strength == 1.0).all():
         found = replace(found, stroke=found.deepest)  # pairs of one strength say nothing about it
     return found
 

@@ -1,7 +1,6 @@
 """Fitting f_C, f_CR, f_DC and f_DCR: three parts, put together as in the paper's Fig. pred."""
 
-from collections.abc import Iterator
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +9,7 @@ import numpy as np
 from jshape._typing import Array, Float
 from jshape.camera import Camera
 from jshape.data.pairs import Examples
+from jshape.errors import BadDataset
 from jshape.learn.settings import Training
 from jshape.learn.training import Hooks, roi_loss, train
 from jshape.models.base import Predictor
@@ -20,51 +20,44 @@ from jshape.models.sequential import Sequential
 
 
 def fit_network(
-    examples: Examples, camera: Camera, settings: Training, start: Predictor | None, hooks: Hooks
-) -> Network:
-    """f_C, a U-Net trained on the loss d (Eq. lossC)."""
-    return _trained(examples, settings, cast(Network | None, start), hooks)
+    kind: str,
+    examples: Examples,
+    camera: Camera,
+    settings: Training,
+    start: Predictor | None,
+    hooks: Hooks,
+) -> Predictor:
+    """A U-Net trained on the loss d, alone or as a part: C, DC, CR or DCR (the paper's Fig. pred).
 
+    f_C (Eq. lossC); f_DC is given I + ΔI (Eq. lossD); f_CR and f_DCR are the same refined (Eq.
+    RCoutput, Eq. DRCoutput).  The network begins as that of `start`, or from the seed.
 
-def fit_after_difference(
-    examples: Examples, camera: Camera, settings: Training, start: Predictor | None, hooks: Hooks
-) -> Sequential:
-    """f_DC, a U-Net that is given I + ΔI (Eq. lossD)."""
-    first = fit_difference(examples.prior, examples.posterior)
-    lowered = examples._replace(prior=examples.prior + np.asarray(first.delta))
-    network = cast(Network, cast(Sequential, start).second) if start is not None else None
-    return Sequential(first, _trained(lowered, settings, network, hooks))
-
-
-def fit_refined(
-    examples: Examples, camera: Camera, settings: Training, start: Predictor | None, hooks: Hooks
-) -> Refined:
-    """f_CR (Eq. RCoutput)."""
-    outside = fit_difference(examples.prior, examples.posterior)  # bad pairs fail before training
-    inner = cast(Refined, start).inside if start is not None else None
-    network = fit_network(examples, camera, settings, inner, hooks)
-    return refine(network, outside, examples, settings)
-
-
-def fit_after_difference_refined(
-    examples: Examples, camera: Camera, settings: Training, start: Predictor | None, hooks: Hooks
-) -> Refined:
-    """f_DCR (Eq. DRCoutput)."""
-    inner = cast(Refined, start).inside if start is not None else None
-    inside = fit_after_difference(examples, camera, settings, inner, hooks)
-    return refine(inside, cast(Difference, inside.first), examples, settings)
-
-
-def _trained(
-    examples: Examples, settings: Training, start: Network | None, hooks: Hooks
-) -> Network:
-    """A trained network, from `start` (whose width it keeps) or from the seed."""
-    if start is None:
+    Raises:
+      BadDataset: pairs of other strengths than 1, which it would average over; as `train`.
+    """
+    if (examples.strengths != 1.0).any():
+        least, most = examples.strengths.min(), examples.strengths.max()
+        raise BadDataset(
+            f"pairs of strengths from {least:g} to {most:g}; networks are trained at a "
+            "strength of 1 only, banks of kind P and D at any"
+        )
+    # Bad pairs fail before training.
+    difference = None if kind == "C" else fit_difference(examples.prior, examples.posterior)
+    network = start.inside if isinstance(start, Refined) else start
+    network = network.second if isinstance(network, Sequential) else network
+    if not isinstance(network, Network):  # that bank had nothing better than f_D: `validation`
         from jshape.models import unet
 
         params = unet.init(jax.random.key(settings.seed), settings.width)
-        start = Network(params, examples.roi)
-    return train(roi_loss, start, examples, settings, hooks).params
+        network = Network(params, examples.roi)
+    seen = examples
+    if difference is not None and kind.startswith("D"):
+        seen = examples._replace(prior=examples.prior + np.asarray(difference.delta))
+    inside = train(roi_loss, network, seen, settings, hooks).params
+    if difference is None:
+        return inside
+    inside = Sequential(difference, inside) if kind.startswith("D") else inside
+    return refine(inside, difference, examples, settings) if kind.endswith("R") else inside
 
 
 def refine(
@@ -77,7 +70,8 @@ def refine(
     """
     mask = changed_most(np.asarray(outside.delta), settings.morphology)
     total, count = 0.0, 0
-    for batch in _in_batches(examples, settings.batch):
+    for first in range(0, len(examples.prior), settings.batch):
+        batch = examples.select(np.arange(len(examples.prior))[first : first + settings.batch])
         gap = np.asarray(_gap(inside, outside, batch), np.float64)[:, mask]
         total, count = total + np.nansum(gap), count + int(np.isfinite(gap).sum())
     offset = np.clip(total / max(count, 1), -1.0, 1.0)
@@ -107,11 +101,6 @@ def changed_most(delta: Float[np.ndarray, "h w"], morphology: str) -> np.ndarray
     else:
         mask = cv2.erode(over, np.ones((3, 3), np.uint8))
     return mask > 0
-
-
-def _in_batches(examples: Examples, most: int) -> Iterator[Examples]:
-    for start in range(0, len(examples.prior), most):
-        yield examples.select(np.arange(start, min(start + most, len(examples.prior))))
 
 
 @jax.jit

@@ -82,12 +82,7 @@ class Comparison(NamedTuple):
 
 
 def roi_errors_mm(
-    bank: Bank,
-    pairs: Pairs,
-    action: str,
-    *,
-    size: tuple[int, int] | None = None,
-    strength: float = 1.0,
+    bank: Bank, pairs: Pairs, action: str, *, size: tuple[int, int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Errors of the bank on the pairs of one action, and the changes themselves: (n,) mm each.
 
@@ -101,7 +96,6 @@ def roi_errors_mm(
       action: the one to test.
       size: (w, h) pixels to take the mean over; None is the bank's ROI.  Predictors with other
         ROIs are compared over the same pixels with it: outside its ROI a bank predicts no change.
-      strength: a factor on the pairs' own strengths.
 
     Raises:
       BadCamera: bank and pairs have different cameras.
@@ -116,7 +110,7 @@ def roi_errors_mm(
     if not seen.any((1, 2)).all():
         name = pairs.of(action=action).id[~seen.any((1, 2))][0]
         raise BadDataset(f"pair {name}: no pixel of its ROI has a reading before and after")
-    predicted = _predict(bank.predictor(action), inside, strength)
+    predicted = _predict(bank.predictor(action), inside)
     if measured is not inside:
         predicted = _pasted(predicted, inside, measured)
     return _mean_gaps(predicted, measured, float(metric.to_mm(1.0, bank.camera)))
@@ -126,7 +120,7 @@ def errors_of(
     predictor: Predictor, examples: Examples, to_mm: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same of one predictor on examples of its ROI; `to_mm` is what d = 1 comes to."""
-    return _mean_gaps(_predict(predictor, examples, 1.0), examples, to_mm)
+    return _mean_gaps(_predict(predictor, examples), examples, to_mm)
 
 
 def _mean_gaps(
@@ -153,9 +147,7 @@ def summarise(
 ) -> list[Score]:
     """One line per action, agents, predictor and number of pairs, in order of first appearance.
 
-    Args:
-      trials: of all partitions.
-      floors: (action, agent) -> `Floor`.
+    `floors` are by (action, agent), as `noise_floor` gives them.
     """
     cells: dict[tuple, list[Trial]] = {}
     for trial in trials:
@@ -209,9 +201,9 @@ def _compiled(predictor: Predictor, roi: Array, corner: Array, strength: Array) 
     return jnp.clip(predictor(roi, corner, strength), 0.0, 1.0)
 
 
-def _predict(predictor: Predictor, examples: Examples, factor: float) -> np.ndarray:
+def _predict(predictor: Predictor, examples: Examples) -> np.ndarray:
     """(n, h, w) of I after, in batches of one size."""
-    strength = jnp.asarray(factor * examples.strengths, jnp.float32)
+    strength = jnp.asarray(examples.strengths)
     prior = np.stack([fill_nan(roi) if np.isfinite(roi).any() else roi for roi in examples.prior])
     found = []
     for start in range(0, len(prior), BATCH):
@@ -223,11 +215,9 @@ def _predict(predictor: Predictor, examples: Examples, factor: float) -> np.ndar
 def _pasted(predicted: np.ndarray, inside: Examples, measured: Examples) -> np.ndarray:
     """Predictions in the windows that are measured: cut to them, and no change around them."""
     whole = measured.prior.copy()
-    shift = (inside.corner - measured.corner)[0, ::-1]  # all ROIs have one size, so one shift
-    ours, theirs = [], []
-    for first, size, limit in zip(shift, predicted.shape[1:], whole.shape[1:], strict=True):
-        low, high = max(0, int(first)), min(limit, int(first) + size)
-        ours.append(slice(low, high))
-        theirs.append(slice(low - int(first), high - int(first)))
-    whole[:, ours[0], ours[1]] = predicted[:, theirs[0], theirs[1]]
+    first = (inside.corner - measured.corner)[0, ::-1]  # all ROIs have one size, so one shift
+    low, high = np.maximum(first, 0), np.minimum(first + predicted.shape[1:], whole.shape[1:])
+    theirs = [slice(*ends) for ends in zip(low - first, high - first, strict=True)]
+    ours = [slice(*ends) for ends in zip(low, high, strict=True)]
+    whole[:, *ours] = predicted[:, *theirs]
     return whole

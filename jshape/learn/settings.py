@@ -37,18 +37,13 @@ class Training:
     """Morphology of the mask after Otsu: "erode" (the paper) or "dilate" (its authors' code)."""
 
 
-_WHOLE = 2**31 - 1
 _RANGES = {
-    "epochs": (1, _WHOLE),
-    "batch": (1, _WHOLE),
     "learning_rate": (1e-12, 1.0),
     "validation": (0.0, 0.9),
-    "patience": (0, _WHOLE),
+    "patience": (0, 2**31 - 1),
     "seed": (0, 2**32 - 1),
-    "save_every": (1, _WHOLE),
-    "width": (1, _WHOLE),
 }
-"""The least and the greatest of each number; whole numbers where these are."""
+"""The least and the greatest of a number; of the others 1 and 2**31 - 1."""
 
 
 def settings_from(options: dict[str, Any]) -> Training:
@@ -57,21 +52,19 @@ def settings_from(options: dict[str, Any]) -> Training:
     Raises:
       JShapeError: an unknown option, or a value out of its range.
     """
-    values = dict(options)
+    known, values = {one.name: type(one.default) for one in fields(Training)}, {}
     for name, value in options.items():
-        if name == "morphology":
-            if value not in MORPHOLOGIES:
-                allowed = ", ".join(MORPHOLOGIES)
-                raise JShapeError(f"morphology is {quoted(value)}; allowed: {allowed}")
-        elif name in _RANGES:
-            low, high = _RANGES[name]
-            kinds = (int, np.integer) if isinstance(low, int) else (int, float, np.number)
-            good = isinstance(value, kinds) and not isinstance(value, bool)
-            if not good or not low <= value <= high:
-                kind = "whole number" if isinstance(low, int) else "number"
-                span = f"{low:.10g} to {high:.10g}"
-                raise JShapeError(f"{name} is {quoted(value)}; expected a {kind} from {span}")
-            values[name] = type(low)(value)
+        if name not in known:
+            raise UnknownName("option of training", name, known)
+        kind = known[name]
+        if kind is str:
+            good, expected = value in MORPHOLOGIES, f"allowed: {', '.join(MORPHOLOGIES)}"
         else:
-            raise UnknownName("option of training", name, [one.name for one in fields(Training)])
+            low, high = _RANGES.get(name, (1, 2**31 - 1))
+            kinds = (int, np.integer) if kind is int else (int, float, np.number)
+            good = isinstance(value, kinds) and not isinstance(value, bool) and low <= value <= high
+            expected = f"expected a {'whole ' * (kind is int)}number from {low:.10g} to {high:.10g}"
+        if not good:
+            raise JShapeError(f"{name} is {quoted(value)}; {expected}")
+        values[name] = kind(value)
     return Training(**values)

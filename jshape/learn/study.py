@@ -50,7 +50,12 @@ def split_pairs(
       BadDataset: no pairs, or an action of an agent with too few pairs to split.
       JShapeError: no partition, or a share that is not between 0 and 1.
     """
-    _check_split(pairs, partitions, test_share)
+    if partitions < 1:
+        raise JShapeError(f"partitions is {partitions}; expected a whole number from 1")
+    if not 0 < test_share < 1:
+        raise JShapeError(f"test_share is {test_share}; expected a number between 0 and 1")
+    if len(pairs) == 0:
+        raise BadDataset("no pairs to split for testing")
     rng = np.random.default_rng(seed)
     found: list[dict[str, Split]] = [{} for _ in range(partitions)]
     for agent in dict.fromkeys(pairs.agent.tolist()):
@@ -70,32 +75,19 @@ def split_pairs(
     return found
 
 
-def _check_split(pairs: Pairs, partitions: int, test_share: float) -> None:
-    if partitions < 1:
-        raise JShapeError(f"partitions is {partitions}; expected a whole number from 1")
-    if not 0 < test_share < 1:
-        raise JShapeError(f"test_share is {test_share}; expected a number between 0 and 1")
-    if len(pairs) == 0:
-        raise BadDataset("no pairs to split for testing")
-
-
 def fewest(pairs: Pairs, test_share: float = 0.25) -> tuple[int, str, str]:
-    """(n, action, agent): the smallest training set that a partition leaves, and whose it is.
+    """(n, action, agent): the smallest training set of a partition, and whose it is.
 
     Raises:
-      BadDataset: no pairs.
-      JShapeError: a share that is not between 0 and 1.
+      BadDataset, JShapeError: as for `split_pairs`.
     """
-    _check_split(pairs, 1, test_share)
     counts = {
-        (action, agent): int(((pairs.action == action) & (pairs.agent == agent)).sum())
-        for action, agent in dict.fromkeys(
-            zip(pairs.action.tolist(), pairs.agent.tolist(), strict=True)
-        )
+        (action, agent): int((pairs.action[split.train] == action).sum())
+        for agent, split in split_pairs(pairs, 1, test_share)[0].items()
+        for action in dict.fromkeys(pairs.action[split.train].tolist())
     }
-    left = {key: n - max(1, round(test_share * n)) for key, n in counts.items()}
-    action, agent = min(left, key=lambda key: left[key])
-    return left[action, agent], action, agent
+    action, agent = min(counts, key=lambda key: counts[key])
+    return counts[action, agent], action, agent
 
 
 @dataclass(frozen=True)
@@ -132,7 +124,7 @@ class Study:
     """Told of every epoch of every training."""
 
     def __post_init__(self):
-        _check_split(self.pairs, self.partitions, self.test_share)
+        split_pairs(self.pairs, self.partitions, self.test_share)
         labels = [candidate.label for candidate in self.candidates]
         if not labels or len(set(labels)) < len(labels):
             raise JShapeError(f"predictors to compare are {labels}; expected different ones")
@@ -147,11 +139,10 @@ class Study:
         if self.across and len(agents) < 2:
             raise BadDataset(f"testing across agents needs two; all pairs are of {agents[0]}")
         least, action, agent = fewest(self.pairs, self.test_share)
-        if least > 0 and (much := [size for size in self.sizes if not 0 < size <= least]):
+        if much := [size for size in self.sizes if not 0 < size <= least]:
             raise BadDataset(
                 f"a training set of {much[0]} pairs per action: {action} of {agent} has {least}"
             )
-        split_pairs(self.pairs, 1, self.test_share)
 
     def _steps(self) -> list[tuple[int, str, int | None, Candidate]]:
         sizes = list(self.sizes) or [None]
@@ -191,17 +182,16 @@ class Study:
         kind, start, fitted, _ = candidate
         if not fitted and start is not None:
             return start
-        wanted = kind
-        if start is None:
-            refined = [c.kind for c in self.candidates if c.start is None and c.kind == kind + "R"]
-            wanted = refined[0] if refined else kind
+        refined = start is None and any(
+            other.start is None and other.kind == kind + "R" for other in self.candidates
+        )
+        wanted = kind + "R" * refined
         if start is not None or wanted not in banks:
             bank = fit(training, wanted, start=start, report=self.report, **self.options)
             if start is not None:
                 return bank
             banks[wanted] = bank
-        bank = banks[wanted]
-        return bank if wanted == kind else unrefined(bank, kind)
+        return unrefined(banks[wanted], kind) if refined else banks[wanted]
 
     def _test(
         self, bank: Bank, candidate: Candidate, training: Pairs, splits: dict[str, Split]

@@ -21,7 +21,7 @@ from jax.sharding import Mesh
 from jshape._typing import Array, Float
 from jshape.data.pairs import Examples
 from jshape.errors import BadDataset, BadFile, JShapeError
-from jshape.learn.data_parallel import DataParallel
+from jshape.learn.data_parallel import ALONE, DataParallel
 from jshape.learn.settings import FREE, Training
 
 Loss = Callable[[Any, Examples], Array]
@@ -64,7 +64,7 @@ class Progress(NamedTuple):
 
 @runtime_checkable
 class Keep(Protocol):
-    """Where the state of one training outlives the process (see store/checkpoints.py)."""
+    """Where the state of one training outlives the process (see `io/checkpoints.py`)."""
 
     @property
     def where(self) -> str:
@@ -130,7 +130,7 @@ def roi_loss(predictor: Any, batch: Examples) -> Float[Array, "B"]:
 
 
 def train(
-    loss: Loss, params: Any, examples: Examples, settings: Training, hooks: Hooks | None = None
+    loss: Loss, params: Any, examples: Examples, settings: Training, hooks: Hooks = Hooks()
 ) -> Trained:
     """Lower the mean loss over examples, from `params`; the same every time for the same seed.
 
@@ -149,7 +149,6 @@ def train(
       BadFile: the checkpoint is of other settings or pairs, or cannot be used.
       JShapeError: the loss is no longer a number.
     """
-    hooks = hooks or Hooks()
     devices = DataParallel(hooks.mesh)
     training, validation = split(examples, settings)
     step, measure = _compiled(loss, settings.learning_rate, devices)
@@ -161,8 +160,7 @@ def train(
     saved = len(state.curve)
     state.params, state.optimizer = devices.replicate((state.params, state.optimizer))
     order = jax.random.key(settings.seed)
-    done = _finished(state, settings)
-    if done:
+    if done := _finished(state, settings):
         _tell(hooks, state, settings, done)
     while not done:
         epoch, start = len(state.curve) + 1, time.perf_counter()
@@ -223,14 +221,13 @@ def split(examples: Examples, settings: Training) -> tuple[Examples, Examples]:
 
 
 def _batches(
-    examples: Examples, order: np.ndarray, most: int, devices: DataParallel | None = None
+    examples: Examples, order: np.ndarray, most: int, devices: DataParallel = ALONE
 ) -> Iterator[tuple[Examples, Array]]:
     """Batches of one size with a mask of what counts: as even as can be, then filled up.
 
     10 pairs at a batch of 8 are two batches of 5, which wastes less than 8 and 2; on 4 devices they
     are filled up to 8, 2 for each.
     """
-    devices = devices or DataParallel()
     size = -(-len(order) // -(-len(order) // most)) if len(order) else 1
     full = -(-size // devices.count) * devices.count
     for start in range(0, len(order), size):
@@ -251,12 +248,10 @@ def _adam(learning_rate: float) -> Any:
 
 @cache
 def _compiled(
-    loss: Loss, learning_rate: float, devices: DataParallel | None = None
+    loss: Loss, learning_rate: float, devices: DataParallel = ALONE
 ) -> tuple[Callable, Callable]:
     """(step, sum of losses), compiled once per loss and batch shape, not once per training."""
     import optax
-
-    devices = devices or DataParallel()
 
     def total(params: Any, batch: Examples, counted: Array) -> Array:
         return jnp.where(counted, loss(params, batch), 0.0).sum()
@@ -315,17 +310,10 @@ def _fingerprint(loss: Loss, params: Any, examples: Examples, settings: Training
     return digest.hexdigest()
 
 
-_PARTS = ("params", "optimizer", "best")
-
-
 def _snapshot(state: _State, mark: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    arrays = {
-        f"{part}.{number}": np.asarray(leaf)
-        for part in _PARTS
-        for number, leaf in enumerate(jax.tree.leaves(getattr(state, part)))
-    }
-    arrays["curve"] = np.array(state.curve, np.float64)
-    return arrays, {"fingerprint": mark}
+    leaves = jax.tree.leaves((state.params, state.optimizer, state.best))
+    arrays = {f"leaf.{number}": np.asarray(leaf) for number, leaf in enumerate(leaves)}
+    return arrays | {"curve": np.array(state.curve, np.float64)}, {"fingerprint": mark}
 
 
 def _restore(
@@ -337,16 +325,14 @@ def _restore(
             f"{where}: holds a training with other pairs or settings (only epochs, patience and "
             "save_every may change); remove it to start again"
         )
+    leaves, structure = jax.tree.flatten((fresh.params, fresh.optimizer, fresh.best))
     try:
-        parts = []
-        for part in _PARTS:
-            leaves, structure = jax.tree.flatten(getattr(fresh, part))
-            found = [jnp.asarray(arrays[f"{part}.{k}"]) for k in range(len(leaves))]
-            if [(a.shape, a.dtype) for a in found] != [(a.shape, a.dtype) for a in leaves]:
-                raise KeyError(part)
-            parts.append(jax.tree.unflatten(structure, found))
+        found = [jnp.asarray(arrays[f"leaf.{number}"]) for number in range(len(leaves))]
+        if [(a.shape, a.dtype) for a in found] != [(a.shape, a.dtype) for a in leaves]:
+            raise ValueError("arrays of another training")
         curve = np.asarray(arrays["curve"], np.float64).reshape(-1, len(Row._fields))
     except (KeyError, ValueError):
         raise BadFile(f"{where}: its checkpoint is incomplete; remove it to start again") from None
-    rows = [Row(int(e), float(t), float(v), float(s)) for e, t, v, s in curve]
-    return _State(parts[0], parts[1], parts[2], rows)
+    rows = [Row(int(epoch), *rest) for epoch, *rest in curve.tolist()]
+    params, optimizer, best = jax.tree.unflatten(structure, found)
+    return _State(params, optimizer, best, rows)

@@ -24,7 +24,7 @@ from jshape.robot.hand_eye import (
     residuals_of,
     solve,
 )
-from jshape.robot.rigid import BadPose, check_far, check_rigid, mean_pose, nearest_rigid
+from jshape.robot.rigid import BadPose, check_far, check_rigid, mean_pose
 
 LEAST, ENOUGH, MOST = 3, 8, 300
 """Pairs: fewer are refused, fewer are warned of, more are refused."""
@@ -159,11 +159,10 @@ def _checked(poses: ArrayLike, what: str) -> Float[np.ndarray, "N 4 4"]:
         pile = list(poses)  # pyright: ignore[reportArgumentType]
     except TypeError:
         raise BadPose(f"{what}: is a {type(poses).__name__}; expected (N, 4, 4) matrices") from None
-    checked = [
-        nearest_rigid(check_rigid(pose, f"{what} of pair {k}", PAIR_TOLERANCE))
-        for k, pose in enumerate(pile, 1)
-    ]
-    return np.array(checked).reshape(-1, 4, 4)
+    checked = (
+        check_rigid(pose, f"{what} of pair {k}", PAIR_TOLERANCE) for k, pose in enumerate(pile, 1)
+    )
+    return np.array([*checked]).reshape(-1, 4, 4)
 
 
 def _check_ahead(targets: np.ndarray) -> None:

@@ -38,21 +38,18 @@ def check_clear(depth: Float[np.ndarray, "H W"], camera: Camera, where: str = "l
 def check_still(
     before: Float[np.ndarray, "H W"],
     after: Float[np.ndarray, "H W"],
-    touched: Bool[np.ndarray, "H W"] | None = None,
-    where: str = "look",
+    touched: Bool[np.ndarray, "H W"],
 ) -> None:
     """BedMoved where the bed changed by more than `MOVED_MM` beside what an action touched.
 
     By any change of depth (metres): `data.moved` tells what all of a bed does, and only from 5 mm.
     """
-    beside = ~missing(before) & ~missing(after)
-    if touched is not None:
-        beside &= ~touched
+    beside = ~missing(before) & ~missing(after) & ~touched
     change = np.abs(after[beside] - before[beside])
     moved = 1e3 * float(np.median(change)) if change.size else 0.0
     if moved > MOVED_MM:
         raise BedMoved(
-            f"{where}: the bed beside the action changed by {moved:.1f} mm (median); at most "
+            f"look: the bed beside the action changed by {moved:.1f} mm (median); at most "
             f"{MOVED_MM:g}: the bed or the camera was moved"
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from jshape._typing import Float
 from jshape.camera import Camera
-from jshape.robot.rigid import BadPose, angles_deg, check_rigid, mean_pose, nearest_rigid
+from jshape.robot.rigid import BadPose, angles_deg, check_rigid, mean_pose
 
 METHODS = ("tsai", "park", "horaud", "andreff", "daniilidis")
 """What OpenCV's `calibrateHandEye` offers."""
@@ -70,7 +70,7 @@ def solve(name: str, moving: np.ndarray, targets: np.ndarray) -> np.ndarray | No
     if (pose == np.eye(4)).all():  # what Tsai's gives where it fails
         return None
     try:
-        return nearest_rigid(check_rigid(pose, name, PAIR_TOLERANCE))
+        return check_rigid(pose, name, PAIR_TOLERANCE)
     except BadPose:
         return None
 

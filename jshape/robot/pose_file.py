@@ -26,7 +26,6 @@ from jshape.robot.rigid import (
     BadPose,
     check_far,
     check_rigid,
-    nearest_rigid,
     pose_at,
     quaternion_of,
 )
@@ -187,7 +186,7 @@ def pose_of_calibration(found: Calibration, camera: str = "") -> CameraPose:
     if found.left_out is not None:
         residuals["left_out"] = _residual_fields(found.left_out)
     return CameraPose(
-        nearest_rigid(found.pose),
+        found.pose,
         "gripper" if found.eye_in_hand else "base",
         camera,
         {
@@ -224,7 +223,7 @@ def _pose_in(fields: Any, name: str, where: str) -> np.ndarray:
         raise BadFile(f"{where}: has no {name}")
     where, value = f"{where}: {name}", fields[name]
     if not isinstance(value, dict):
-        return nearest_rigid(_matrix(value, where, PAIR_TOLERANCE))
+        return _matrix(value, where, PAIR_TOLERANCE)
     read = read_record(_Position, value, where)
     length = float(np.linalg.norm(read.quat))
     if abs(length - 1) > 1e-2:

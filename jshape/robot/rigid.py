@@ -24,7 +24,7 @@ class BadPose(JShapeError):
 def check_rigid(
     matrix: ArrayLike, what: str, tolerance: float = TOLERANCE
 ) -> Float[np.ndarray, "4 4"]:
-    """The matrix as float64, if it is a pose; `what` names it in errors.
+    """The matrix as float64, its rotation the nearest exact one; `what` names it in errors.
 
     Raises:
       BadPose: another shape, not finite, sheared, scaled, mirrored, or not in metres.
@@ -53,6 +53,9 @@ def check_rigid(
             f"{what}: its position {_text(found[:3, 3])} is beyond {FARTHEST:g} m; are these mm? "
             "a matrix is in metres, times 0.001"
         )
+    if off > 1e-12:  # an exact one stays what it is to the bit
+        left, _, right = np.linalg.svd(rotation)
+        found[:3, :3] = left @ right
     return found
 
 
@@ -69,14 +72,6 @@ def check_far(poses: Float[np.ndarray, "*B 4 4"], least: float, what: str, of: s
             f"{what} is never farther than {1e3 * far:.3g} mm from {of}, "
             f"{1e3 * least:g} mm or more is expected{would}"
         )
-
-
-def nearest_rigid(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
-    """The pose whose rotation is exact and nearest (least squares)."""
-    left, _, right = np.linalg.svd(pose[:3, :3])
-    exact = pose.copy()
-    exact[:3, :3] = left @ right
-    return exact
 
 
 def pose_at(

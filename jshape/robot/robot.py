@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape._typing import ArrayLike, Float
+from jshape._typing import Float
 from jshape.camera import Camera
 from jshape.data.fusion import NOISE, check_poses
 from jshape.data.missing import fill_missing, median_of
@@ -54,30 +54,22 @@ class Robot(AbstractContextManager):
         Raises:
           BadCamera: several cameras, of which one has no pose.
         """
-        self.camera = camera
-        self._eyes = [
-            one if isinstance(one, GuardedCamera) else GuardedCamera(one)
-            for one in (depth_camera, *others)
-        ]
+        eyes = (depth_camera, *others)
+        self._eyes = [e if isinstance(e, GuardedCamera) else GuardedCamera(e) for e in eyes]
         self.depth_camera = self._eyes[0].inside
         """The (first) camera, for what it says of itself."""
         check_poses([eye.camera for eye in self._eyes], [eye.name for eye in self._eyes])
         self.guard = arm if isinstance(arm, GuardedArm) else GuardedArm(arm)
         """The way to the arm: every call goes through it, STOP too."""
-        self._hand = hand
-        self.base_camera = None if base_camera is None else np.asarray(base_camera)
-        """Pose of the (first) camera in the arm's base frame; None: nobody said it."""
+        self.camera, self.base_camera = camera, base_camera
+        self.on_operation, self.on_look = on_operation, on_look
         self.moved = False
         """The arm was told to move."""
-        self._frames = frames
-        self.on_operation = on_operation
-        """Called after each operation of an action."""
-        self.on_look = on_look
-        """Called with each look."""
         self.noise_mm = float("nan")
         """Of a D435's frame from where the farthest camera was in the last look."""
         self.view: View | None = None
         """How looks become those of the bank's camera; None: they hold its image."""
+        self._hand, self._frames = hand, frames
         self._seen: np.ndarray | None = None  # (H, W) the last look
         self._whole: np.ndarray | None = None  # the same without gaps, once it was asked for
 
@@ -118,13 +110,11 @@ class Robot(AbstractContextManager):
             self.view = View(source, self.camera, cut_of(source, self.camera))
         others = [look_of(look(eye, self._frames), eye.camera) for eye in self._eyes[1:]]
         seen = self.view.depth(depth, self.eyes, others)
-        farthest = max(
-            median_of(np.where(d > 0, d, np.nan)) for d in (depth, *(o.depth for o in others))
-        )
+        depths = (depth, *(other.depth for other in others))
+        farthest = max(median_of(np.where(d > 0, d, np.nan)) for d in depths)
         self.noise_mm = 1e3 * NOISE * farthest**2
         check_clear(seen, self.camera, self.eyes)
-        self._whole = None
-        self._seen = seen
+        self._seen, self._whole = seen, None
         self.on_look(seen)
         return seen
 
@@ -143,29 +133,15 @@ class Robot(AbstractContextManager):
 
     def _given(self, action: str, position: tuple[float | int, float | int], *how: float) -> Any:
         """What `prepare` and `perform` take; `how` is strength, yaw and length."""
-        procedure = self._hand.procedures.get(action)
-        beside = (0.0, 0.0) if procedure is None else procedure.begins(*how[1:])
-        point = self.point(position, beside)
-        return self.guard, self._hand, action, point, self._base_bank, *how
-
-    def point(
-        self, position: tuple[float | int, float | int], beside: ArrayLike = (0.0, 0.0)
-    ) -> Float[np.ndarray, "3"]:
-        """The point of the surface under a place, in the frame of the bank's camera, metres.
-
-        Its z is that of the surface `beside` (x, y) metres of the place.
-        """
         if self._seen is None or self.view is None:
             raise JShapeError("look before you act")
         if self._whole is None:  # once a look: a plan's actions are all checked on the first
             self._whole, _ = fill_missing(self._seen, limit=1.0, where=self.eyes)
-        return surface_point(self._whole, self.camera, position, beside=beside)
-
-    @property
-    def _base_bank(self) -> Float[np.ndarray, "4 4"]:
-        """The pose of the bank's camera in the arm's base frame."""
+        procedure = self._hand.procedures.get(action)
+        beside = (0.0, 0.0) if procedure is None else procedure.begins(*how[1:])
+        point = surface_point(self._whole, self.camera, position, beside=beside)
         base_camera = np.eye(4) if self.base_camera is None else self.base_camera
-        return base_camera if self.view is None else base_camera @ self.view.to_source
+        return self.guard, self._hand, action, point, base_camera @ self.view.to_source, *how
 
     def check(
         self,

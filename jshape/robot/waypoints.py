@@ -6,9 +6,8 @@ actions touch what the earlier ones leave.
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -59,43 +58,12 @@ _READING = {
 }
 
 
-class ActionPath(NamedTuple):
-    """One action of the plan."""
-
-    action: str
-    position: tuple[float, float]
-    """(u, v) in the image of the plan's camera."""
-    strength: float
-    """How many times as deep as the trained action."""
-    yaw: float
-    """Turn of the hand from u towards v, radians."""
-    length: float
-    """How many times as long as the trained action's its path is."""
-    surface: Float[np.ndarray, "3"]
-    """The place, on the height of the predicted surface where the hand goes down, metres."""
-    tool: Float[np.ndarray, "3"]
-    """The tool's origin in the flange's frame, metres; the axes are the flange's."""
-    distance_mm: float
-    """Predicted distance to the goal after it."""
-    waypoints: list[tuple[Operation, list[Pose]]]
-    """The six operations in order, and the tool's poses in each, metres: one, the points of a path,
-    or none: it stays, or, for clear, the arm goes home."""
-
-
-@dataclass(frozen=True, eq=False)
-class Waypoints:
-    """A plan as poses."""
-
-    frame: str
-    """Of all poses: base; without the camera's pose, camera, or cameras for that of a map's."""
-    base_camera: Float[np.ndarray, "4 4"] | None
-    """T_base_camera, metres."""
-    place_depth: float
-    """Depth at which the plan's places are meant, metres."""
-    hard_effort: float
-    """Contact effort at which the arm must stop for good, Nm."""
-    actions: Sequence[ActionPath]
-    """In the order to apply them."""
+_FRAMES = {
+    "base": "the base of the arm",
+    "camera": f"the camera that took the frames, NOT the arm: {_CAMERA_AXES}",
+    "cameras": "that of the poses in the files of the map's cameras (of one camera without a "
+    f"pose, its own: {_CAMERA_AXES}); the arm's base only if they are in it",
+}
 
 
 def waypoints_of(
@@ -104,8 +72,11 @@ def waypoints_of(
     base_camera: Float[np.ndarray, "4 4"] | None = None,
     *,
     place_depth: float = PAPER_Z,
-) -> Waypoints:
-    """The poses of all operations of a plan.
+) -> dict[str, Any]:
+    """The poses of all operations of a plan, as a file of it says them: plain values.
+
+    `frame` says whose all poses are; each of `actions` has its place, the height of the surface and
+    its six operations, with the tool's pose in metres, several along a `path`, or none.
 
     Args:
       plan: with its images: they say how high the surface will be.
@@ -151,28 +122,41 @@ def waypoints_of(
         )
     frame = ("cameras" if on_map else "camera") if base_camera is None else "base"
     how = (of.astype(float).tolist() for of in (plan.strengths, plan.yaws, plan.lengths))
-    paths = []
+    actions = []
     for k, strength, yaw, length in zip(range(len(plan)), *how, strict=True):
         procedure = hand.procedures[plan.actions[k]]
-        u, v = plan.exact_positions[k].astype(float).tolist()
         depth = np.asarray(camera.depth(metric.unweigh(plan.images[k], camera)))
-        beside = procedure.begins(yaw, length)
-        point = surface_point(depth, camera, (u, v), place_depth=place_depth, beside=beside)
+        at = {"place_depth": place_depth, "beside": procedure.begins(yaw, length)}
+        point = surface_point(depth, camera, plan.exact_positions[k], **at)
         seen = procedure.poses(hand.limits, point, strength, yaw, length)
-        path = ActionPath(
-            action=plan.actions[k],
-            position=(u, v),
-            strength=strength,
-            yaw=yaw,
-            length=length,
-            surface=change[:3, :3] @ point + change[:3, 3],
-            tool=procedure.tool[:3, 3],
-            distance_mm=float(plan.distances_mm[k + 1]),
-            waypoints=[(one, [change @ pose for pose in poses]) for one, poses in seen],
-        )
-        paths.append(path)
-    kept = None if base_camera is None else own
-    return Waypoints(frame, kept, place_depth, hand.limits.effort_nm, tuple(paths))
+        action = {
+            "number": k + 1,
+            "action": plan.actions[k],
+            "position_px": _numbers(plan.exact_positions[k]),
+            "strength": round(strength, 6),
+            "yaw_rad": round(yaw, 6),
+            "length": round(length, 6),
+            "surface_m": _numbers(change[:3, :3] @ point + change[:3, 3]),
+            "tool_in_flange_m": _numbers(procedure.tool[:3, 3]),
+            "predicted_distance_mm": round(float(plan.distances_mm[k + 1]), 6),
+            "operations": [
+                _operation(one, [change @ pose for pose in poses]) for one, poses in seen
+            ],
+        }
+        actions.append(action)
+    paths = any("path" in one for action in actions for one in action["operations"])
+    return {
+        "format": FORMAT,
+        "version": WITH_PATHS if paths else VERSION,
+        "frame": frame,
+        "frame_is": _FRAMES[frame],
+        "units": dict(UNITS),
+        "reading": dict(_READING),
+        "T_base_camera": None if base_camera is None else _numbers(own),
+        "place_depth_m": float(place_depth),
+        "hard_effort_Nm": float(hand.limits.effort_nm),
+        "actions": actions,
+    }
 
 
 class _Dumper(yaml.SafeDumper):
@@ -198,53 +182,14 @@ def check_ending(path: str | os.PathLike) -> Path:
     return path
 
 
-def write_waypoints(path: str | os.PathLike, ways: Waypoints) -> None:
-    """Write waypoints as JSON or YAML, whichever the path ends in, whole or not at all."""
-    path, fields = check_ending(path), waypoint_fields(ways)
+def write_waypoints(path: str | os.PathLike, ways: dict[str, Any]) -> None:
+    """Write `waypoints_of` as JSON or YAML, whichever the path ends in, whole or not at all."""
+    path = check_ending(path)
     if path.suffix.lower() == ".json":
-        write_json(path, fields)
+        write_json(path, ways)
     else:
         dumped = {"Dumper": _Dumper, "sort_keys": False, "default_flow_style": False, "width": 100}
-        write_atomic(path, yaml.dump(fields, **dumped))
-
-
-def waypoint_fields(ways: Waypoints) -> dict[str, Any]:
-    """What waypoints say, as plain values that JSON and YAML can hold."""
-    where = {
-        "base": "the base of the arm",
-        "camera": f"the camera that took the frames, NOT the arm: {_CAMERA_AXES}",
-        "cameras": "that of the poses in the files of the map's cameras (of one camera without a "
-        f"pose, its own: {_CAMERA_AXES}); the arm's base only if they are in it",
-    }
-    actions = [_action(k, path) for k, path in enumerate(ways.actions, 1)]
-    operations = [one for action in actions for one in action["operations"]]
-    return {
-        "format": FORMAT,
-        "version": WITH_PATHS if any("path" in one for one in operations) else VERSION,
-        "frame": ways.frame,
-        "frame_is": where[ways.frame],
-        "units": dict(UNITS),
-        "reading": dict(_READING),
-        "T_base_camera": None if ways.base_camera is None else _numbers(ways.base_camera),
-        "place_depth_m": float(ways.place_depth),
-        "hard_effort_Nm": float(ways.hard_effort),
-        "actions": actions,
-    }
-
-
-def _action(number: int, path: ActionPath) -> dict[str, Any]:
-    return {
-        "number": number,
-        "action": path.action,
-        "position_px": _numbers(path.position),
-        "strength": round(path.strength, 6),
-        "yaw_rad": round(path.yaw, 6),
-        "length": round(path.length, 6),
-        "surface_m": _numbers(path.surface),
-        "tool_in_flange_m": _numbers(path.tool),
-        "predicted_distance_mm": round(path.distance_mm, 6),
-        "operations": [_operation(*one) for one in path.waypoints],
-    }
+        write_atomic(path, yaml.dump(ways, **dumped))
 
 
 def _operation(one: Operation, poses: Sequence[Pose]) -> dict[str, Any]:

@@ -59,21 +59,16 @@ class Call(Future):
             wait([self], min(left, SLICE))
         return self.done()
 
-    def value(self, name: str, error: type[JShapeError]) -> Any:
-        """What it returned, once it has ended; what a driver of that name raised is an `error`."""
-        problem = self.exception(0)
-        if isinstance(problem, Exception) and not isinstance(problem, JShapeError):
-            said = f"{name}: {self.what}: {type(problem).__name__}: {one_line(problem)}"
-            raise error(said) from problem
-        return self.result(0)
-
 
 class Worker:
     """One thread, from the first call on: drivers and renderers may belong to one."""
 
-    def __init__(self, name: str):
-        """A thread of that name; it starts with the first call."""
-        self._name = name
+    def __init__(self, name: str, error: type[JShapeError], lost: type[JShapeError]):
+        """A thread for the driver of a name; it starts with the first call.
+
+        `error` is what the driver's own errors become, `lost` that a call has not ended in time.
+        """
+        self._name, self._error, self._lost = name, error, lost
         self._calls: SimpleQueue[Call | None] = SimpleQueue()
         self._thread: threading.Thread | None = None
         self.busy: str | None = None
@@ -88,34 +83,30 @@ class Worker:
             self._thread.start()
         return call
 
-    def within(
-        self,
-        seconds: float,
-        what: str,
-        function: Callable[[], Any],
-        error: type[JShapeError],
-        lost: type[JShapeError],
-    ) -> Any:
-        """What a call returned; `error`: it raised something, `lost`: it has not ended by then."""
+    def value(self, call: Call) -> Any:
+        """What a call returned that has ended; raises what it raised, a driver's own as `error`."""
+        problem = call.exception(0)
+        if isinstance(problem, Exception) and not isinstance(problem, JShapeError):
+            said = f"{self._name}: {call.what}: {type(problem).__name__}: {one_line(problem)}"
+            raise self._error(said) from problem
+        return call.result(0)
+
+    def within(self, seconds: float, what: str, function: Callable[[], Any]) -> Any:
+        """What a call returned; `lost`: it has not ended by then.  See `value`."""
         call = self.begin(what, function)
         try:
             call.wait(seconds)
         finally:  # Ctrl-C too: nobody waits for it any more
             overdue = f"{self._name}: {what} has not ended after {seconds:g} s"
-            call.settle(problem=lost(overdue))
-        return call.value(self._name, error)
+            call.settle(problem=self._lost(overdue))
+        return self.value(call)
 
-    def close(
-        self,
-        seconds: float,
-        function: Callable[[], Any],
-        error: type[JShapeError],
-        lost: type[JShapeError],
-    ) -> None:
+    def close(self, seconds: float, function: Callable[[], Any]) -> None:
         """Make the last call, beside one that hangs, and let the threads end.  See `within`."""
-        worker = self if self.busy is None else Worker(self._name)
+        idle = self.busy is None
+        worker = self if idle else Worker(self._name, self._error, self._lost)
         try:
-            worker.within(seconds, "close", function, error, lost)
+            worker.within(seconds, "close", function)
         finally:
             for one in {worker, self}:
                 if one._thread is not None:

@@ -45,7 +45,8 @@ class Moved(NamedTuple):
     contact: bool
     """The effort rose above the threshold, which ended the motion before its end."""
     effort: float
-    """The greatest contact effort on the way, Nm: a magnitude, finite, from 0."""
+    """The greatest contact effort on the way, |joint torque - what gravity needs|, Nm: a magnitude,
+    finite, from 0."""
     pose: Pose
     """Of the tool, where it ended."""
 
@@ -129,10 +130,6 @@ class Arm(Protocol):
 
         Raises as `move`.
         """
-        ...
-
-    def effort(self) -> float:
-        """The contact effort now: the greatest |joint torque - what gravity needs|, Nm."""
         ...
 
     def pose(self) -> Pose:

@@ -48,10 +48,6 @@ class DryRun(NoHardware):
         self._say("  home")
         return Moved(False, 0.0, self.pose())
 
-    def effort(self) -> float:
-        """None."""
-        return 0.0
-
     def pose(self) -> Pose:
         """Where it would be."""
         return self._pose.copy()

@@ -18,21 +18,12 @@ from jshape.robot.rigid import Pose, check_rigid
 from jshape.robot.signals import uninterrupted
 from jshape.robot.worker import Call, Worker
 
-FLOOR = 20.0
-"""Seconds that every call is given: a controller that releases its brakes, reconnects or solves the
-inverse kinematics of a line takes some, and a person notices a robot that stands for longer."""
 SLACK = 4.0
 """A motion is given so many times its way over its speed, besides.  The smoothest one takes 1.875
 times that (least jerk), and people run controllers at half speed."""
-HOMING = 4.0
-"""Metres that the way home is taken for: up, and over the reach of a large arm."""
-STOPPING = 2.0
-"""Seconds that anybody waits for an arm's `stop`: stop category 1 (IEC 60204-1) takes below one."""
 AGAIN = 0.25
 """Seconds after which `stop` is repeated while a command that nobody waits for is under way: it may
 have reached the arm after `stop` did."""
-CLOSING = 5.0
-"""Seconds that anybody waits for an arm's `close`."""
 STUCK = 0.02
 """Metres that the tool was to go, from which on a pose that stays the same is not its."""
 ASTRAY = 0.25
@@ -42,26 +33,22 @@ ASTRAY = 0.25
 class GuardedArm:
     """An arm behind deadlines and checks; implements `Arm`."""
 
-    def __init__(
-        self,
-        arm: Any,
-        *,
-        floor: float = FLOOR,
-        stopping: float = STOPPING,
-        closing: float = CLOSING,
-        homing: float = HOMING,
-    ):
+    floor = 20.0
+    """Seconds that every call is given: a controller that releases its brakes, reconnects or solves
+    the inverse kinematics of a line takes some, and a person notices a robot that stands longer."""
+    homing = 4.0
+    """Metres that the way home is taken for: up, and over the reach of a large arm."""
+    stopping = 2.0
+    """Seconds that anybody waits for an arm's `stop`: stop category 1 (IEC 60204-1) takes less than
+    one."""
+    closing = 5.0
+    """Seconds that anybody waits for an arm's `close`."""
+
+    def __init__(self, arm: Any):
         """Guard an arm, which nobody else may call from now on.
 
         An arm that has a `slowness` is given so many times as long: simulations compile, and are
         slower than the clock.
-
-        Args:
-          arm: an `Arm`.
-          floor: instead of `FLOOR`.
-          stopping: instead of `STOPPING`.
-          closing: instead of `CLOSING`.
-          homing: instead of `HOMING`.
 
         Raises:
           ArmError: it lacks a method.
@@ -76,10 +63,8 @@ class GuardedArm:
             raise ArmError(f"{type(arm).__name__}: an arm has {', '.join(missing)}; this has none")
         self.arm: Arm = arm
         self.name = one_line(getattr(arm, "name", type(arm).__name__))
-        self._floor, self._closing, self._homing = floor, closing, homing
         self._slowness = float(getattr(arm, "slowness", 1.0))
-        self._wait = stopping * self._slowness
-        self._worker = Worker(self.name)
+        self._worker = Worker(self.name, ArmError, ArmLost)
         self._lock = threading.Lock()
         self._call: Call | None = None  # the last command
         self._stop: Call | None = None  # the last `stop`
@@ -108,6 +93,10 @@ class GuardedArm:
             self._interrupted = False
 
     @property
+    def _wait(self) -> float:
+        return self.stopping * self._slowness
+
+    @property
     def trouble(self) -> str | None:
         """What went wrong with the last `stop`, in one line; None: nothing so far."""
         call, waited = self._stop, time.monotonic() - self._stopped_at
@@ -134,32 +123,28 @@ class GuardedArm:
         self._made("begin", 0.0, doing, tool)
 
     def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
-        """As the arm's, within `FLOOR` and `SLACK` times the way over the speed."""
+        """As the arm's, within `floor` and `SLACK` times the way over the speed."""
         start, target = self._at, pose[:3, 3].copy()
-        way = self._homing if start is None else float(np.linalg.norm(target - start))
+        way = self.homing if start is None else float(np.linalg.norm(target - start))
         moved = self._moved("move", way / speed, pose, speed=speed, threshold=threshold)
         if start is not None:
             self._check_way(start, target, moved)
         return moved
 
     def posture(self, name: str, *, seconds: float, threshold: float) -> Moved:
-        """As the arm's, within `FLOOR` and `SLACK` times the seconds that it takes."""
+        """As the arm's, within `floor` and `SLACK` times the seconds that it takes."""
         return self._moved("posture", seconds, name, seconds=seconds, threshold=threshold)
 
     def home(self) -> Moved:
-        """As the arm's, within `FLOOR` and `SLACK` times `HOMING` over the fastest speed."""
-        return self._moved("home", self._homing / self._fastest)
-
-    def effort(self) -> float:
-        """As the arm's."""
-        return self._effort("effort", self._made("effort", 0.0))
+        """As the arm's, within `floor` and `SLACK` times `homing` over the fastest speed."""
+        return self._moved("home", self.homing / self._fastest)
 
     def pose(self) -> Pose:
         """As the arm's."""
         return self._pose("pose", self._made("pose", 0.0))
 
     def stop(self) -> None:
-        """Tell the arm to stop, and wait for at most `STOPPING` seconds, Ctrl-C or not.
+        """Tell the arm to stop, and wait for at most `stopping` seconds, Ctrl-C or not.
 
         Raises:
           ArmError: it did not, or has not answered by then.
@@ -171,8 +156,8 @@ class GuardedArm:
             raise ArmError(self.trouble)
 
     def close(self) -> None:
-        """Let go of the arm; ArmLost if that takes longer than `CLOSING`, ArmError if it raises."""
-        self._worker.close(self._closing, self.arm.close, ArmError, ArmLost)
+        """Let go of the arm; ArmLost if that takes longer than `closing`, ArmError if it raises."""
+        self._worker.close(self.closing, self.arm.close)
 
     def _made(self, what: str, seconds: float, /, *given: Any, **named: Any) -> Any:
         """What a method of the arm returned; `seconds` that a motion takes at full speed.
@@ -186,12 +171,12 @@ class GuardedArm:
             if self._interrupted:
                 raise self._refusal()
             self._call = call = self._worker.begin(what, function)
-        deadline = self._slowness * (self._floor + SLACK * seconds)
+        deadline = self._slowness * (self.floor + SLACK * seconds)
         try:
             if not call.wait(deadline):
                 overdue = ArmLost(
                     f"{self.name}: {self._worker.busy or what} has not ended after {deadline:.3g} s"
-                    f" ({self._floor:g} s and {SLACK:g} times the {seconds:.3g} s that it should "
+                    f" ({self.floor:g} s and {SLACK:g} times the {seconds:.3g} s that it should "
                     f"take{f', times {self._slowness:g}' if self._slowness != 1 else ''}); "
                     "it was told to stop"
                 )
@@ -201,7 +186,7 @@ class GuardedArm:
             call.settle(problem=self._refusal())
             self._begin_stop()
             raise
-        return call.value(self.name, ArmError)
+        return self._worker.value(call)
 
     def _refusal(self) -> ArmError:
         return ArmError(f"{self.name}: stopped by a person")

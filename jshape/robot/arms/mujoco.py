@@ -33,8 +33,7 @@ from jshape.robot.rigid import Pose
 from jshape.robot.simulated import bed_of
 from jshape.robot.twin import fingers
 from jshape.robot.twin.model import FLOOR, RIM, Obstacle
-from jshape.robot.twin.path import BedPath, moves
-from jshape.robot.twin.press import BedPress
+from jshape.robot.twin.stroke import BedStroke, pours
 from jshape.robot.twin.world import Twin
 
 BOX = (0.50, 0.40)
@@ -59,8 +58,6 @@ CLEAR = 0.05
 """The tool leaves the box straight up until it is so far above its rim, metres."""
 LIFTING = 0.1
 """Speed on that way, metres per second."""
-REFRESH = 5
-"""The bed moves every so many steps of the physics."""
 
 
 def _commanded(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -87,17 +84,15 @@ class MuJoCoArm(NoHardware):
     slowness = 30.0
     """The physics is compiled first, and then slower than the clock."""
 
-    def __init__(self, twin: Twin, *, watch: Callable[[Twin], None] = lambda twin: None):
+    def __init__(self, twin: Twin):
         """An arm over a twin's bed."""
         self.twin = twin
-        self._hard = HARD
-        self._fastest = FASTEST
-        self.watch = watch
+        self._hard, self._fastest = HARD, FASTEST
+        self.watch: Callable[[Twin], None] = lambda twin: None
         """Called after every step of the physics, for pictures and measurements."""
         self._tool = np.eye(4)
         self._doing: Doing | None = None
-        self._moves = False  # what it does moves material
-        self._press: BedPress | BedPath | None = None
+        self._stroke: BedStroke | None = None  # what it does to the bed
         self._mover: int | None = None  # the thread that moves it
         self._halt = threading.Event()  # another thread wants it to stand still
 
@@ -122,10 +117,10 @@ class MuJoCoArm(NoHardware):
           ArmError: a path that the action does not have in the twin, or the other way round.
         """
         self._finish()
-        self._moves = moves(doing)
+        by_hand = pours(doing)
         self._doing, self._tool = doing, np.asarray(tool, float)
-        if self._moves and not doing.way and doing.operation == "act":
-            self._press = self._begun(doing, self.pose())
+        if by_hand and doing.operation == "act":
+            self._begin_stroke(doing, self.pose())
 
     @_commanded
     def move(self, pose: Pose, *, speed: float, threshold: float) -> Moved:
@@ -133,8 +128,8 @@ class MuJoCoArm(NoHardware):
         flange = np.asarray(pose, float) @ np.linalg.inv(self._tool)
         length, joints = self.twin.reach.line(self.twin.target, flange)
         doing = self._doing
-        if doing and doing.operation == "act" and not (self._moves and self._press):
-            self._press = self._begun(doing, np.asarray(pose, float))
+        if doing and doing.operation == "act" and self._stroke is None:
+            self._begin_stroke(doing, np.asarray(pose, float))
         seconds = max(PEAK * length / speed, SLOWEST)
         spline = CubicSpline(np.linspace(0.0, 1.0, len(joints)), joints)
         return self._follow(spline, seconds, threshold)
@@ -150,8 +145,8 @@ class MuJoCoArm(NoHardware):
 
         def step(share: float, rate: float) -> float:
             self.twin.grip = first + share * (last - first)
-            if self._press is not None:
-                self._press.close(share)
+            if self._stroke is not None:
+                self._stroke.close(share)
             return self.twin.step()
 
         return self._run(step, seconds, threshold)
@@ -172,10 +167,6 @@ class MuJoCoArm(NoHardware):
         steepest = (SAMPLES - 1) * max(np.linalg.norm(way, axis=1).max() for way in ways)
         seconds = PEAK * max(np.abs(last - first).max() / HOMING, steepest / self._fastest)
         return self._follow(spline, max(seconds, SLOWEST), self._hard)
-
-    def effort(self) -> float:
-        """The contact effort now, Nm."""
-        return self.twin.effort()
 
     def pose(self) -> Pose:
         """Of the tool now, from the physics."""
@@ -203,8 +194,8 @@ class MuJoCoArm(NoHardware):
 
         def step(share: float, rate: float) -> float:
             twin.target = spline(share)
-            if self._press is not None:
-                self._press.down(self.pose())
+            if self._stroke is not None:
+                self._stroke.down(self.pose())
             return twin.step(speed(share) * rate)
 
         return self._run(step, seconds, threshold)
@@ -238,18 +229,17 @@ class MuJoCoArm(NoHardware):
                 return Moved(True, greatest, self.pose())
         return Moved(False, greatest, self.pose())
 
-    def _begun(self, doing: Doing, end: Pose) -> BedPress | BedPath:
+    def _begin_stroke(self, doing: Doing, end: Pose) -> None:
         """What the act does to the bed, on its way from where the tool is."""
-        kind = BedPath if self._moves else BedPress
         try:
-            return kind(self.twin, doing, self.pose(), end, REFRESH)
+            self._stroke = BedStroke(self.twin, doing, self.pose(), end)
         except (UnknownName, BadPosition) as problem:
             raise ArmError(str(problem)) from None
 
     def _finish(self) -> None:
-        if self._press is not None:
-            press, self._press = self._press, None
-            press.finish()
+        if (stroke := self._stroke) is not None:
+            self._stroke = None
+            stroke.finish()
 
 
 class Ready(NamedTuple):
@@ -290,16 +280,8 @@ def make_twin(
     """
     key = jax.random.key(key) if isinstance(key, int) else key
     for_actions, for_camera = jax.random.split(key)
-    twin = Twin(
-        bed,
-        key=for_actions,
-        material=material,
-        camera=camera,
-        obstacle=obstacle,
-        spread=spread,
-        stock_cm3=stock_cm3,
-    )
-    eye = MuJoCoCamera(twin, key=for_camera, noise=noise)
+    twin = Twin(for_actions, bed, sim.read_material(material), camera, obstacle, spread, stock_cm3)
+    eye = MuJoCoCamera(twin, for_camera, noise)
     return Ready(MuJoCoArm(twin), eye, twin.base_camera)
 
 

@@ -1,14 +1,10 @@
 """Arms by what people write on the command line: `NAME` or `NAME:ADDRESS`."""
 
-from collections.abc import Callable, Sequence
-
-from jshape.camera import Camera
 from jshape.robot.arms.base import ArmSettings, OpenedArm
 from jshape.robot.arms.dry_run import open_dry_run
 from jshape.robot.arms.mujoco import open_twin
 from jshape.robot.arms.simulated import open_simulated
 from jshape.robot.registry import DeviceKind, open_device
-from jshape.sim.material import Material
 
 ARMS: dict[str, DeviceKind[ArmSettings, OpenedArm]] = {
     "dry": DeviceKind(open_dry_run, "says what it would do; needs a camera"),
@@ -18,19 +14,10 @@ ARMS: dict[str, DeviceKind[ArmSettings, OpenedArm]] = {
 """Every kind of arm; a new one is a file and a row here."""
 
 
-def open_arm(
-    text: str,
-    camera: Camera,
-    *,
-    material: str | Material = "flour",
-    say: Callable[[str], object] = print,
-    cameras: Sequence[Camera] = (),
-    stock_cm3: float = 0.0,
-) -> OpenedArm:
-    """The arm that `NAME` or `NAME:ADDRESS` of `ARMS` names; the rest is for `ArmSettings`.
+def open_arm(text: str, settings: ArmSettings) -> OpenedArm:
+    """The arm that `NAME` or `NAME:ADDRESS` of `ARMS` names.
 
     Raises:
       JShapeError: no such arm, or an address that it does not take.
     """
-    settings = ArmSettings(camera, material, say, cameras, stock_cm3)
     return open_device(text, ARMS, settings, "an arm")

@@ -31,8 +31,6 @@ STIFFNESS = 400.0
 """Further effort per metre below the surface, Nm: 20 mm into flour are 13 Nm."""
 STEP = 0.0005
 """Distance between two looks at the effort, metres."""
-RIGID = 1e4
-"""Effort per metre below something that does not give way, Nm."""
 
 
 class SimulatedArm(NoHardware):
@@ -46,24 +44,14 @@ class SimulatedArm(NoHardware):
     slowness = 10.0
     """Over a bed that is compiled first."""
 
-    def __init__(
-        self,
-        world: SimulatedWorld,
-        *,
-        obstacle_mm: float | None = None,
-        base_camera: Pose | None = None,
-    ):
+    def __init__(self, world: SimulatedWorld, base_camera: Pose | None = None):
         """An arm over a world's bed.
 
-        Args:
-          world: whose bed it is.
-          obstacle_mm: all of the bed is rigid up to so far above the floor.
-          base_camera: pose of the world's camera in the arm's base frame; None: they are the same.
+        `base_camera` is the pose of its camera in the arm's base frame; None: they are the same.
         """
         self.world = world
         self._base_camera = np.eye(4) if base_camera is None else base_camera
         self._camera_base = np.linalg.inv(self._base_camera)
-        self._obstacle = None if obstacle_mm is None else obstacle_mm / 1000.0
         self._pose = np.eye(4)  # of the tool, in the camera's frame
         self._effort = 0.0
         self._hard = np.inf
@@ -127,14 +115,8 @@ class SimulatedArm(NoHardware):
         """Out of the view; a stroke that was begun has left its trace."""
         if self._doing is not None and self._doing.operation == "act":
             self._reshape(self._doing)
-        self._doing = None
-        self._pose = np.eye(4)
-        self._effort = 0.0
+        self._doing, self._pose, self._effort = None, np.eye(4), 0.0
         return Moved(False, 0.0, self.pose())
-
-    def effort(self) -> float:
-        """At the last place."""
-        return self._effort
 
     def pose(self) -> Pose:
         """Of the tool."""
@@ -142,19 +124,16 @@ class SimulatedArm(NoHardware):
 
     def _bed_depth(self, points: np.ndarray) -> np.ndarray:
         """Depth of the surface in front of points (N, 3) in the camera's frame, metres."""
-        bed = self.world.bed
-        height = np.asarray(bed.height)
-        x, y = (np.asarray(axis) for axis in bed.axes())
-        column = np.clip(np.rint((points[:, 0] - x[0]) / (x[1] - x[0])), 0, len(x) - 1)
-        row = np.clip(np.rint((points[:, 1] - y[0]) / (y[1] - y[0])), 0, len(y) - 1)
-        return sim.Z_FLOOR - height[row.astype(int), column.astype(int)]
+        height = np.asarray(self.world.bed.height)
+        column, row = (
+            np.clip(np.rint((points[:, k] - at[0]) / (at[1] - at[0])), 0, len(at) - 1).astype(int)
+            for k, at in enumerate(map(np.asarray, self.world.bed.axes()))
+        )
+        return sim.Z_FLOOR - height[row, column]
 
     def _efforts(self, line: np.ndarray) -> np.ndarray:
         below = line[:, 2] - self._bed_depth(line)
-        felt = np.where(below > 0, TOUCH + STIFFNESS * below, 0.0)
-        if self._obstacle is not None:
-            felt += RIGID * np.maximum(line[:, 2] - (sim.Z_FLOOR - self._obstacle), 0.0)
-        return felt
+        return np.where(below > 0, TOUCH + STIFFNESS * below, 0.0)
 
     def _reshape(self, doing: Doing) -> None:
         """What the act did, from where the tool began, where it is and how deep it went."""

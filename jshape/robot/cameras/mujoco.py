@@ -1,15 +1,15 @@
 """The depth camera on the twin's wrist, drawn by MuJoCo."""
 
 import weakref
-from contextlib import AbstractContextManager
 from typing import Any
 
 import jax
 import numpy as np
 
 from jshape import sim
-from jshape._typing import Array, Float, Key, Num
-from jshape.robot.cameras.base import CameraLost
+from jshape._typing import Array, Float, Key
+from jshape.robot.cameras.played import Played, calls
+from jshape.robot.cameras.simulated import NOISE
 from jshape.robot.twin.engine import mujoco, renderer
 from jshape.robot.twin.world import Twin
 
@@ -17,32 +17,19 @@ DEPTH_UNIT = 1e-4
 """Metres per count: tenths of a millimetre, which a D435 can be set to."""
 
 
-class MuJoCoCamera(AbstractContextManager):
-    """Sees what stands before the twin's wrist camera now; implements `DepthCamera`."""
+class MuJoCoCamera(Played):
+    """Sees what stands before the twin's wrist camera now."""
 
-    name = "D435 on the wrist (MuJoCo)"
-
-    def __init__(
-        self,
-        twin: Twin,
-        *,
-        key: Key[Array, ""] | None = None,
-        depth_unit: float = DEPTH_UNIT,
-        noise: float = 0.00045,
-    ):
+    def __init__(self, twin: Twin, key: Key[Array, ""], noise: float = NOISE):
         """The camera of a twin; `noise` at 0.45 m in metres (0: no holes either), `key` for it."""
-        self.camera = twin.camera
-        self.depth_unit = depth_unit
-        self.still = noise == 0
-        """Without noise the same bed gives the same frame."""
-        self._twin, self._noise = twin, noise
-        self._key = jax.random.key(1) if key is None else key
+        name, frames = "D435 on the wrist (MuJoCo)", calls(self._counts)
+        still = noise == 0  # the same bed gives the same frame
+        super().__init__(name, twin.camera, DEPTH_UNIT, frames, still=still, close=self._let_go)
+        self._twin, self._noise, self._key = twin, noise, key
         self._renderer: Any = None
         self._shown = -1
-        self._closed = False
 
-    def frame(self) -> Num[np.ndarray, "H W"]:
-        """A frame: counts of `depth_unit`, 0 = no reading; raises as `depth`."""
+    def _counts(self) -> np.ndarray:
         depth = self.depth()
         if self._noise:
             self._key, key = jax.random.split(self._key)
@@ -53,11 +40,8 @@ class MuJoCoCamera(AbstractContextManager):
         """Depth along the optical axis without noise, metres; 0 where there is nothing.
 
         Raises:
-          CameraLost: it was closed.
           NoPicture: MuJoCo cannot draw here.
         """
-        if self._closed:
-            raise CameraLost(f"{self.name}: closed")
         twin, engine = self._twin, mujoco()
         if self._renderer is None:
             self._renderer = renderer(twin.model, self.camera.width, self.camera.height)
@@ -73,15 +57,10 @@ class MuJoCoCamera(AbstractContextManager):
         far = twin.model.vis.map.zfar * twin.model.stat.extent
         return np.where(depth < 0.99 * far, depth, 0.0).astype(np.float32)
 
-    def close(self) -> None:
-        """Let go of the renderer; a second time does nothing."""
-        self._closed = True
+    def _let_go(self) -> None:
         if self._renderer is not None:
             self._end()
             self._renderer = None
-
-    def __exit__(self, *problem: object) -> None:
-        self.close()
 
 
 def upload_bed(renderer: Any, twin: Twin) -> None:

@@ -23,7 +23,7 @@ class Played(AbstractContextManager):
         *,
         still: bool = False,
         live: bool = False,
-        close: Callable[[], None] | None = None,
+        close: Callable[[], object] = lambda: None,
         whole: Camera | None = None,
     ):
         """A camera.
@@ -63,8 +63,7 @@ class Played(AbstractContextManager):
         """Let go of the frames; a second time does nothing."""
         if self._frames is not None:
             self._frames = None
-            if self._close is not None:
-                self._close()
+            self._close()
 
     def __exit__(self, *problem: object) -> None:
         self.close()

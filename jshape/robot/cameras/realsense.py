@@ -11,11 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jshape.data.intrinsics import Z_RANGE, bent, pinhole, same_frames
+from jshape.data.intrinsics import bent, pinhole, same_frames
 from jshape.errors import BadCamera, BadFile, JShapeError, one_line
 from jshape.robot.cameras.base import TIMEOUT, CameraLost, CameraSettings, EndOfFrames
 from jshape.robot.cameras.played import Played, calls
 
+SIZE, FPS = (848, 480), 30
+"""Of a device's frames: (width, height), and how many a second."""
 SUFFIXES = (".db3", ".bag")
 """Recordings of the SDK: .db3 since 2.58, .bag before."""
 ALPHA = 0.4
@@ -48,26 +50,12 @@ class FrameSource(NamedTuple):
 
 
 def realsense_camera(
-    serial: str | None = None,
-    *,
-    file: str | Path | None = None,
-    source: FrameSource | None = None,
-    size: tuple[int, int] = (848, 480),
-    fps: int = 30,
-    z_range: tuple[float, float] = Z_RANGE,
-    temporal: bool = True,
-    holes: bool = False,
-    timeout: float = TIMEOUT,
+    source: FrameSource, *, temporal: bool = True, holes: bool = False, timeout: float = TIMEOUT
 ) -> Played:
-    """Start a camera, or a recording from its beginning.
+    """A camera over the frames of a device (`connected`) or of a recording (`played`).
 
     Args:
-      serial: of the device; None: the only one, or the first.
-      file: a recording of the SDK, every frame of which is played, however slowly it is asked.
-      source: frames of the SDK from elsewhere, as of a software device.
-      size: (width, height) of a device's frames.
-      fps: a device's frames per second.
-      z_range: depths between which the bed lies, metres.
+      source: of the frames; stopped as the camera is closed.
       temporal: smooth over time and bridge short gaps, by the SDK's filter.  Not for recordings
         that are averaged later: a hand that leaves stays for some frames where nothing is read.
       holes: fill what has no reading from its neighbours.  Off: jshape counts missing readings,
@@ -75,14 +63,9 @@ def realsense_camera(
       timeout: seconds after which it counts as lost.
 
     Raises:
-      JShapeError: the SDK is not installed.
-      CameraLost: no such camera is connected, or it does not start.
-      BadFile: the recording cannot be read, or has no depth.
       BadCamera: intrinsics that make no sense, or a lens of another model than Brown-Conrady.
     """
     rs = sdk()
-    if source is None:
-        source = played(file) if file is not None else connected(serial, size, fps)
     # A float32 as the shortest decimal that gives it back: 0.0001, not 0.00009999999747.
     unit, filters = float(str(np.float32(source.unit))), []
     try:
@@ -94,7 +77,7 @@ def realsense_camera(
                 f"{source.name}: the lens distorts by the model {one_line(lens.model, 60)}, "
                 "of which none but brown_conrady is read; rectify the frames first"
             )
-        camera = pinhole(source.name, pixels, focal, centre, lens.coeffs, z_range)
+        camera = pinhole(source.name, pixels, focal, centre, lens.coeffs)
         if temporal:
             near = float(np.clip(REACH / unit, 1, 100))
             filters.append(rs.temporal_filter(ALPHA, near, PERSISTENCE))
@@ -134,12 +117,12 @@ def _next(source: FrameSource, timeout: float) -> Any:
 def open_realsense(address: str, settings: CameraSettings) -> Played:
     """The only one for "", one of several by its serial number, or a recording by its path."""
     settings.check_own(f"realsense:{address}" if address else "realsense", unit_only=True)
-    file = address if Path(address).suffix.lower() in SUFFIXES else None
-    serial = address if address and file is None else None
-    opened = realsense_camera(serial, file=file, temporal=settings.temporal, holes=settings.holes)
+    recorded = Path(address).suffix.lower() in SUFFIXES
+    source = played(address) if recorded else connected(address)
+    opened = realsense_camera(source, temporal=settings.temporal, holes=settings.holes)
     if settings.camera is not None:  # its unit is the device's all the same
-        size = (opened.camera.width, opened.camera.height)
         try:
+            size = (opened.camera.width, opened.camera.height)
             opened.camera = same_frames(settings.camera[0], size, opened.name)
         except BaseException:
             opened.close()
@@ -176,25 +159,28 @@ def sdk() -> Any:
     return rs
 
 
-def connected(serial: str | None, size: tuple[int, int], fps: int) -> FrameSource:
-    """Frames of a device that is plugged in.  Raises CameraLost if it is not, or does not start."""
+def connected(serial: str = "") -> FrameSource:
+    """Frames of a device that is plugged in: that of a serial number, else the first.
+
+    Raises CameraLost if it is not, or does not start.
+    """
     rs = sdk()
     found = devices()  # the pipeline would wait a quarter of a minute for one to come
     if not found:
         raise CameraLost("no RealSense camera is connected")
-    if serial is not None and serial not in [d.serial for d in found]:
+    if serial and serial not in [d.serial for d in found]:
         names = ", ".join(f"{d.name} {d.serial}" for d in found)
         raise CameraLost(f"no RealSense camera {serial} is connected; there is {names}")
     pipe, config = rs.pipeline(), rs.config()
-    if serial is not None:
+    if serial:
         config.enable_device(serial)
-    config.enable_stream(rs.stream.depth, *size, rs.format.z16, fps)
+    config.enable_stream(rs.stream.depth, *SIZE, rs.format.z16, FPS)
     try:
         started = pipe.start(config)
     except RuntimeError as problem:
         raise CameraLost(
-            f"RealSense {serial or found[0].serial} does not start with {size[0]}x{size[1]} at "
-            f"{fps} frames/s: {one_line(problem)}"
+            f"RealSense {serial or found[0].serial} does not start with {SIZE[0]}x{SIZE[1]} at "
+            f"{FPS} frames/s: {one_line(problem)}"
         ) from None
     return _piped(rs, pipe, started, live=True)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from jshape import sim
 from jshape._typing import Float
-from jshape.camera import D435_BAZAR, Camera
+from jshape.camera import Camera
 from jshape.robot.rigid import Pose
 from jshape.robot.twin.engine import mujoco
 
@@ -52,14 +52,8 @@ def base_camera() -> Pose:
     return pose
 
 
-def build(bed: sim.Bed, camera: Camera = D435_BAZAR, obstacle: Obstacle | None = None) -> Any:
-    """The MjModel of the scene around a bed.
-
-    Args:
-      bed: its size is the box's.
-      camera: size and intrinsics of the depth camera.
-      obstacle: something rigid in the bed.
-    """
+def build(bed: sim.Bed, camera: Camera, obstacle: Obstacle | None) -> Any:
+    """The MjModel of the scene around a bed: see `jshape.robot.arms.mujoco.make_twin`."""
     MjSpec = mujoco().MjSpec
     spec = MjSpec.from_file(str(FOLDER / "scene.xml"))
     spec.visual.global_.offwidth = max(camera.width, 960)

@@ -7,7 +7,7 @@ import numpy as np
 
 from jshape import sim
 from jshape._typing import Array, Float, Key
-from jshape.camera import D435_BAZAR, Camera
+from jshape.camera import Camera
 from jshape.robot.rigid import Pose
 from jshape.robot.twin import fingers
 from jshape.robot.twin.engine import mujoco
@@ -30,29 +30,26 @@ class Twin:
 
     def __init__(
         self,
+        key: Key[Array, ""],
         bed: sim.Bed,
-        *,
-        key: Key[Array, ""] | None = None,
-        material: str | sim.Material = "flour",
-        camera: Camera = D435_BAZAR,
-        obstacle: Obstacle | None = None,
-        spread: float = 0.0,
-        stock_cm3: float = 0.0,
+        material: sim.Material,
+        camera: Camera,
+        obstacle: Obstacle | None,
+        spread: float,
+        stock_cm3: float,
     ):
-        """A twin at home over a bed; `key` is `jax.random.key(0)` if None.  See `make_twin`."""
+        """A twin at home over a bed: see `make_twin`, which makes it."""
         self._engine = mujoco()
         self.model: Any = build(bed, camera, obstacle)
         self.data: Any = self._engine.MjData(self.model)
-        self.base_camera = base_camera()
-        self.camera = camera
-        self.material = sim.read_material(material)
-        self.spread = spread
+        self.base_camera, self.camera = base_camera(), camera
+        self.material, self.spread = material, spread
         self.beside = 1e-6 * stock_cm3
         """Loose material in a stock beside the bed at first, m³."""
         self.reach = Reach(REST)
         camera_flange = np.linalg.inv(self.eye()) @ self.flange()
         self.home = self.reach.solve(self.base_camera @ camera_flange, REST)
-        self._key = jax.random.key(0) if key is None else key
+        self._key = key
         model, drives = self.model, (JOINTS, fingers.JOINTS)
         # Places of joints in qpos; all are hinges, so those in qvel are the same.
         self._arm, self._hand = ([model.joint(n).qposadr[0] for n in names] for names in drives)

@@ -25,10 +25,11 @@ from jshape.cli.main import main
 from jshape.data.recording import simulate_recording
 from jshape.data.simulate import DEPTH_UNIT, look, simulate_pairs, together
 from jshape.height_map import as_frame
-from jshape.io.cameras import write_camera
+from jshape.io.cameras import read_camera, write_camera
 from jshape.io.images import write_depth_png
 from jshape.io.maps import write_map
 from jshape.reproject import reproject
+from jshape.robot.cameras.base import CameraSettings
 from jshape.robot.cameras.names import open_camera
 from jshape.robot.cameras.played import Played
 from jshape.viz.style import png
@@ -197,8 +198,8 @@ def camera(serial: str | None, count: int | None) -> Played:
     One of a serial number sees what `--camera sim:3` sees with the camera file of that name.
     """
     if serial is not None:
-        file = f"{serial.lower()}.json"
-        found = open_camera("sim:3", camera=file)
+        given = read_camera(f"{serial.lower()}.json", DEPTH_UNIT)
+        found = open_camera("sim:3", CameraSettings(given))
         assert isinstance(found, Played)
         return found
     depth = np.asarray(sim.render(sim.flat_bed(), D435_BAZAR))

@@ -13,9 +13,16 @@ from jshape import PAPER_BOX, Camera, sim
 from jshape.camera import D435_BAZAR
 from jshape.data.missing import fill_missing
 from jshape.errors import BadCamera, BadDataset, BadFile, BadImage, JShapeError, MissingDepth
-from jshape.io.cameras import write_camera
+from jshape.io.cameras import read_camera, write_camera
 from jshape.io.recordings import recording_writer
-from jshape.robot.cameras.base import CameraLost, CameraSettings, DepthCamera, EndOfFrames, look
+from jshape.robot.cameras.base import (
+    AS_THEY_SAY,
+    CameraLost,
+    CameraSettings,
+    DepthCamera,
+    EndOfFrames,
+    look,
+)
 from jshape.robot.cameras.files import bag_camera, folder_camera, picture_camera
 from jshape.robot.cameras.names import names, open_camera
 from jshape.robot.cameras.played import Played, windowed
@@ -213,7 +220,7 @@ def test_a_picture_in_another_unit_is_refused(tmp_path):
     with recording_writer(tmp_path / "rec", SMALL, 1e-3) as add:
         add((depth + 1).astype(np.uint16))
     with pytest.raises(BadCamera, match="says its unit itself; --depth-unit is for bags and"):
-        open_camera(str(tmp_path / "rec"), depth_unit=1e-4)
+        open_camera(str(tmp_path / "rec"), CameraSettings(depth_unit=1e-4))
 
 
 def test_a_recording_with_the_name_of_a_camera_is_a_question(tmp_path, rng, monkeypatch):
@@ -255,6 +262,11 @@ def test_a_window_moves_the_principal_point(tmp_path, rng):
 # Names.
 
 
+def given(path):
+    """Settings with the camera of a file."""
+    return CameraSettings(read_camera(path))
+
+
 def test_every_kind_of_file_opens_by_its_name(tmp_path, rng):
     frames = scene(rng, 1e-4)
     folder(tmp_path, frames)
@@ -274,7 +286,7 @@ def test_sim_by_name():
 
 def test_a_simulated_camera_stands_where_its_file_says(tmp_path):
     write_camera(tmp_path / "left.json", above_simulated(30), 1e-4)
-    with open_camera("sim:3", camera=tmp_path / "left.json") as camera:
+    with open_camera("sim:3", given(tmp_path / "left.json")) as camera:
         assert camera.camera == above_simulated(30)
         assert camera.name == "simulated camera at (0, 250) mm"
         depth = look(camera, 1)
@@ -297,7 +309,7 @@ def test_bags_by_name(how, tmp_path, rng):
     from tests.written_bags import TOPIC, depth_bag
 
     path = depth_bag(tmp_path / "bag", how, SMALL, scene(rng, 1e-3))
-    with open_camera(str(path), z_range=(0.3, 1.0), topic=TOPIC) as camera:
+    with open_camera(str(path), CameraSettings(None, TOPIC, (0.3, 1.0))) as camera:
         assert (float(camera.camera.z_min), float(camera.camera.z_max)) == (0.3, 1.0)
         assert TOPIC in camera.name
     if how != "ros1":  # the file alone, without its metadata
@@ -307,9 +319,9 @@ def test_bags_by_name(how, tmp_path, rng):
 
 
 def test_what_is_no_camera_is_said(tmp_path):
-    def refused(match, text, kind=JShapeError, **options):
+    def refused(match, text, kind=JShapeError, settings=AS_THEY_SAY, window=None):
         with pytest.raises(kind, match=match) as found:
-            open_camera(text, **options)
+            open_camera(text, settings, window)
         assert "\n" not in str(found.value)
 
     refused("webcam: is not a camera; allowed: realsense\\[:SERIAL.*FOLDER, FILE.png", "webcam")
@@ -320,10 +332,10 @@ def test_what_is_no_camera_is_said(tmp_path):
     refused("missing width", str(tmp_path), BadCamera)
     write_camera(tmp_path / "camera.json", SMALL, 0.001)
     refused("holds no frames", str(tmp_path), BadDataset)
-    refused("x.json: no such file", "sim", BadCamera, camera="x.json")
-    refused("has a camera of its own", str(tmp_path), BadCamera, camera=tmp_path / "camera.json")
+    own = given(tmp_path / "camera.json")
+    refused("has a camera of its own", str(tmp_path), BadCamera, own)
     refused("crop window", "sim", BadCamera, window=(400, 0, 100, 100))
-    refused("z_min", "sim", BadCamera, z_range=(0.5, 0.4))
+    refused("z_min", "sim", BadCamera, CameraSettings(z_range=(0.5, 0.4)))
     (tmp_path / "a.png").write_bytes(b"")
     refused("empty", str(tmp_path / "a.png"), BadFile)
     refused("sim:x/y: a seed is", "sim:x/y")
@@ -337,7 +349,7 @@ def test_a_camera_file_replaces_what_is_guessed(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), frame)
     other = replace(PAPER_BOX, fx=500.0)
     write_camera(tmp_path / "mine.json", other, 1e-4)
-    with open_camera(str(tmp_path / "a.png"), camera=tmp_path / "mine.json") as camera:
+    with open_camera(str(tmp_path / "a.png"), given(tmp_path / "mine.json")) as camera:
         assert camera.camera == other and camera.depth_unit == 1e-4
     assert json.loads((tmp_path / "mine.json").read_text())["fx"] == 500.0
     assert D435_BAZAR.shape != PAPER_BOX.shape and sim.SURFACE == 0.45

@@ -16,6 +16,7 @@ from jshape.cli.main import main
 from jshape.cli.parser import parse, value_of
 from jshape.errors import BadSetting
 from jshape.io.cameras import write_camera
+from jshape.robot.cameras.base import CameraSettings
 
 
 @pytest.fixture(autouse=True)
@@ -287,8 +288,8 @@ def test_a_mold_looks_through_a_window_as_a_recording_does(monkeypatch, here, ca
     """The options of `jshape record` for looking reach the camera of `jshape mold`."""
     seen = {}
 
-    def opened(name, **more):
-        seen.update(more, name=name)
+    def opened(name, settings, window):
+        seen.update(name=name, settings=settings, window=window)
         raise BadSetting("seen")
 
     monkeypatch.setattr("jshape.robot.cameras.names.open_camera", opened)
@@ -296,10 +297,9 @@ def test_a_mold_looks_through_a_window_as_a_recording_does(monkeypatch, here, ca
     words = ["mold", "goal.npy", "--out", "run", "--yes", "--bank", "flour-robot"]
     look = ["--topic", "/d", "--window", "1,2,480x395", "--depth-range", "0.4,0.5"]
     assert main([*words, "--camera", "x.bag", *look, "--no-temporal"]) == 2
-    assert seen == {"name": "x.bag", "camera": None, "topic": "/d", "z_range": (0.4, 0.5),
-                    "window": (1, 2, 480, 395), "temporal": False, "holes": False,
-                    "depth_unit": None}  # fmt: skip
-    assert main([*words, "--camera", "x.bag"]) == 2 and seen["temporal"] is True
+    assert (seen["name"], seen["window"]) == ("x.bag", (1, 2, 480, 395))
+    assert seen["settings"] == CameraSettings(topic="/d", z_range=(0.4, 0.5), temporal=False)
+    assert main([*words, "--camera", "x.bag"]) == 2 and seen["settings"].temporal is True
     capsys.readouterr()
     assert main([*words, "--arm", "sim", *look]) == 2
     assert ": only with --camera; the arm's own camera takes none" in capsys.readouterr().err

@@ -10,9 +10,8 @@ import pytest
 
 from jshape import D435_BAZAR, Camera
 from jshape.errors import BadCamera, BadFile, JShapeError
-from jshape.io.cameras import write_camera
 from jshape.robot.cameras import realsense
-from jshape.robot.cameras.base import CameraLost, EndOfFrames, look
+from jshape.robot.cameras.base import CameraLost, CameraSettings, EndOfFrames, look
 from jshape.robot.cameras.names import open_camera
 from jshape.robot.cameras.realsense import played, realsense_camera
 
@@ -197,16 +196,14 @@ def test_a_recording_through_the_filter_is_what_was_live(recorded):
     assert (live != frames).mean() > 0.5
 
 
-def test_recordings_by_name_with_a_camera_of_ones_own(recorded, tmp_path):
+def test_recordings_by_name_with_a_camera_of_ones_own(recorded):
     path, frames = recorded
     mine = replace(D435_BAZAR, fx=440.0, z_min=0.3, z_max=1.0)
-    write_camera(tmp_path / "mine.json", mine, 0.001)
-    with open_camera(f"realsense:{path}", camera=tmp_path / "mine.json") as camera:
+    with open_camera(f"realsense:{path}", CameraSettings((mine, 0.001))) as camera:
         assert camera.camera == mine and camera.depth_unit == UNIT
         np.testing.assert_array_equal(camera.frame(), frames[0])
-    write_camera(tmp_path / "small.json", SMALL, 0.001)
     with pytest.raises(BadCamera, match="848x480 pixels; the camera given for it makes 64x48"):
-        open_camera(f"realsense:{path}", camera=tmp_path / "small.json")
+        open_camera(f"realsense:{path}", CameraSettings((SMALL, 0.001)))
 
 
 def test_recordings_that_cannot_be_played(recorded, tmp_path):

@@ -9,8 +9,9 @@ from cyclopts import Parameter
 
 from jshape.cli.options import CameraFile, Part, Positive
 from jshape.errors import BadCamera, JShapeError
+from jshape.io.cameras import read_camera
 from jshape.robot.cameras import names
-from jshape.robot.cameras.base import DepthCamera
+from jshape.robot.cameras.base import CameraSettings, DepthCamera
 from jshape.robot.cameras.files import FILES
 from jshape.robot.registry import usage
 
@@ -94,13 +95,12 @@ def looking(
             f"{name}: describes a camera and is none: --camera-file takes it; a camera is "
             f"{CAMERA_HELP}"
         )
-    return names.open_camera(
-        name,
-        camera=camera_file,
-        topic=options.topic,
-        z_range=options.depth_range,
-        window=window,
-        temporal=options.temporal,
-        holes=options.fill_holes,
-        depth_unit=depth_unit,
+    settings = CameraSettings(
+        None if camera_file is None else read_camera(camera_file, depth_unit),
+        options.topic,
+        options.depth_range,
+        options.temporal,
+        options.fill_holes,
+        depth_unit,
     )
+    return names.open_camera(name, settings, window)

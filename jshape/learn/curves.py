@@ -12,11 +12,9 @@ from jshape.viz.style import own_style
 
 
 def curves_csv(curves: Mapping[str, Sequence[Row]], to_mm: float) -> str:
-    """The curves of all actions as one CSV; losses are mean distances over the ROI, mm.
+    """The epochs of all actions as one CSV; losses are mean distances over the ROI, mm.
 
-    Args:
-      curves: epochs of each action.
-      to_mm: mm per unit of d.
+    `to_mm` is mm per unit of d.
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -30,12 +28,7 @@ def curves_csv(curves: Mapping[str, Sequence[Row]], to_mm: float) -> str:
 
 @own_style()
 def curves_figure(curves: Mapping[str, Sequence[Row]], to_mm: float) -> Figure:
-    """One panel per action: training and validation loss (mm) over epochs, and the best epoch.
-
-    Args:
-      curves: epochs of each action, at least one action.
-      to_mm: mm per unit of d.
-    """
+    """One panel per action: training and validation loss (mm) over epochs, and the best epoch."""
     figure = Figure(figsize=(4.2 * len(curves), 3.4), layout="constrained")
     for ax, (action, rows) in zip(
         figure.subplots(1, len(curves), squeeze=False)[0], curves.items(), strict=True

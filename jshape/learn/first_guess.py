@@ -52,12 +52,7 @@ def begin(
     """Where a fit starts, what of it stays as it is, and which mirror images are alike.
 
     An action that lowers nothing has no tool but a heap; one that is not the same from all sides
-    moves material to one of them, and has both.
-
-    Args:
-      grid: of the maps.
-      shown: on it.
-      out: "tool", "heap": what is left out.
+    moves material to one of them, and has both.  `out` says what is left out: "tool", "heap".
     """
     mean, alike = _mean_change(shown), mirrors(shown)
     lowers = float(mean.max()) >= LOWERS * float(-mean.min())

@@ -13,7 +13,7 @@ from jshape.errors import BadBank, BadDataset, UnknownName, quoted
 from jshape.learn.imprint import fit_imprint
 from jshape.learn.networks import fit_network
 from jshape.learn.settings import Training, settings_from
-from jshape.learn.training import Hooks, Keep, Progress
+from jshape.learn.training import Hooks, Progress
 from jshape.models.bank import Bank
 from jshape.models.base import Predictor
 from jshape.models.difference import fit_difference
@@ -61,7 +61,7 @@ def fit(
     *,
     start: Bank | None = None,
     report: Callable[[Progress], None] | None = None,
-    keep: Callable[[str], Keep | None] | None = None,
+    keep: Callable[[str], Any] | None = None,
     mesh: Mesh | None = None,
     **options: Any,
 ) -> Bank:

@@ -64,12 +64,6 @@ def fit_imprint(
     From nothing and with pairs of strength 1 only, other strengths are a guess: the tool goes as
     much deeper as its greatest lowering, and all beside it grows in proportion.
 
-    Args:
-      examples: ROIs of the pairs, of one strength or several.
-      camera: theirs.
-      start: what to adapt; None fits from nothing.
-      seed: of the order of the pairs.
-
     Raises:
       BadDataset: no pairs, one without any pixel seen before and after, or pixels that no pair has
         seen.
@@ -243,7 +237,7 @@ def descend(
     that are marked in `alike` (see `mirrors`).
     """
     # As numbers, so that each thing that is fixed or alike does not compile anew.
-    free = {name: float(name not in fixed) for name in fitted(start)} if fixed else None
+    free = {name: float(name not in fixed) for name in fitted(start)}
     return _descend(loss, start, shown, key, steps, step, free, jnp.asarray(alike, jnp.float32))
 
 
@@ -260,7 +254,7 @@ def _descend(
     key: Key[Array, ""],
     steps: int | Array,
     step: float | Array,
-    free: dict[str, float | Array] | None,
+    free: dict[str, float | Array],
     alike: Float[Array, "3"],
 ) -> Imprint:
     import optax
@@ -274,7 +268,7 @@ def _descend(
         turned = zip(alike, images(field), strict=True)
         return (field + sum(weight * image for weight, image in turned)) / (1.0 + alike.sum())
 
-    first = {name: balanced(getattr(start, name)) for name in fitted(start)}
+    first = {name: balanced(getattr(start, name)) for name in free}
     zero = jax.tree.map(jnp.zeros_like, first)
 
     def moved(shift):
@@ -286,9 +280,7 @@ def _descend(
         order = jax.random.permutation(jax.random.fold_in(key, number), count)
         some = Shown(*(part[order[: min(BATCH, count)]] for part in shown))
         slope = jax.grad(lambda shift: loss(moved(shift), some))(shift)
-        if free is not None:
-            slope = {name: free[name] * part for name, part in slope.items()}
-        slope = jax.tree.map(balanced, slope)
+        slope = {name: balanced(free[name] * part) for name, part in slope.items()}
         with jax.numpy_dtype_promotion("standard"):  # optax's Adam counts in int32
             updates, memory = adam.update(slope, memory)
         length = step * 0.5 * (1.0 + jnp.cos(jnp.pi * jnp.float32(number) / steps))

@@ -84,13 +84,12 @@ def _averages(names: Sequence[str], cells: Sequence[dict[str, Score]]) -> dict[s
     found = {}
     for name in names:
         mine = [cell[name] for cell in cells]
+        mean, std, change = np.mean([(s.mean_mm, s.std_mm, s.change_mm) for s in mine], 0).tolist()
+        floor, at_most = _floor(mine)
+        how = "flat" if at_most else mine[0].floor_from
+        count = sum(s.count for s in mine)
         found[name] = mine[0]._replace(
-            count=sum(s.count for s in mine),
-            mean_mm=float(np.mean([s.mean_mm for s in mine])),
-            std_mm=float(np.mean([s.std_mm for s in mine])),
-            change_mm=float(np.mean([s.change_mm for s in mine])),
-            floor_mm=_floor(mine)[0],
-            floor_from="flat" if _floor(mine)[1] else mine[0].floor_from,
+            count=count, mean_mm=mean, std_mm=std, change_mm=change, floor_mm=floor, floor_from=how
         )
     return found
 
@@ -99,10 +98,8 @@ def _row(action: str, who: str, names: Sequence[str], cell: dict[str, Score]) ->
     any_score = next(iter(cell.values()))
     row = [action, who, str(any_score.count), _text(any_score.change_mm), _floor_text([any_score])]
     row += [f"{cell[n].mean_mm:.2f} ± {cell[n].std_mm:.2f}" if n in cell else "-" for n in names]
-    first = cell.get(names[0])
-    for name in names[1:]:
-        both = first is not None and name in cell and first.mean_mm > 0
-        row.append(_text(cell[name].mean_mm / first.mean_mm) if both and first else "-")
+    first = cell[names[0]].mean_mm if names[0] in cell else 0.0
+    row += [_text(cell[n].mean_mm / first) if n in cell and first > 0 else "-" for n in names[1:]]
     return tuple(row)
 
 

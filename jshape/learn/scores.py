@@ -88,14 +88,9 @@ def roi_errors_mm(
 
     The error is d between the predicted and the true ROI (Eq. distNewImg) as the mean distance of
     matched points.  Pixels without a reading before or after are left out; the predictor sees gaps
-    filled, as planning does.
-
-    Args:
-      bank: whose predictor of the action is tested.
-      pairs: of any actions.
-      action: the one to test.
-      size: (w, h) pixels to take the mean over; None is the bank's ROI.  Predictors with other
-        ROIs are compared over the same pixels with it: outside its ROI a bank predicts no change.
+    filled, as planning does.  With a `size`, (w, h) pixels, the mean is over so many and not over
+    the bank's ROI, so that banks with other ROIs can be compared: outside its own a bank predicts
+    no change.
 
     Raises:
       BadCamera: bank and pairs have different cameras.
@@ -169,12 +164,8 @@ def with_floor(line: Score, floor: Floor | None) -> Score:
 def compare(trials: Iterable[Trial], against: str) -> list[Comparison]:
     """Every other predictor against one, pair by pair: what differs between pairs drops out.
 
-    A pair that is tested in several partitions counts once, with its mean error.  The pairs share
-    training sets, so the standard error is a little too small.
-
-    Args:
-      trials: made with the same partitions for all predictors, as `Study` does.
-      against: name of the predictor to compare with.
+    All are of the same partitions, as `Study` makes them; a pair in several of them counts once,
+    with its mean error.  Pairs share training sets, so the standard error is a little too small.
     """
     cells: dict[tuple, dict[str, dict[str, list[float]]]] = {}
     for trial in trials:

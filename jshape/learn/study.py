@@ -177,20 +177,18 @@ class Study:
         ]
         return np.sort(np.concatenate(kept))
 
-    def _bank(self, candidate: Candidate, training: Pairs, banks: dict[str, Bank]) -> Bank:
-        """Fitted, or taken out of one that was fitted to the same pairs."""
+    def _bank(self, candidate: Candidate, training: Pairs, banks: dict[Any, Bank]) -> Bank:
+        """Fitted, or taken out of one of `banks` that was fitted to the same pairs."""
         kind, start, fitted, _ = candidate
         if not fitted and start is not None:
             return start
         refined = start is None and any(
             other.start is None and other.kind == kind + "R" for other in self.candidates
         )
-        wanted = kind + "R" * refined
-        if start is not None or wanted not in banks:
-            bank = fit(training, wanted, start=start, report=self.report, **self.options)
-            if start is not None:
-                return bank
-            banks[wanted] = bank
+        wanted = kind + "R" * refined, id(start)
+        if wanted not in banks:
+            how = {"start": start, "report": self.report, **self.options}
+            banks[wanted] = fit(training, wanted[0], **how)
         return unrefined(banks[wanted], kind) if refined else banks[wanted]
 
     def _test(

@@ -2,7 +2,7 @@
 
 It knows nothing of networks: what it trains is any pytree of float32 arrays (a predictor is one),
 and what it lowers is any `loss(params, examples)` of one number per example.  It touches no disk:
-what must outlive a kill goes through a `Keep`.
+what must outlive a kill goes through `Hooks.keep`.
 """
 
 import hashlib
@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from functools import cache
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -62,24 +62,6 @@ class Progress(NamedTuple):
     """No epoch follows: all were made, or patience ran out."""
 
 
-@runtime_checkable
-class Keep(Protocol):
-    """Where the state of one training outlives the process (see `io/checkpoints.py`)."""
-
-    @property
-    def where(self) -> str:
-        """What to call the place in errors."""
-        ...
-
-    def load(self) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
-        """The arrays by name and the facts that were saved last; None if nothing was."""
-        ...
-
-    def save(self, arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
-        """Replace what was saved, whole or not at all.  `facts` is JSON."""
-        ...
-
-
 @dataclass(frozen=True)
 class Hooks:
     """What the caller of a fitter watches, keeps and runs it on.  None of it changes the result."""
@@ -88,8 +70,9 @@ class Hooks:
     """Name of the action, for `report`."""
     report: Callable[[Progress], None] | None = None
     """Told of every epoch."""
-    keep: Keep | None = None
-    """Where checkpoints go, and where an interrupted training is resumed from."""
+    keep: Any = None
+    """Where checkpoints go, and where an interrupted training is resumed from: an
+    `io.checkpoints.Checkpoints`, or something else with its `where`, `load` and `save`."""
     mesh: Mesh | None = None
     """Devices that share every batch, of one axis (see `data_parallel`); None is one device."""
 
@@ -136,12 +119,8 @@ def train(
 
     A resumed training makes the same batches, so it ends where an uninterrupted one does.
 
-    Args:
-      loss: per example; may see NaN pixels (no reading), as `roi_loss` does.
-      params: where to start; a pytree of float32 arrays.  It is copied, not consumed.
-      examples: of one action.
-      settings: see `Training`.
-      hooks: progress, checkpoints, and the devices that share each batch.
+    `params` is a pytree of float32 arrays, which is copied, not consumed; the loss may see NaN
+    pixels (no reading), as `roi_loss` does.
 
     Raises:
       BadDataset: no examples, too few to keep some out for validation, or one that has no pixel

@@ -159,17 +159,11 @@ def validate(
 
     Kinds that are fitted in seconds are fitted again, to random partitions of 75/25, over the
     bank's own ROIs and all agents together: the bank, fitted to a third more, is a little better.
-    Networks are tested on the pairs that chose their best epoch: they are a little worse.
+    Networks are tested on the pairs that chose their best epoch: they are a little worse.  An
+    action with too few pairs, or too few readings to do without some, has no row.
 
-    Args:
-      bank: that was fitted to all the pairs.
-      pairs: what it was fitted to.
-      start: what it was fitted from.
-      report: told (action, fits made, fits in all) after every fit.
-      options: of training, as for `fit`.
-
-    Returns:
-      A row per action; none where it has too few pairs, or too few readings to do without some.
+    `pairs`, `start` and the options are what the bank was fitted to, from and with; `report` is
+    told (action, fits made, fits in all) after every fit.
     """
     if bank.kind not in MOST:
         return _on_validation(bank, pairs, options)

@@ -122,8 +122,13 @@ def calibrate(
             f"the gripper is turned by only {turn:.1f}° about its least-turned axis; at least "
             f"{LEAST_DEG:g}° is needed: turn it about two axes or more, by 30° or so"
         )
-    if camera is not None:
-        _check_ahead(targets)
+    depths = (targets @ POINTS)[:, 2].min(-1)
+    if camera is not None and depths.min() <= 0:  # its errors in pixels would be none
+        k = int(depths.argmin())
+        raise BadPose(
+            f"camera_target of pair {k + 1}: the target is at z = {targets[k, 2, 3]:.3f} m, not "
+            "before the camera; is it the target in the camera's frame, in metres?"
+        )
     check_far(hands, NEAR_HAND, "base_gripper: the gripper", "the base")
     check_far(targets, NEAR_TARGET, "camera_target: the target", "the camera")
     moving = hands if eye_in_hand else np.linalg.inv(hands)
@@ -165,28 +170,15 @@ def _checked(poses: ArrayLike, what: str) -> Float[np.ndarray, "N 4 4"]:
     return np.array([*checked]).reshape(-1, 4, 4)
 
 
-def _check_ahead(targets: np.ndarray) -> None:
-    """Refuse a target of which a point lies behind the camera."""
-    depths = (targets @ POINTS)[:, 2].min(-1)
-    if depths.min() <= 0:
-        k = int(depths.argmin())
-        raise BadPose(
-            f"camera_target of pair {k + 1}: the target is at z = {targets[k, 2, 3]:.3f} m, not "
-            "before the camera; is it the target in the camera's frame, in metres?"
-        )
-
-
 def _left_out(
     name: str, moving: np.ndarray, targets: np.ndarray, camera: Camera | None
 ) -> Residuals:
     """Of each pair, with all others."""
-    count = len(moving)
     all_rows = []
-    for k in range(count):
-        others = np.arange(count) != k
-        pose = None
-        if least_turn_deg(moving[others]) >= LEAST_DEG:
-            pose = solve(name, moving[others], targets[others])
+    for k in range(len(moving)):
+        others = np.arange(len(moving)) != k
+        enough = least_turn_deg(moving[others]) >= LEAST_DEG
+        pose = solve(name, moving[others], targets[others]) if enough else None
         if pose is None:
             all_rows.append([np.nan] * 4)
             continue
@@ -200,19 +192,19 @@ def _left_out(
 def _hint(eye_in_hand: bool, error: float, hands: np.ndarray, targets: np.ndarray) -> str:
     """What may be the matter with pairs that contradict each other."""
 
-    def fit(hands: np.ndarray, targets: np.ndarray, in_hand: bool) -> float:
+    def fit(hands: np.ndarray, targets: np.ndarray, in_hand: bool = eye_in_hand) -> float:
         """Mean error of the target's points, mm, were these the pairs."""
         moving = hands if in_hand else np.linalg.inv(hands)
         pose = solve("park", moving, targets)
         return np.inf if pose is None else residuals_of(pose, moving, targets).points_mm.mean()
 
-    for what, one, other in (
-        ("base_gripper", _w_first(hands), targets),
-        ("camera_target", hands, _w_first(targets)),
-        ("both", _w_first(hands), _w_first(targets)),
+    other_hands, other_targets = _w_first(hands), _w_first(targets)
+    for what, pairs in (
+        ("base_gripper", (other_hands, targets)),
+        ("camera_target", (hands, other_targets)),
+        ("both", (other_hands, other_targets)),
     ):
-        fits = fit(one, other, eye_in_hand)
-        if fits < min(error / 4, WORST_MM):
+        if (fits := fit(*pairs)) < min(error / 4, WORST_MM):
             return (
                 f"; with the quaternions of {what} as w, x, y, z they fit to {fits:.1f} mm: "
                 "x, y, z, w is expected"

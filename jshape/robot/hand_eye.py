@@ -98,9 +98,8 @@ def residuals_of(
 def _pixels(camera: Camera, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(N,) mean distance of points (N, 5, 3) in the image; infinite behind the camera."""
 
-    def at(points):
+    def at(points: np.ndarray) -> np.ndarray:
         x, y, z = np.moveaxis(points, -1, 0)
-        z = np.where(z > 0, z, np.nan)
-        return np.stack(camera.pixel(x, y, z), -1)
+        return np.stack(camera.pixel(x, y, np.where(z > 0, z, np.nan)), -1)
 
     return np.nan_to_num(np.linalg.norm(at(a) - at(b), axis=-1).mean(-1), nan=np.inf)

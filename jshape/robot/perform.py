@@ -39,7 +39,10 @@ def perform(
     *,
     on_operation: Callable[[OperationResult], None] = lambda done: None,
 ) -> list[OperationResult]:
-    """Carry an action out as `prepare` has it; `on_operation` is called after each operation.
+    """Carry an action out at a point of the surface; `on_operation` is called after each operation.
+
+    The point and how the action varies are those of `Procedure.poses`; `base_camera` is the pose of
+    the point's camera in the arm's base frame, metres.
 
     Any failure, Ctrl-C included, stops the arm before the error is passed on.
 
@@ -78,17 +81,7 @@ def prepare(
     yaw: float = 0.0,
     length: float = 1.0,
 ) -> tuple[Pose, list[tuple[Operation, list[Pose]]]]:
-    """Check an action at a point of the surface; the arm does not move.
-
-    Args:
-      arm: that is to carry it out.
-      hand: its procedures and limits.
-      action: its name.
-      point: as `strength`, `yaw` and `length` for `Procedure.poses`.
-      base_camera: pose of the point's camera in the arm's base frame.
-      strength: a factor on depths.
-      yaw: turn of the hand from u towards v, radians.
-      length: a factor on the path.
+    """Check an action as `perform` takes it; the arm does not move.
 
     Returns:
       The pose of the tool in the flange's frame, and the operations with the tool's poses in the

@@ -88,12 +88,11 @@ def read_pairs(path: str | os.PathLike) -> PosePairs:
         raise BadFile(f'{where}: expected [{{"base_gripper": ..., "camera_target": ...}}, ...]')
     if len(pairs) > MOST:
         raise BadFile(f"{where}: holds {len(pairs)} pairs; at most {MOST} are taken")
-    return PosePairs(
-        *(
-            np.array([_pose_in(one, name, f"{where}: pair {k}") for k, one in enumerate(pairs, 1)])
-            for name in PosePairs._fields
-        )
+    hands, targets = (
+        np.array([_pose_in(one, name, f"{where}: pair {k}") for k, one in enumerate(pairs, 1)])
+        for name in PosePairs._fields
     )
+    return PosePairs(hands, targets)
 
 
 def read_gripper(path: str | os.PathLike) -> Float[np.ndarray, "4 4"]:
@@ -142,11 +141,8 @@ def read_pose(path: str | os.PathLike) -> CameraPose:
     if len(there) != 1:
         raise BadFile(f"{where}: has {len(there)} of T_base_camera, T_gripper_camera; expected one")
     parent = there[0]
-    said = {
-        name: read_value(kind, content[name], f"{where}: {name}")
-        for name, kind in (("camera", str), ("found", dict), ("residuals", dict))
-        if name in content
-    }
+    kinds = {"camera": str, "found": dict, "residuals": dict}
+    said = {n: read_value(kinds[n], content[n], f"{where}: {n}") for n in kinds if n in content}
     matrix = _matrix(content[f"T_{parent}_camera"], f"{where}: T_{parent}_camera")
     if parent == "base" and matrix[:3, 3].any():  # a camera's frame may be taken for the base
         check_far(matrix, NEAR_HAND, f"{where}: T_base_camera: the camera", "the base")

@@ -40,15 +40,7 @@ def after_action(
 ) -> sim.Bed:
     """`sim.apply_action`, but a hand brings at most what was taken out, and a stock beside the bed.
 
-    Args:
-      key: may be used again: it is the same repetition.
-      bed: before.
-      material: of it.
-      stroke: of the hand.
-      xy: the place, metres.
-      strength: times as deep, or as much, as nominal.
-      beside: the stock at first, loose m³.
-      **how: `yaw` and `spread`.
+    `beside` is that stock at first, loose m³; the key may be used again for the same repetition.
     """
 
     def after(strength: float | int) -> sim.Bed:
@@ -65,16 +57,10 @@ def after_action(
 def placed_path(
     stroke: sim.Stroke, way: float, start: Float[np.ndarray, "2"], yaw: float
 ) -> tuple[float, Float[np.ndarray, "2"]]:
-    """How a stroke that goes along the bed is stretched and placed for a tool that does.
+    """How a stroke along the bed is stretched and placed for a tool that goes `way` along its x.
 
-    Args:
-      stroke: of the simulator's hand, not turned.
-      way: of the tool along its x, metres.
-      start: (x, y) where the tool goes down, metres.
-      yaw: of the tool, radians.
-
-    Returns:
-      The stroke's length as a multiple, and the place (x, y) at which its hand goes down there.
+    The tool goes down at `start`, (x, y) metres.  Returns the stroke's length as a multiple, and
+    the place (x, y) of which its hand goes down there.
     """
     first, *_, last = np.asarray(sim.way(stroke), float)
     length = way / float(np.linalg.norm(last - first)) if way else 1.0
@@ -146,18 +132,10 @@ class SimulatedWorld:
         *,
         share: float = 1.0,
     ) -> None:
-        """Apply an action at pixel (u, v), whole or not; see `jshape.robot.loop.World`.
+        """Apply an action as `jshape.robot.loop.World` says, or a share of its path.
 
-        One that brings material brings at most what was taken out of the bed before, and the stock
-        beside it.
-
-        Args:
-          action: its name.
-          position: of the place.
-          strength: times as deep as nominal; of a pour, times as much.
-          yaw: turn of the hand from u towards v, radians.
-          length: times as long as nominal the path is.
-          share: of its path that the hand goes before it comes up.
+        One that brings material brings `strength` times as much, at most what was taken out of the
+        bed before, and the stock beside it.
 
         Raises:
           UnknownName: no such action.
@@ -165,7 +143,8 @@ class SimulatedWorld:
           JShapeError: a strength, a yaw or a length that makes no sense.
         """
         check.number("length", length, above=0.0)
-        xy, stroke = sim.position_to_xy(self.camera, np.asarray(position)), self.stroke(action)
+        xy = sim.position_to_xy(self.camera, np.asarray(position))
+        stroke = sim.stroke(action, self.agent)
         if length != 1:
             stroke = sim.lengthened(stroke, length)
         if share < 1:
@@ -173,7 +152,3 @@ class SimulatedWorld:
         given = (self._next_key(), self.bed, self._material, stroke, xy)
         how = {"yaw": yaw, "spread": self._spread, "beside": self._beside}
         self.bed = after_action(*given, strength, **how)
-
-    def stroke(self, action: str) -> sim.Stroke:
-        """What the agent's hand does in an action; UnknownName: nothing of that name."""
-        return sim.stroke(action, self.agent)

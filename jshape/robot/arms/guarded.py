@@ -220,18 +220,14 @@ class GuardedArm:
         if not isinstance(contact, bool | np.bool_):
             said = f"contact is {quoted(contact)}; it is True or False"
             raise ArmError(f"{self.name}: {what}: {said}")
-        return Moved(bool(contact), self._effort(what, effort), self._pose(what, pose))
-
-    def _effort(self, what: str, value: Any) -> float:
-        """A contact effort, Nm; EffortLimit: it is none, so that no limit holds."""
-        number = np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
-        if not number or not 0 <= float(value) < np.inf:
-            came = f"{float(value):g}" if number else quoted(value)
+        number = np.ndim(effort) == 0 and np.asarray(effort).dtype.kind in "iuf"
+        if not number or not 0 <= float(effort) < np.inf:  # no limit would hold
+            came = f"{float(effort):g}" if number else quoted(effort)
             raise EffortLimit(
                 f"{self.name}: {what}: effort {came} Nm; it is a magnitude, |joint torque - what "
                 "gravity needs|: a finite number from 0"
             )
-        return float(value)
+        return Moved(bool(contact), float(effort), self._pose(what, pose))
 
     def _pose(self, what: str, value: Any) -> Pose:
         """A pose of the tool, metres; ArmError: it is none."""

@@ -159,12 +159,10 @@ class MuJoCoArm(NoHardware):
         first, last = self.twin.target, self.twin.home
         spline = CubicSpline([0.0, 1.0], np.stack([first, last]))
         # Joints that turn slowly may still sweep the hand along a wide arc.
-        poses = [self.twin.reach.pose(spline(share)) for share in np.linspace(0.0, 1.0, SAMPLES)]
-        ways = [
-            np.diff([point[:3, 3] for point in line], axis=0)
-            for line in (poses, [pose @ self._tool for pose in poses])
-        ]
-        steepest = (SAMPLES - 1) * max(np.linalg.norm(way, axis=1).max() for way in ways)
+        shares = np.linspace(0.0, 1.0, SAMPLES)
+        poses = np.stack([self.twin.reach.pose(spline(share)) for share in shares])
+        ways = np.diff(np.stack([poses, poses @ self._tool])[..., :3, 3], axis=1)
+        steepest = (SAMPLES - 1) * np.linalg.norm(ways, axis=-1).max()
         seconds = PEAK * max(np.abs(last - first).max() / HOMING, steepest / self._fastest)
         return self._follow(spline, max(seconds, SLOWEST), self._hard)
 
@@ -262,11 +260,11 @@ def make_twin(
     spread: float = 0.0,
     stock_cm3: float = 0.0,
 ) -> Ready:
-    """The arm and the camera of a new twin.
+    """The arm and the camera of a new twin over a bed, whose size is the box's.
 
     Args:
       key: of all that is random, or a seed.
-      bed: as it is at first; its size is the box's.
+      bed: as it is at first.
       material: of the bed.
       obstacle: something rigid in the bed.
       camera: size and intrinsics of the depth camera.

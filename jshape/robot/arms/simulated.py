@@ -141,7 +141,7 @@ class SimulatedArm(NoHardware):
         known = sim.actions_of(world.agent)
         if doing.action not in known:
             raise ArmError(f"the simulated hand cannot {doing.action}; it can: {', '.join(known)}")
-        stroke, yaw = world.stroke(doing.action), yaw_of(self._pose)
+        stroke, yaw = sim.stroke(doing.action, world.agent), yaw_of(self._pose)
         gives = stroke.load is not None and float(stroke.load.gives) > 0
         # It acts in the air; and the later points of a path follow the first, so it is down.
         deep = 1.0 if gives or self._legs > 1 else min(self._sunk, 1.0)

@@ -3,11 +3,10 @@
 from pathlib import Path
 
 from jshape.data.intrinsics import within
-from jshape.errors import BadCamera, JShapeError, did_you_mean
+from jshape.errors import JShapeError, did_you_mean
 from jshape.io import bags
-from jshape.io.cameras import read_camera
 from jshape.io.recordings import CAMERA
-from jshape.robot.cameras.base import CameraSettings, DepthCamera
+from jshape.robot.cameras.base import AS_THEY_SAY, CameraSettings, DepthCamera
 from jshape.robot.cameras.files import FILES, format_of, open_file
 from jshape.robot.cameras.played import windowed
 from jshape.robot.cameras.realsense import open_realsense
@@ -34,30 +33,19 @@ def names() -> list[tuple[str, str]]:
 
 def open_camera(
     text: str,
-    *,
-    camera: str | Path | None = None,
-    topic: str | None = None,
-    z_range: tuple[float, float] | None = None,
+    settings: CameraSettings = AS_THEY_SAY,
     window: tuple[int, int, int, int] | None = None,
-    temporal: bool = True,
-    holes: bool = False,
-    depth_unit: float | None = None,
 ) -> DepthCamera:
     """The camera that `NAME`, `NAME:ADDRESS` or the path of one of `FILES` names, started.
 
-    `camera` is a camera.json to believe instead of what the device, bag or picture says, `window`
-    the part of the frames to look at: (left, top, width, height), pixels.  The rest is for
-    `CameraSettings`.
+    `window` is the part of its frames to look at: (left, top, width, height), pixels.
 
     Raises:
       JShapeError: no such camera, a name of two, or as the camera itself says, in one line.
     """
-    if camera is not None and not Path(camera).is_file():
-        raise BadCamera(f"{camera}: no such file; a {CAMERA} is expected")
-    given = None if camera is None else read_camera(camera, depth_unit)
-    if given is not None:
-        given = within(given[0], z_range), given[1]
-    settings = CameraSettings(given, topic, z_range, temporal, holes, depth_unit)
+    if settings.camera is not None:
+        camera, unit = settings.camera
+        settings = settings._replace(camera=(within(camera, settings.z_range), unit))
     here, name = format_of(text), text.partition(":")[0]
     if here is not None and name in CAMERAS:
         raise JShapeError(
@@ -71,7 +59,7 @@ def open_camera(
     else:
         raise JShapeError(_no_camera(text))
     try:
-        opened.camera = within(opened.camera, z_range)
+        opened.camera = within(opened.camera, settings.z_range)
         return windowed(opened, *window) if window is not None else opened
     except BaseException:
         opened.close()

@@ -27,8 +27,6 @@ REACH = 0.01
 noise.  The SDK counts in depth units, 1 to 100 of them."""
 PERSISTENCE = 3
 """A missing pixel keeps its last depth if two of the last four frames had one (SDK default)."""
-FARTHEST = 1
-"""Hole filling from the farthest neighbour: the SDK's default."""
 
 _POLL_MS = 200
 
@@ -58,8 +56,8 @@ def realsense_camera(
       source: of the frames; stopped as the camera is closed.
       temporal: smooth over time and bridge short gaps, by the SDK's filter.  Not for recordings
         that are averaged later: a hand that leaves stays for some frames where nothing is read.
-      holes: fill what has no reading from its neighbours.  Off: jshape counts missing readings,
-        and fills better where they are few.
+      holes: fill what has no reading from its farthest neighbour.  Off: jshape counts missing
+        readings, and fills better where they are few.
       timeout: seconds after which it counts as lost.
 
     Raises:
@@ -82,7 +80,7 @@ def realsense_camera(
             near = float(np.clip(REACH / unit, 1, 100))
             filters.append(rs.temporal_filter(ALPHA, near, PERSISTENCE))
         if holes:
-            filters.append(rs.hole_filling_filter(FARTHEST))
+            filters.append(rs.hole_filling_filter())
     except BaseException:
         source.stop()
         raise

@@ -28,14 +28,11 @@ def simulated_camera(
     noise: float = NOISE,
     holes: float = HOLES,
 ) -> Played:
-    """A camera that sees the bed of a world as it is at each frame.
+    """A camera that sees the bed of a world as it is at each frame; `key`: consumed, of the noise.
 
-    Args:
-      world: whose bed; it may change while the camera runs.
-      key: consumed; of the noise.
-      camera: its pose is in the bed's frame; several may look at one bed.  None: the world's.
-      noise: standard deviation of one frame at 0.45 m, metres; 0 sends still frames.
-      holes: share of pixels without a reading.
+    Its `camera` has its pose in the bed's frame, so several may look at one; None: the world's.
+    `noise` is the standard deviation of one frame at 0.45 m, metres; `holes` the share of pixels
+    without a reading.
     """
     still = noise == 0 and holes == 0
     camera, name = camera or world.camera, "simulated camera"

@@ -85,13 +85,9 @@ class Twin:
         self.shown += 1
 
     def step(self, speed: Float[np.ndarray, "7"] | None = None) -> float:
-        """Move time by one step of the physics towards `target` and `grip`.
+        """Move time by one step of the physics towards `target` and `grip`; the contact effort, Nm.
 
-        Args:
-          speed: of `target`, radians per second: with it the arm does not lag behind.
-
-        Returns:
-          The contact effort, Nm.
+        With the `speed` of `target`, radians per second, the arm does not lag behind it.
         """
         ahead = self.target if speed is None else self.target + LAG * speed
         self.data.ctrl[self._drives[0]] = ahead

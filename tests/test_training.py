@@ -40,7 +40,7 @@ def zero():
 
 
 class Memory:
-    """A `Keep` that dies after so many saves, as a process may."""
+    """Keeps checkpoints, and dies after so many saves, as a process may."""
 
     where = "memory"
 

@@ -35,7 +35,7 @@ class _Facts:
 
 
 class Checkpoints:
-    """The checkpoint of one action's training: a `learn.training.Keep`."""
+    """The checkpoint of one action's training, as `learn.training.Hooks` keeps it."""
 
     def __init__(self, folder: str | os.PathLike, action: str):
         """Where the training of an action is kept; nothing is made before the first `save`.

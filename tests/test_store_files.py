@@ -547,11 +547,6 @@ def test_no_name_leaves_the_folder(tmp_path_factory, text):
         assert path.resolve().is_relative_to(folder.resolve())
 
 
-def test_the_head_of_a_file_can_be_read_alone(tmp_path):
-    path = files.write_atomic(tmp_path / "x", b"abcdef")
-    assert files.read_bytes(path, limit=10, start=3) == b"abc"
-
-
 @pytest.mark.parametrize("spelling", ["a", "./a/", "a/../a", "a/b/.."])
 def test_unfinished_work_is_kept_beside_its_target(tmp_path, monkeypatch, spelling):
     monkeypatch.chdir(tmp_path)

@@ -14,13 +14,13 @@ from jshape import PAPER_BOX, Camera
 from jshape.errors import BadFile, BadImage, JShapeError
 from jshape.io import mesh
 from jshape.io.mesh import depth_of_faces
-from jshape.io.points import SUFFIXES, depth_of_points, read_cloud, read_mesh
+from jshape.io.points import depth_of_points, read_cloud, read_mesh
 
 SMALL = Camera(40, 30, 50.0, 50.0, 19.5, 14.5, 0.4, 0.5)
 
 
 def read_points(path):
-    return read_mesh(path, SUFFIXES)[0]
+    return read_mesh(path)[0]
 
 
 @pytest.fixture
@@ -174,8 +174,8 @@ BAD = {
     "size.pcd": (pcd(ONE).replace(b"SIZE 4 4 4", b"SIZE 4 4"), "damaged"),
     "type.pcd": (pcd(ONE).replace(b"TYPE F F F", b"TYPE F F Q"), "<q4"),
     "many.pcd": (pcd(ONE, "binary").replace(b"POINTS 1", b"POINTS 9999999999"), "cut off"),
-    "cloud.xyz": (b"1 2 3", ".ply or .pcd"),
-    "cloud": (b"1 2 3", ".ply or .pcd"),
+    "cloud.xyz": (b"1 2 3", "allowed: .ply, .obj, .stl, .pcd"),
+    "cloud": (b"1 2 3", "allowed: .ply, .obj, .stl, .pcd"),
 }  # fmt: skip
 
 

@@ -11,8 +11,8 @@ from cyclopts import Parameter
 from jshape.cli.names import Preset
 from jshape.cli.options import File, Positive, Window, Writes
 from jshape.cli.tables import print_table, warn
+from jshape.data.fusion import MapReport, map_report
 from jshape.data.looks import check_still, taken, together
-from jshape.data.map_report import MapReport, map_report
 from jshape.data.set_up import STEEPEST_DEG
 from jshape.errors import BadFile
 from jshape.height_map import HeightMap

@@ -85,8 +85,8 @@ def check_depth(
       camera: whose size and range it must have.
       where: what the image is called in errors.
       depth_unit: metres per count that it was read with, for the hint in the error.
-      least_inside: share of the readings that must lie in the camera's range.  The default asks
-        for little, since a whole frame shows the surroundings too; a wrong unit still fails it.
+      least_inside: least share of the readings in the camera's range.  Little by default: a whole
+        frame shows the surroundings too, and a wrong unit still fails it.
       hint: how to mend it, for the end of the error, if no other unit would; None guesses.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -89,13 +89,7 @@ class Frames:
     def __iter__(self) -> Iterator[np.ndarray]:
         return (self._read(int(k)) for k in self._which)
 
-    @overload
-    def __getitem__(self, key: int) -> np.ndarray: ...
-
-    @overload
-    def __getitem__(self, key: np.ndarray | slice) -> "Frames": ...
-
-    def __getitem__(self, key: Any) -> "np.ndarray | Frames":
+    def __getitem__(self, key: Any) -> Any:
         """A frame; of a mask or indices, the frames."""
         which = self._which[key]
         if which.ndim == 0:

@@ -100,12 +100,13 @@ def simulate_recording(
     own = zlib.crc32(np.array(camera.pose or (), np.float64).tobytes())
     for_bed, key = jax.random.split(key)
     start = random_bed(for_bed, bed)
-    visits = ["idle"] * bool(idle)
-    for k in range(len(actions)):
-        visits += [f"action {k}"] + ["idle"] * (visits.count("idle") < idle)
-        if level_every and (k + 1) % level_every == 0 and k + 1 < len(actions):
-            visits += ["level"]
-    hidden = [len(_path(move, rest, touches=visit != "idle")) for visit in visits]
+    untouched = ("idle", "")
+    visits = [untouched] * bool(idle)
+    for number, action in enumerate(actions, 1):
+        visits += [("action", action)] + [untouched] * (visits.count(untouched) < idle)
+        if level_every and number % level_every == 0 and number < len(actions):
+            visits += [("level", "")]
+    hidden = [len(_path(move, rest, touches=visit != untouched)) for visit in visits]
     truth = Truth(frames=still * (len(visits) + 1) + sum(hidden))
 
     def frames() -> Iterator[np.ndarray]:
@@ -130,10 +131,8 @@ def simulate_recording(
                 yield shot(None)
 
         yield from open_bed()
-        for visit in visits:
+        for kind, action in visits:
             key, for_place, for_arm, for_act = jax.random.split(key, 4)
-            kind, _, index = visit.partition(" ")
-            action = actions[int(index)] if index else ""
             place = random_place(for_place, ALL_ROIS[action or "grasp"], straight)
             xy = np.asarray(sim.position_to_xy(straight, place))
             angle = np.pi / 2 + float(jax.random.uniform(for_arm, (), jnp.float32, -0.9, 0.9))

@@ -8,9 +8,8 @@ import numpy as np
 from jshape._typing import Bool, Num
 from jshape.camera import Camera, matrix
 from jshape.data.depth import outside_range
-from jshape.data.fusion import NOISE, Look
+from jshape.data.fusion import NOISE, Look, map_report
 from jshape.data.looks import taken, together
-from jshape.data.map_report import map_report
 from jshape.data.missing import LIMIT, median_of, spread
 from jshape.data.planes import NEAR
 from jshape.errors import BadImage

@@ -123,12 +123,6 @@ def tilt_deg(depth: np.ndarray, camera: Camera) -> float:
     return math.degrees(math.acos(min(1.0, abs(float(axis[:3, 2] @ frame[:3, 2])))))
 
 
-def in_range(frame: np.ndarray, camera: Camera) -> bool:
-    """Whether enough of a frame's readings (metres) lie within a camera's range."""
-    found = frame[~missing(frame)]
-    return bool(found.size) and float(outside_range(found, camera).mean()) <= MAX_CLAMPED
-
-
 def cut_of(source: Camera, target: Camera) -> tuple[int, int]:
     """(left, top) of a bank's image in the frames of a camera.
 
@@ -147,7 +141,9 @@ def cut_out(source: Camera, target: Camera, frame: np.ndarray) -> View | None:
     if at is None or frame.shape != source.shape:
         return None
     view = View(source, target, at)
-    return view if in_range(view.depth(frame, "frame"), target) else None
+    seen = view.depth(frame, "frame")
+    seen = seen[~missing(seen)]
+    return view if seen.size and outside_range(seen, target).mean() <= MAX_CLAMPED else None
 
 
 def view_above(

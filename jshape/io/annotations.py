@@ -32,9 +32,8 @@ def boxes_by_hand(folder: str | os.PathLike) -> np.ndarray:
 def write_boxes(folder: str | os.PathLike, boxes: Mapping[str, tuple[int, int, int, int]]) -> None:
     """Give pairs the boxes that a person drew; all else in `pairs.csv` stays as it is.
 
-    Args:
-      folder: a data set that `load_pairs` has read.
-      boxes: (left, top, width, height) by the pairs' ids, inside the image.
+    `boxes` are (left, top, width, height), inside the image, by the ids of pairs.  The data set has
+    been read by `load_pairs`, which checks it.
 
     Raises:
       BadDataset: the table cannot be read, or has no such pair.

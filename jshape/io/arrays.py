@@ -1,12 +1,21 @@
-"""NPY, and NPZ of banks and plans: arrays that are read without trust in what a file says."""
+"""NPY, and NPZ of banks, maps and plans: arrays that are read without trust in what a file says."""
 
 import io
 import warnings
 import zipfile
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from jshape.errors import BadFile, BadImage, one_line
+
+
+def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
+    """The content of an NPZ with these arrays."""
+    stream = io.BytesIO()
+    np.savez_compressed(stream, allow_pickle=False, **arrays)
+    return stream.getvalue()
 
 
 def read_arrays(data: bytes, where: str, limit: int) -> dict[str, np.ndarray]:

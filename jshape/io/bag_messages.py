@@ -45,10 +45,6 @@ class Messages:
             # Several publishers of one topic are several connections.
             self.types = {c.topic: c.msgtype for c in self._reader.connections}
 
-    def count(self, topic: str) -> int:
-        """How many messages a topic has, as the index says."""
-        return sum(c.msgcount for c in self._reader.connections if c.topic == topic)
-
     def of(self, *topics: str | None) -> Iterator[Any]:
         """The messages of some topics in the order of their time."""
         if not self._open:

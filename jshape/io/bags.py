@@ -45,8 +45,6 @@ class DepthBag:
     """Frames are floating point."""
     info: str | None
     """The topic of the CameraInfo that `camera` was made of."""
-    count: int
-    """Frames, as the bag's index says."""
     _messages: "Messages"
 
     @property
@@ -134,8 +132,7 @@ def open_bag(
         stated = depth_unit is not None or (unit == sdk and not metres)
         if not stated:
             check_numbers(first, unit, seen, where)
-        count = messages.count(topic)
-        return DepthBag(path, topic, seen, unit, stated, metres, info, count, messages)
+        return DepthBag(path, topic, seen, unit, stated, metres, info, messages)
     except BaseException:
         messages.close()
         raise

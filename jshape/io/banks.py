@@ -5,7 +5,6 @@ after their file has matched it, and nothing is unpickled.  What a kind's arrays
 """
 
 import hashlib
-import io
 import os
 import re
 from collections.abc import Mapping
@@ -18,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape.errors import BadBank, BadCamera, BadFile, UnknownName, one_line, quoted
-from jshape.io.arrays import read_arrays
+from jshape.io.arrays import npz_bytes, read_arrays
 from jshape.io.cameras import camera_fields, camera_from
 from jshape.io.files import as_error, check_sums, read_bytes, read_json, write_atomic, write_json
 from jshape.io.folders import atomic_folder, folder_of
@@ -149,8 +148,7 @@ def _packed(bank: Bank, where: str) -> bytes:
             if not np.isfinite(array).all():
                 raise BadBank(f"{where}: {part} of {name} holds NaN or infinity")
             arrays[f"{number}.{part}"] = array
-    np.savez_compressed(stream := io.BytesIO(), allow_pickle=False, **arrays)
-    return stream.getvalue()
+    return npz_bytes(arrays)
 
 
 def load_bank(name_or_folder: str | os.PathLike) -> Bank:

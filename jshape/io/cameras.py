@@ -63,11 +63,7 @@ class Source(NamedTuple):
 
 
 def read_camera(path: str | os.PathLike, depth_unit: float | None = None) -> tuple[Camera, float]:
-    """A camera and its depth unit, metres per count.
-
-    Args:
-      path: the file.
-      depth_unit: instead of the file's own, which then need not say it.
+    """A camera and its depth unit, metres per count: `depth_unit`, or else the file's own.
 
     Raises:
       BadFile: the file cannot be read or is not JSON.

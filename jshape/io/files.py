@@ -63,8 +63,8 @@ def write_atomic(path: str | os.PathLike, content: bytes | str) -> Path:
     return path
 
 
-def read_bytes(path: str | os.PathLike, *, limit: int, start: int | None = None) -> bytes:
-    """The content of a regular file of at most `limit` bytes (or only its first `start` bytes).
+def read_bytes(path: str | os.PathLike, *, limit: int) -> bytes:
+    """The content of a regular file of at most `limit` bytes.
 
     Raises BadFile: it is missing, a folder, empty, too large or unreadable.
     """
@@ -74,7 +74,7 @@ def read_bytes(path: str | os.PathLike, *, limit: int, start: int | None = None)
             raise BadFile(f"{path}: the file is empty")
         if size > limit:
             raise BadFile(f"{path}: {size:,} bytes; at most {limit:,} are read")
-        return file.read(limit if start is None else start)
+        return file.read(limit)
 
 
 def regular(path: str, flags: int) -> int:

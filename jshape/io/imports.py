@@ -84,11 +84,8 @@ def before_after_view(
 ) -> PairView:
     """How the frames of such a folder are seen: the bed is found in the first one.
 
-    Args:
-      source: the folder.
-      files: of `before_after_files`.
-      camera: the camera.json, if it is not the folder's own.
-      like: camera and depth unit of a data set, see `pair_view`.
+    `files` are those of `before_after_files`; `camera` is the camera.json, if it is not the
+    folder's own; `like` is that of `pair_view`.
 
     Raises:
       BadDataset: no camera.json, or as `before_after_pairs` of the first frame.

@@ -5,7 +5,6 @@ false; `pitch_m`; `x_m` (columns) and `y_m` (rows) of the nodes, metres; `frame`
 map's frame to the one that the cameras share, if they share one.
 """
 
-import io
 import os
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 from jshape.camera import check_pose
 from jshape.errors import BadCamera, BadFile, BadImage, quoted
 from jshape.height_map import HeightMap, as_frame, check_map
-from jshape.io.arrays import read_arrays
+from jshape.io.arrays import npz_bytes, read_arrays
 from jshape.io.files import as_error, read_bytes, write_atomic
 
 SUFFIX = ".npz"
@@ -45,9 +44,7 @@ def write_map(path: str | os.PathLike, found: HeightMap) -> None:
     }
     if found.frame is not None:
         arrays["frame"] = np.array(found.frame)
-    stream = io.BytesIO()
-    np.savez_compressed(stream, allow_pickle=False, **arrays)
-    write_atomic(path, stream.getvalue())
+    write_atomic(path, npz_bytes(arrays))
 
 
 def read_map(path: str | os.PathLike) -> HeightMap:

@@ -7,7 +7,7 @@ columns, Y along the rows, Z along the optical axis.
 import io
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from jshape._typing import Float, Int
 from jshape.camera import Camera
 from jshape.data.depth import outside_range
-from jshape.errors import BadFile, BadImage, needs, one_line, quoted
+from jshape.errors import BadFile, BadImage, needs, one_line
 from jshape.io.files import read_bytes
 from jshape.io.mesh import depth_of_faces
 from jshape.io.pcd import parse_pcd
@@ -25,8 +25,6 @@ FILE_LIMIT = 512 * 2**20
 """Largest point cloud file that is read, bytes."""
 SUFFIXES = (".ply", ".pcd")
 """Files that are read as point clouds; everything else is taken for an image."""
-SOLIDS = (*SUFFIXES, ".stl", ".obj")
-"""Files that `read_mesh` reads."""
 
 _FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
 _VERTEX = re.compile(
@@ -42,7 +40,7 @@ def read_cloud(
 
     Raises BadFile: it cannot be read; BadImage: nothing of it is in view.
     """
-    points, faces = read_mesh(path, SUFFIXES)
+    points, faces = read_mesh(path)
     return depth_of_points(points, camera, str(path), faces=faces, check_range=check_range)
 
 
@@ -89,7 +87,7 @@ def _nearest(points: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def read_mesh(
-    path: str | os.PathLike, allowed: Sequence[str] = SOLIDS
+    path: str | os.PathLike,
 ) -> tuple[Float[np.ndarray, "P 3"], Int[np.ndarray, "F 3"] | None]:
     """Points in the file's own unit, and the faces of a mesh (None: the file has none).
 
@@ -98,13 +96,10 @@ def read_mesh(
     Raises BadFile: the file cannot be read, is of another kind, damaged, or holds no point.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in allowed:
-        kinds = f"{', '.join(allowed[:-1])} or {allowed[-1]}"
-        raise BadFile(
-            f"{path}: point clouds are {kinds}, not {quoted(suffix) if suffix else 'this'}"
-        )
-    points, faces = _READERS[suffix](path, read_bytes(path, limit=FILE_LIMIT))
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise BadFile(f"{path}: is no point cloud or mesh; allowed: {', '.join(_READERS)}")
+    points, faces = reader(path, read_bytes(path, limit=FILE_LIMIT))
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise BadFile(f"{path}: holds no points")

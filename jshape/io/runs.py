@@ -7,6 +7,7 @@ with all steps that were complete and goes on from there.
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,19 +35,20 @@ DEPTH_UNIT = 0.0001
 _RESERVED = ("index", "frame")
 
 
+@dataclass(eq=False, repr=False)
 class Run:
     """A recording that grows by one step at a time.  Made by `create` or `open`, not directly."""
 
-    def __init__(self, folder: Path, meta: dict[str, Any], depth_unit: float, steps: list, size):
-        """Use `create` or `open`."""
-        self.folder = folder
-        """Where it is."""
-        self.meta = meta
-        """What was said of the run when it was made."""
-        self.depth_unit = depth_unit
-        """Metres per count of its frames."""
-        self._steps = steps
-        self._size, self._end = size  # bytes of the complete lines of steps.jsonl, and of all
+    folder: Path
+    meta: dict[str, Any]
+    """What was said of the run when it was made."""
+    depth_unit: float
+    """Metres per count of its frames."""
+    _steps: list[dict[str, Any]]
+    _size: int
+    """Bytes of the complete lines of steps.jsonl."""
+    _end: int
+    """Bytes of all of it."""
 
     @classmethod
     def create(
@@ -100,7 +102,7 @@ class Run:
         for number, step in enumerate(steps):
             if step.get("index") != number:
                 raise BadFile(f"{steps_file}: line {number + 1}: index is not {number}")
-        return cls(folder, meta, unit, steps, (size, steps_file.stat().st_size))
+        return cls(folder, meta, unit, steps, size, steps_file.stat().st_size)
 
     @property
     def steps(self) -> tuple[dict[str, Any], ...]:

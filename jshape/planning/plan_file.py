@@ -5,7 +5,6 @@ same predicted images to the last bit.
 """
 
 import base64
-import io
 import os
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
@@ -16,7 +15,7 @@ from jshape.camera import Camera
 from jshape.data.view import View
 from jshape.errors import BadCamera, BadFile, one_line
 from jshape.height_map import places_on
-from jshape.io.arrays import read_arrays
+from jshape.io.arrays import npz_bytes, read_arrays
 from jshape.io.cameras import camera_fields, camera_from
 from jshape.io.files import as_error, read_json, write_json
 from jshape.io.records import OneLine, Range, check_format, read_record
@@ -81,10 +80,8 @@ def write_plan(path: str | os.PathLike, plan: Any, *, images: bool = True) -> No
         arrays = {"initial": plan.initial} | ({} if plan.goal is None else {"goal": plan.goal})
         arrays |= {} if plan.seen is None else {"seen": plan.seen}
         arrays |= {f"patch_{k}": patch for k, patch in enumerate(plan.patches)}
-        stream = io.BytesIO()
-        packed = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
-        np.savez_compressed(stream, allow_pickle=False, **packed)
-        fields["images"] = base64.b64encode(stream.getvalue()).decode()
+        packed = npz_bytes({name: np.asarray(array, np.float32) for name, array in arrays.items()})
+        fields["images"] = base64.b64encode(packed).decode()
     write_json(path, fields)
 
 

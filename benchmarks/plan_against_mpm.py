@@ -66,7 +66,9 @@ def _fitted(data: Path, part: str, group: str) -> Bank:
     """A bank of the pairs of a sequence's kind; of both kinds where material is moved."""
     if not part.startswith("carry"):
         return fit(load_pairs(data / part.replace("seqs", "pairs") / group))
-    one, other = (fit(load_pairs(data / folder / group)) for folder in ("pairs", "carry/pairs"))
+    one, other = (
+        fit(load_pairs(data / folder / group), kind="P") for folder in ("pairs", "carry/pairs")
+    )
     predictors = [
         replace(hand, path=SWEPT_M) if name == "sweep" else hand
         for name, hand in zip(other.actions, other.predictors, strict=True)

@@ -257,7 +257,6 @@ BAD_SETTINGS = {
     "use of an unknown action": (None, ["--max-uses", "tap=2"], "'tap'; allowed: knock, poke"),
     "no device": (None, ["--devices", "0"], "'0' is not a number of devices from 1 to 64"),
     "too many devices": (None, ["--devices", "65"], "'65' is not a number of devices"),
-    "bad seed": (None, ["--seed", "-1"], "'-1' is not a seed"),
     "no such mask": (None, ["--reachable", "no-mask.png"], "no-mask.png"),
     "a mask of nothing": (
         lambda f: _png("mask.png", np.zeros(BOX, np.uint8)), ["--reachable", "mask.png"],
@@ -564,20 +563,20 @@ def test_every_option_reaches_the_planner(folder, monkeypatch):
     )
     expected = {
         "stride": 4, "seconds": 0.5, "evaluations": 70, "error_margin": 0.5, "clearance_mm": 8.0,
-        "max_uses": {"poke": 2}, "seed": 3, "yaws": 4, "strengths": [0.5, 2.0], "reachable": None,
+        "max_uses": {"poke": 2}, "yaws": 4, "strengths": [0.5, 2.0], "reachable": None,
         "max_steps": 5, "min_gain_mm": 0.1, "tolerance_mm": 0.2, "max_missing": 0.3,
         "out_of_bounds": "drop", "positions": None, "lengths": [1.0, 2.0], "stock_cm3": 50.0,
         "carries": {"dig": "fill"},
     }  # fmt: skip
-    options = ["--stride", "4", "--planner", "mcts", "--seconds", "500ms", "--evaluations", "70"]
+    options = ["--stride", "4", "--planner", "refine", "--seconds", "500ms", "--evaluations", "70"]
     options += ["--error-margin", "0.5", "--clearance-mm", "8", "--max-uses", "poke=2"]
-    options += ["--seed", "3", "--yaws", "4", "--strengths", "0.5,2", "--max-steps", "5"]
+    options += ["--yaws", "4", "--strengths", "0.5,2", "--max-steps", "5"]
     options += ["--min-gain-mm", "0.1", "--tolerance-mm", "0.2", "--max-missing", "0.3"]
     options += ["--out-of-bounds", "drop", "--devices", "1", "--lengths", "1,2"]
     options += ["--stock-cm3", "50", "--carries", "dig=fill"]
     with pytest.raises(ZeroDivisionError):
         main([*PLAN[:5], *options])
-    assert fields_of(given) == expected and given["planner"] == "mcts"
+    assert fields_of(given) == expected and given["planner"] == "refine"
     given.clear()
     with pytest.raises(ZeroDivisionError):
         main(PLAN[:5])
@@ -698,10 +697,13 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
         (["plna"], "did you mean plan? (see jshape --help)"),
         (["Train"], "did you mean train?"),
         (["dataset", "anotate", "x"], "did you mean annotate? (see jshape dataset --help)"),
-        ([*PLAN, "--plannr", "beam"], "unknown option --plannr; did you mean --planner?"),
-        (["plan", "--plannr=beam"], "unknown option --plannr; did you mean --planner?"),
-        ([*PLAN, "--planner", "bean"], "unknown value of --planner 'bean'; allowed: greedy, beam"),
-        ([*PLAN, "--planner", "bean"], "did you mean beam?"),
+        ([*PLAN, "--plannr", "refine"], "unknown option --plannr; did you mean --planner?"),
+        (["plan", "--plannr=refine"], "unknown option --plannr; did you mean --planner?"),
+        (
+            [*PLAN, "--planner", "refin"],
+            "unknown value of --planner 'refin'; allowed: greedy, improve",
+        ),
+        ([*PLAN, "--planner", "refin"], "did you mean refine?"),
         ([*PLAN, "--out-of-bounds", "shfit"], "did you mean shift?"),
         (
             [*PLAN, "--max-uses", "knok=2"],

@@ -155,11 +155,9 @@ def test_runs_with_other_settings_are_not_mixed(finished, tmp_path, small):
 
 def test_methods_that_cannot_run_here_are_named(monkeypatch):
     monkeypatch.setitem(methods.METHODS, "late", {"planner": "not yet"})
-    monkeypatch.setitem(methods.EXTRAS, "greedy", "no_such_package")
-    monkeypatch.setitem(methods.METHODS, "early", {"planner": "greedy"})
-    found, notes = methods.methods_of(["late", "early", "surplus"])
+    found, notes = methods.methods_of(["late", "surplus"])
     assert list(found) == ["surplus"] and found["surplus"]["patience"] == 1000
-    assert "no planner 'not yet'" in notes[0] and "no_such_package is not installed" in notes[1]
+    assert len(notes) == 1 and "no planner 'not yet'" in notes[0]
     with pytest.raises(UnknownName, match="method 'best'"):
         methods.methods_of(["best"])
 
@@ -278,9 +276,9 @@ def test_random_draws_from_the_candidates(bumpy):
     assert int(found.steps) == 4 and set(drawn) <= known
     assert (np.asarray(found.strength[:4]) == 1).all() and (found.move[4:] == -1).all()
     np.testing.assert_array_equal(baselines.random(bumpy).node, found.node)
-    others = [baselines.random(replace(bumpy, seed=k)).node for k in range(1, 5)]
-    assert any((other != found.node).any() for other in others)
-    kept = baselines.random(replace(bumpy, start=found, seed=1))
+    lower = replace(bumpy, state=replace(bumpy.state, now=bumpy.state.now - 0.01))
+    assert (baselines.random(lower).node != found.node).any()
+    kept = baselines.random(replace(lower, start=found))
     np.testing.assert_array_equal(kept.node, found.node)
 
 

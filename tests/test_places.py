@@ -262,7 +262,7 @@ REFUSED = {
     "stop=3": ("JShapeError", "stop is a int; it must be StopCriteria"),
     "seed='x'": ("JShapeError", "seed is 'x'"),
     "start='plan.json'": ("JShapeError", "start is a str; it must be a Plan"),
-    "planner='best'": ("UnknownName", "'best'; allowed: greedy, beam"),
+    "planner='best'": ("UnknownName", "'best'; allowed: greedy, improve"),
     "positions='3 x 3'": ("BadPosition", "written COLUMNSxROWS"),
 }
 """Options, and how they are refused."""

@@ -193,7 +193,7 @@ def test_bad_depth_is_refused_in_one_line(bank, depth, words):
         ({"positions": [[100.5, 100]]}, BadPosition, "whole pixels"),
         ({"positions": [1, 2, 3]}, BadPosition, r"\(3,\)"),
         ({"positions": {"tap": [[100, 100]]}}, UnknownName, "'tap'; allowed: knock, poke"),
-        ({"planner": "mcts2"}, UnknownName, "planner 'mcts2'; allowed: greedy"),
+        ({"planner": "refine2"}, UnknownName, "planner 'refine2'; allowed: greedy"),
         ({"bank": "no-such-bank"}, UnknownName, "no-such-bank"),
         ({"max_steps": -1}, JShapeError, "max_steps is -1"),
         ({"max_steps": 10**6}, JShapeError, "max_steps is 1000000.*to 1000"),

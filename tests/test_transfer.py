@@ -112,7 +112,7 @@ def test_without_pairs_its_actions_are_single_ones(bank):
     assert plan.actions == ("pour",) and not plan.strokes.any()
 
 
-@pytest.mark.parametrize("planner", ["improve", "beam"])
+@pytest.mark.parametrize("planner", ["improve", "refine"])
 def test_other_planners_leave_them_out(bank, planner):
     now = np.full(CAMERA.shape, 0.5, np.float32)
     goal, _ = moved(now, (12, 10), 1.0, (33, 27))

@@ -4,6 +4,7 @@ They work on images, and so with a bank of f_D, of which they use no prediction:
 an action can reach.  What is predicted of their plans is the bank's own.
 """
 
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -22,11 +23,11 @@ Taken = tuple[int, np.ndarray]
 def random(problem: SearchProblem) -> SearchResult:
     """Any candidate, as often as is allowed; nominal strength.
 
-    What is left of an earlier plan is kept: another plan from the same key would be the same.
+    The image decides which; what is left of an earlier plan is kept.
     """
     if problem.start is not None:
         return replace(problem.start, status=jnp.int32(Status.MAX_STEPS))
-    rng = np.random.default_rng(np.array([0, problem.seed], np.uint32))
+    rng = np.random.default_rng(zlib.crc32(np.asarray(problem.state.now).tobytes()))
     counts = np.array(problem.candidates.counts)
     taken = []
     for drawn in rng.integers(counts.sum(), size=problem.max_steps):

@@ -1,6 +1,5 @@
 """Who takes part in the planning benchmark: options of `mold` and `plan`, by name."""
 
-import importlib.util
 from collections.abc import Sequence
 from typing import Any
 
@@ -45,14 +44,10 @@ METHODS: dict[str, Method] = {
     "random": FLOOR | {"planner": "random"},
     "surplus": FLOOR | {"planner": "surplus"},
     "refine": SEARCH | {"planner": "refine"},
-    "mcts": SEARCH | {"planner": "mcts"},
-    "beam": SEARCH | {"planner": "beam"},
     "improve": SEARCH | {"planner": "improve"},
 }
 """From the paper's planner to ours, the floors (a plan has to be worth more than those), and the
 searches beyond greedy."""
-EXTRAS = {"mcts": "mctx"}
-"""Planners that need a package which jshape does not bring."""
 
 
 def methods_of(names: Sequence[str]) -> tuple[dict[str, Method], list[str]]:
@@ -67,11 +62,8 @@ def methods_of(names: Sequence[str]) -> tuple[dict[str, Method], list[str]]:
             raise UnknownName("method", name, METHODS)
         method = COMMON | METHODS[name]
         planner = method["planner"]
-        package = EXTRAS.get(planner)
         if planner not in (*PLANNERS, *FLOORS):
             notes.append(f"{name} is left out: there is no planner {quoted(planner)}")
-        elif package and importlib.util.find_spec(package) is None:
-            notes.append(f"{name} is left out: {package} is not installed")
         else:
             found[name] = method
     return found, notes

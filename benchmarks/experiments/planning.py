@@ -124,7 +124,6 @@ def run_planning(
             for case in progress(left, len(left), "planning"):
                 method, problem = methods[case.method], problems[case.kind][case.number]
                 options = options_of(method, known[method["bank"]], case.loop)
-                options = keywords(options, seed=settings.seed + case.number)
                 if settings.seconds is not None:
                     options |= {"seconds": settings.seconds}
                 found, bed = attempt(problem, case, options | {"execution": execution}, settings)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from jshape.cli.names import Agent, Simulates, Uses
-from jshape.cli.options import Count, Writes
+from jshape.cli.options import Count, Seed, Writes
 from jshape.cli.search_options import Searches, search_of
 from jshape.cli.tables import say
 from jshape.io.simulated import agent_of, material_of
@@ -23,6 +23,8 @@ class DemoOptions(Uses, Searches, Simulates, Writes):
     """Number of actions that make the goal."""
     agent: Agent = "robot"
     """Hand that acts: a name or FILE.toml."""
+    seed: Seed = 0
+    """Of the bed, the goal and the noise."""
     open_loop: bool = False
     """Plan once, then act blindly."""
     reproject: Annotated[bool, Parameter(parse=False)] = False  # the camera is the bank's

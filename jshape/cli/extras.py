@@ -37,7 +37,6 @@ engine.renderer(model, 8, 8).close()
 
 EXTRAS = (
     Extra("cli", "the commands, pictures, TIFF", ("cyclopts", "matplotlib", "PIL", "rich")),
-    Extra("search", "the planner mcts", ("mctx",)),
     Extra("mesh", "goals from PLY and OBJ files", ("trimesh",)),
     Extra("robot", "hands and waypoints as YAML files", ("yaml",)),
     Extra("networks", "interrupted trainings of networks that resume", ("orbax.checkpoint",)),

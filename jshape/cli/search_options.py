@@ -16,7 +16,6 @@ from jshape.cli.options import (
     Nonnegative,
     PositiveCount,
     Positives,
-    Seed,
     Share,
     Use,
 )
@@ -71,7 +70,6 @@ class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
     error_margin: Nonnegative | None = None
     seconds: Duration | None = None
     evaluations: PositiveCount | None = None
-    seed: Seed = SearchBudget.seed
 
 
 Pixel = Annotated[int, Range(-(2**31), 2**31 - 1)]

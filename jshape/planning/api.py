@@ -121,7 +121,7 @@ def plan_images(
     constraints.refuse(["max_missing"], "plan takes weighed images; plan_depth reads depth")
     pairs = tasks.carries(bank, space.carries)
     limits = tasks.limits(bank, stop, constraints.max_uses, pairs)
-    seed, max_steps = tasks.seed(budget.seed), int(stop.max_steps)
+    max_steps = int(stop.max_steps)
     free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
     moves = prepared(
         bank,
@@ -150,7 +150,6 @@ def plan_images(
         max_steps=max_steps,
         budget=tasks.budget(budget),
         fine=tasks.rounds(state, stride) if space.positions is None else 0,
-        seed=seed,
         start=None if start is None else tasks.as_found(start, state, bank, max_steps),
         execution=execution,
     )

@@ -135,8 +135,6 @@ class SearchBudget:
     """Time limit, seconds, compiling not counted (default: none)."""
     evaluations: int | None = None
     """Most predictions made (default: no limit)."""
-    seed: int = 0
-    """Random seed of searches that draw (`mcts`)."""
 
 
 GROUPS: dict[str, type] = {

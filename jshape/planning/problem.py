@@ -219,15 +219,6 @@ def price(state: SearchState) -> np.floating:
     return np.float32(lower * PRICE * np.clip(2 * missing / max(surplus, 1e-9) - 1, 0, 1))
 
 
-def seed(value: int) -> int:
-    """A seed, checked."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < 2**32:
-        raise JShapeError(
-            f"seed is {quoted(value)}; it must be a whole number from 0 to {2**32 - 1}"
-        )
-    return int(value)
-
-
 def budget(spent: SearchBudget) -> Budget:
     """A budget that starts now."""
     seconds, evaluations = spent.seconds, spent.evaluations

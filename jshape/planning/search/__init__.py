@@ -5,13 +5,11 @@
 A new planner is one file beside `greedy.py` and one row here.
 """
 
-from jshape.planning.search import beam, greedy, improve, mcts, refine
+from jshape.planning.search import greedy, improve, refine
 
 PLANNERS = {
     "greedy": greedy.search,
-    "beam": beam.search,
     "improve": improve.search,
     "refine": refine.search,
-    "mcts": mcts.search,
 }
 """By name."""

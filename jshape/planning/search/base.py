@@ -240,8 +240,6 @@ class SearchProblem:
     budget: Budget = field(default_factory=Budget)
     fine: int = 0
     """Rounds of local search: the neighbours of the best candidates, at ever smaller steps."""
-    seed: int = 0
-    """For searches that draw."""
     start: SearchResult | None = None
     """A sequence to begin with, such as what is left of an earlier plan."""
     execution: Execution = ONE_BY_ONE

@@ -8,7 +8,7 @@ import numpy as np
 from jax import lax
 
 from jshape._typing import Array, Bool, Float, Int
-from jshape.planning.evaluate import SPARE, CandidateCache, Candidates, Work, evaluate
+from jshape.planning.evaluate import SPARE, CandidateCache, Candidates, Work
 from jshape.planning.search.base import UNLIMITED, SearchLimits, carried
 from jshape.planning.state import SearchState
 
@@ -210,25 +210,3 @@ def _trials(
         jnp.float32(2.0) ** local.round.astype(jnp.float32)
     )
     return around, jnp.clip(trial, known.min(), known.max())
-
-
-def improved_locally(
-    state: SearchState,
-    now: Float[Array, "R C"],
-    candidates: Candidates,
-    cache: CandidateCache,
-    used: Int[Array, "A"],
-    limits: SearchLimits,
-    rounds: int | Array,
-    width: int = WIDTH,
-    left: int | Array = UNLIMITED,
-) -> tuple[Local, Int[Array, ""]]:
-    """The best candidates of the best `width` moves after all rounds; and the evaluations."""
-    local, spent = begin_local(state, candidates, cache, used, limits, rounds, width, left)
-
-    def one_round(local):
-        work = local_work(state, candidates, local, rounds)
-        changes = evaluate(state, now, work, jnp.zeros_like(cache.changes))
-        return next_local(state, candidates, local, changes, limits, rounds)
-
-    return lax.while_loop(lambda local: local.round < rounds, one_round, local), spent

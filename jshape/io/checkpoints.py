@@ -50,8 +50,7 @@ class Checkpoints:
     def load(self) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
         """The newest checkpoint, as arrays by name and facts; None if there is none.
 
-        Raises:
-          BadFile: it is damaged; the message says which folder to remove.
+        Raises BadFile: it is damaged; the message says which folder to remove.
         """
         numbers = self._numbers()
         if not numbers:
@@ -67,8 +66,7 @@ class Checkpoints:
     def save(self, arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
         """Write a new checkpoint, whole or not at all, then remove the one before.
 
-        Raises:
-          BadFile: it cannot be written.
+        Raises BadFile: it cannot be written.
         """
         before = self._numbers()
         place = self.folder / _name(before[-1] + 1 if before else 1)
@@ -90,8 +88,7 @@ class Checkpoints:
 def check_folder(folder: str | os.PathLike) -> bool:
     """Whether a training is kept in a folder; call it before long work.
 
-    Raises:
-      BadFile: the folder holds something else, or cannot be written.
+    Raises BadFile: the folder holds something else, or cannot be written.
     """
     names = _names(check_writable(folder))
     foreign = [name for name in names if not name.startswith("action-")]
@@ -103,8 +100,7 @@ def check_folder(folder: str | os.PathLike) -> bool:
 def discard(folder: str | os.PathLike) -> None:
     """Remove a training's folder, if there is one.
 
-    Raises:
-      BadFile: it holds something else than checkpoints.
+    Raises BadFile: it holds something else than checkpoints.
     """
     if check_folder(folder):
         for path in Path(folder).glob("action-*"):

@@ -12,7 +12,7 @@ from jshape import PAPER_BOX, Bank, fit, load_bank, load_pairs, save_bank
 from jshape.data.pairs import Examples
 from jshape.data.simulate import simulate_pairs, together
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError
-from jshape.io.kinds import KINDS
+from jshape.io.kinds import pack, unpack
 from jshape.learn import imprint as learning
 from jshape.learn.first_guess import Shown, mirrors
 from jshape.learn.imprint import fit_imprint
@@ -498,14 +498,14 @@ def test_saved_and_loaded_is_the_same(tmp_path):
 
 
 def test_damaged_arrays_are_refused():
-    arrays = KINDS["P"].pack(replace(tool(), deep=tool().rest, stroke=jnp.float32(0.02)))
+    arrays = pack(replace(tool(), deep=tool().rest, stroke=jnp.float32(0.02)), "P")
     for broken in (
         {"deep": np.zeros((2, 2))},
         {"stroke": np.array(np.nan, np.float32)},
         {"path": np.array(-1)},
     ):
         with pytest.raises(BadBank):
-            KINDS["P"].unpack(arrays | broken, ROI, CAMERA)
+            unpack("P", arrays | broken, ROI, CAMERA)
 
 
 @pytest.mark.full

@@ -135,7 +135,8 @@ def train(
     mark = _fingerprint(loss, params, examples, settings)
     state = _State(params, _adam(settings.learning_rate).init(params), _copy(params))
     if hooks.keep is not None and (found := hooks.keep.load()) is not None:
-        state = _restore(state, *found, mark, hooks.keep.where)
+        arrays, facts = found
+        state = _restore(state, arrays, facts, mark, hooks.keep.where)
     saved = len(state.curve)
     state.params, state.optimizer = devices.replicate((state.params, state.optimizer))
     order = jax.random.key(settings.seed)

@@ -16,7 +16,7 @@ from jshape.camera import PAPER_BOX
 from jshape.height_map import ABOVE
 from jshape.robot.loop import Molding
 from jshape.robot.simulated import SimulatedWorld
-from jshape.viz.map_axes import in_mm, mark_unseen
+from jshape.viz.maps import in_mm, mark_unseen
 from jshape.viz.style import own_style
 
 DEEP = replace(PAPER_BOX, z_min=0.30, z_max=0.56, bits=16)

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from jshape import PAPER_BOX, load_bank, metric, plan, sim
+from jshape.cli.demo import DemoOptions, demo
 from jshape.data.simulate import random_bed, simulate_pairs, together
-from jshape.demo import run_demo
 from jshape.goals import bed_map
 from jshape.learn import report as scores
 from jshape.learn.evaluate import cross_validate
@@ -123,8 +123,9 @@ def loop() -> Figure:
                                              ("looking after every action", True)), strict=True,
     ):  # fmt: skip
         with tempfile.TemporaryDirectory() as folder:
-            done = run_demo(Path(folder) / "run", seed=4, agent="human", replan=closed,
-                            say=lambda line: None)["steps"]  # fmt: skip
+            out = Path(folder) / "run"
+            done = demo(options=DemoOptions(out=out, seed=4, agent="human", open_loop=not closed))
+            done = done["steps"]
         obtained = [done[0]["before_mm"], *(step["obtained_mm"] for step in done)]
         predicted = [done[0]["before_mm"], *(step["predicted_mm"] for step in done)]
         pictures.draw_curve(ax, predicted, obtained)
@@ -161,15 +162,15 @@ def errors() -> Figure:
 
 def sheet() -> Figure:
     """Pairs with their boxes, the last one drawn by hand."""
-    tiles, colours = [], []
+    tiles = []
     for pair in simulate_pairs(jax.random.key(2), 1, actions=("grasp", "poke"), frames=5):
         before, after = (np.where(k > 0, 0.1 * k, np.nan) for k in (pair.prior, pair.posterior))
         (u, v), (w, h) = pair.position, pair.roi
         box = (u - w // 2, v - h // 2, w, h)
         title = f"{len(tiles):05d} {pair.action} {pair.agent}"
-        tiles.append(sheets.Tile(title, before, after - before, box, len(tiles) == 1))
-        colours.append(sheets.colour_of(pair.action))
-    return sheets.contact_sheet(tiles, colours=colours)
+        change, last = after - before, len(tiles) == 1
+        tiles.append(sheets.Tile(title, pair.action, before, change, box, last))
+    return sheets.contact_sheet(tiles)
 
 
 PICTURES = {

@@ -18,12 +18,12 @@ import pytest
 
 from jshape import PAPER_BOX, Camera, Plan, metric, save_bank
 from jshape.cli import COMMANDS
-from jshape.cli.colours import coloured, shows_colours
 from jshape.cli.commands import build_app, leaves
 from jshape.cli.examples import EXAMPLES, of
 from jshape.cli.main import main
 from jshape.cli.options import duration
 from jshape.cli.parser import parse
+from jshape.cli.tables import coloured, shows_colours
 from jshape.errors import UnknownName
 from jshape.height_map import as_frame
 from jshape.io.banks import MANIFEST
@@ -559,7 +559,8 @@ def fields_of(keywords):
 def test_every_option_reaches_the_planner(folder, monkeypatch):
     given = {}
     monkeypatch.setattr(
-        "jshape.cli.plan.plan_views", lambda *images, **keywords: given.update(keywords) or 1 / 0
+        "jshape.planning.api.plan_views",
+        lambda *images, **keywords: given.update(keywords) or 1 / 0,
     )
     expected = {
         "stride": 4, "seconds": 0.5, "evaluations": 70, "error_margin": 0.5, "clearance_mm": 8.0,

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, Camera
-from jshape.cli import cameras
 from jshape.cli.main import main
 from jshape.data.looks import together
 from jshape.data.recording import simulate_recording
@@ -47,7 +46,7 @@ def watched(monkeypatch):
 
     def put(frames, **options):
         camera = Played("watched", SMALL, 1e-4, frames, **options)
-        monkeypatch.setattr(cameras, "looking", lambda *_: camera)
+        monkeypatch.setattr("jshape.cli.camera.looking", lambda *_: camera)
         return camera
 
     return put

@@ -245,7 +245,7 @@ def test_where_the_hand_may_go_is_said_in_metres(folder, monkeypatch, capsys):
     given = {}
     triangle = np.array([[-0.021, -0.011], [0.021, -0.011], [0, 0.031]])
     with monkeypatch.context() as patch:
-        patch.setattr("jshape.cli.plan_maps.plan", lambda *_, **words: given.update(words) or 1 / 0)
+        patch.setattr("jshape.planning.api.plan", lambda *_, **words: given.update(words) or 1 / 0)
         for name, area in (("map", (0.03, -0.03) + triangle), ("base", (0.47, 0.13) - triangle)):
             corners = area.tolist()
             Path(f"{name}.json").write_text(json.dumps({"frame": name, "polygon_m": corners}))

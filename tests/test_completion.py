@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from typing import get_args
 
 import pytest
 
@@ -24,10 +25,10 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
 @pytest.fixture(scope="module")
 def scripts(tmp_path_factory):
     """The scripts of all shells, as files."""
-    from jshape.cli.completion import SHELLS, script_of
+    from jshape.cli.completion import Shell, script_of
 
     folder = tmp_path_factory.mktemp("scripts")
-    for shell in SHELLS:
+    for shell in get_args(Shell):
         (folder / shell).write_text(script_of(shell))
     return folder
 

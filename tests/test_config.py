@@ -11,7 +11,7 @@ import pytest
 from jshape import PAPER_BOX
 from jshape.cli import settings
 from jshape.cli.commands import build_app, leaves
-from jshape.cli.config import EXAMPLE
+from jshape.cli.config import EXAMPLE, default_of
 from jshape.cli.main import main
 from jshape.cli.parser import parse, value_of
 from jshape.errors import BadSetting
@@ -265,10 +265,10 @@ def test_every_option_of_a_file_reads_what_its_default_says():
     read = 0
     for leaf in leaves(build_app()):
         for key, argument in leaf.settable.items():
-            default = leaf.usual(argument)
-            if isinstance(default, bool | int | float | list | tuple):
-                said = list(default) if isinstance(default, tuple) else default
+            said = default_of(argument)
+            if isinstance(said, bool | int | float | list):
                 tokens = settings.tokens_of(argument, key, said, settings.Path(), "file: ")
+                default = argument.field_info.default
                 assert value_of(argument, tokens) == default, (leaf.table, key)
                 read += 1
     assert read > 80

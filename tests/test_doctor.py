@@ -9,7 +9,7 @@ import tomllib
 
 import pytest
 
-from jshape.cli import doctor, extras
+from jshape.cli import doctor
 from jshape.cli.main import main
 from jshape.io import banks
 from tests.conftest import ROOT
@@ -18,7 +18,7 @@ from tests.conftest import ROOT
 @pytest.fixture
 def quick(monkeypatch):
     """Without extras, and with only the quick part of the self-test."""
-    monkeypatch.setattr(extras, "EXTRAS", ())
+    monkeypatch.setattr(doctor, "EXTRAS", ())
     monkeypatch.setattr(doctor, "SELFTEST", {"distance": doctor.SELFTEST["distance of two images"]})
 
 
@@ -93,7 +93,7 @@ def test_it_speaks_where_jax_does_not_import(tmp_path):
     (tmp_path / "jax" / "__init__.py").write_text("raise ImportError('a broken JAX')\n")
     code = (
         f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(ROOT)!r}]\n"
-        "from jshape.cli import extras\nextras.EXTRAS = ()\n"
+        "from jshape.cli import doctor\ndoctor.EXTRAS = ()\n"
         "from jshape.cli.main import main\nsys.exit(main(['doctor', '--json']))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
@@ -103,18 +103,18 @@ def test_it_speaks_where_jax_does_not_import(tmp_path):
 
 
 def test_extras_are_loaded_for_real():
-    good = extras.look(extras.Extra("x", "", ("json",)))
+    good = doctor.look(doctor.Extra("x", "", ("json",)))
     assert good["installed"] and good["problem"] == ""
-    gone = extras.look(extras.Extra("ghost", "", ("no_such_module_of_jshape",), "libghost1"))
+    gone = doctor.look(doctor.Extra("ghost", "", ("no_such_module_of_jshape",), "libghost1"))
     assert not gone["installed"] and gone["pip"] == "pip install 'jshape[ghost]'"
     assert doctor._extra(gone) == (
         "not installed: pip install 'jshape[ghost]'; Debian: apt install libghost1"
     )
     program = "raise OSError('libghost.so.1: cannot open shared object file')"
-    broken = extras.look(extras.Extra("x", "", ("json",), "libghost1", program))
+    broken = doctor.look(doctor.Extra("x", "", ("json",), "libghost1", program))
     assert broken["installed"] and "libghost.so.1: cannot open" in broken["problem"]
     assert doctor._extra(broken).startswith("BAD: OSError: libghost")
-    crashed = extras.look(extras.Extra("x", "", ("json",), "", "import os; os.abort()"))
+    crashed = doctor.look(doctor.Extra("x", "", ("json",), "", "import os; os.abort()"))
     assert "ended with code -6" in crashed["problem"]
 
 
@@ -122,6 +122,6 @@ def test_extras_and_core_are_those_of_the_project():
     """Each extra that people would want is looked at, and each package of the core."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     offered = set(project["optional-dependencies"]) - {"dev", "bench", "docs"}
-    assert {extra.name for extra in extras.EXTRAS} == offered
+    assert {extra.name for extra in doctor.EXTRAS} == offered
     needed = {re.split(r"[<>=\[]", line)[0] for line in project["dependencies"]}
     assert needed == set(doctor.CORE) - {"jaxlib"}  # which JAX brings

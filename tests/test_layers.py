@@ -16,7 +16,7 @@ FLOORS = (
     {"io", "learn"},
     {"planning", "goals"},
     {"robot", "__init__"},
-    {"app", "demo"},
+    {"app"},
     {"cli"},
 )
 """Parts of the package, lowest first; a part imports only itself and what lies below."""

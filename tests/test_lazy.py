@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from jshape.cli.extras import EXTRAS
+from jshape.cli.doctor import EXTRAS
 from tests.conftest import ROOT
 
 PROGRAM = """

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from jshape import D435_BAZAR, Camera
-from jshape.cli import cameras
 from jshape.cli.main import main
 from jshape.data.set_up import measure, verdict
 from jshape.errors import BadCamera, BadImage
@@ -17,7 +16,7 @@ from jshape.io.cameras import read_bed, read_camera, write_camera
 from jshape.io.formats import read_array
 from jshape.io.images import write_depth_png
 from jshape.io.maps import read_map
-from jshape.viz.setup import setup_figure
+from jshape.viz.maps import setup_figure
 from jshape.viz.style import png
 from tests.seen_beds import SMALL as WIDE
 from tests.seen_beds import bed, seen_by, standing
@@ -202,7 +201,7 @@ def test_a_wrong_pose_is_said(rng):
 def test_every_camera_is_set_up_by_the_command(name, tmp_path, rng, monkeypatch, capsys):
     make, unit = CAMERAS[name]
     opened = make(tmp_path, scene(rng, unit))
-    monkeypatch.setattr(cameras, "opened", lambda *_: opened)
+    monkeypatch.setattr("jshape.cli.setup.opened", lambda *_: opened)
     out = tmp_path / "found" / "camera.json"
     out.parent.mkdir()
     words = ["setup", "it", "--frames", "6", "--out", str(out)]

@@ -10,7 +10,7 @@ from benchmarks.experiments import pages
 from jshape.learn.report import markdown
 from jshape.robot.loop import Molding
 from jshape.viz import pictures
-from jshape.viz.scale import span
+from jshape.viz.maps import span
 from jshape.viz.style import Drawing
 
 FIGURES = ("robot.png", "curves.png")

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from benchmarks.experiments.open_loop import Outcome
 from jshape.viz import pictures
+from jshape.viz.maps import span
 from jshape.viz.overlay import COLOURS
-from jshape.viz.scale import span
 
 LINES = (("tab:blue", "o"), ("tab:orange", "^"), ("tab:green", "s"), ("tab:purple", "D"))
 """Of predictors in a plot of distances."""

@@ -19,7 +19,6 @@ class Annotation:
     """A data set that is corrected: what is changed is kept until `save` writes `pairs.csv`."""
 
     def __init__(self, folder: Path):
-        """Read a data set."""
         self.folder = folder
         self.pairs = datasets.load_pairs(folder)
         self.by_hand = annotations.boxes_by_hand(folder)

@@ -13,7 +13,6 @@ class Curve:
     """One chart with a line per name."""
 
     def __init__(self, label: str, names: Sequence[str], *, height: int = 230):
-        """Build it where the caller is."""
         self._names, many = tuple(names), len(names) > 1
         axis = {"nameLocation": "middle", "nameTextStyle": {"fontSize": 12}, "type": "value"}
         line = {"type": "line", "connectNulls": True, "symbolSize": 8}

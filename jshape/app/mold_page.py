@@ -32,7 +32,6 @@ class MoldPage:
     """One browser's view of the editor's state."""
 
     def __init__(self, editor: EditorState, context: AppContext):
-        """Build the tab's content where the caller is."""
         self._editor, self._context = editor, context
         self._shown = -1  # version of the state
         self.in_front: Callable[[], bool] = lambda: True
@@ -77,7 +76,6 @@ class MoldPage:
             self._scene.show(image.depth, image.rgb, level=level, exaggeration=EXAGGERATE)
 
     def _follow(self) -> None:
-        """Draw what a run or another window has changed."""
         if self._shown != self._editor.version:
             self.show()
 

@@ -1,6 +1,7 @@
 """What each command does: from parsed options to a result that JSON can hold.
 
-Each prints for people and returns its result; with `--json`, `cli.main` prints only that.
+Each prints for people and returns its result; with `--json`, `cli.main` prints only that.  What is
+wrong with words, files or devices is raised as a JShapeError, whose one line `cli.main` prints.
 A command's file is imported when the command is asked for: `jshape --help` must be quick.
 """
 

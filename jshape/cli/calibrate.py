@@ -75,20 +75,18 @@ def _print(found: Calibration) -> None:
     inside, outside = found.residuals, found.left_out
     head = ("", "mean", "max", *(() if outside is None else ("left out: mean", "max")))
     rows = []
-    for what, name, digits in (
-        ("position (mm)", "mm", 3),
-        ("rotation (°)", "degrees", 3),
-        (f"{side} (mm)", "points_mm", 3),
-        (f"{side} (px)", "pixels", 3),
+    for what, name in (
+        ("position (mm)", "mm"),
+        ("rotation (°)", "degrees"),
+        (f"{side} (mm)", "points_mm"),
+        (f"{side} (px)", "pixels"),
     ):
-        if getattr(inside, name) is None:
+        parts = [getattr(part, name) for part in (inside, outside) if part is not None]
+        if parts[0] is None:
             continue
-        row = [what]
-        for part in (inside,) if outside is None else (inside, outside):
-            values = getattr(part, name)
-            ok = values[np.isfinite(values)]
-            row += [f"{x:.{digits}f}" for x in (ok.mean(), ok.max())] if len(ok) else ["-", "-"]
-        rows.append(tuple(row))
+        known = [values[np.isfinite(values)] for values in parts]
+        ends = [(f"{x.mean():.3f}", f"{x.max():.3f}") if len(x) else ("-", "-") for x in known]
+        rows.append((what, *(x for pair in ends for x in pair)))
     print_table(head, rows)
     for line in found.warnings:
         warn(line)

@@ -2,7 +2,6 @@
 
 import inspect
 from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, fields
 from typing import Any, NamedTuple
 
 from cyclopts import App, Argument, Parameter
@@ -19,6 +18,9 @@ NO_SETTINGS = ("json", "config")
 OWN_TABLE = ("dataset", "train", "evaluate")
 """Commands about data and measurements, which a camera and a bank for molding must not change: keys
 outside of their own table do not reach them."""
+OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "goal", "heightmap")
+"""Options that say how to look through a camera, and commands that take frames which may be cut
+already: they read these only from tables of their own."""
 
 
 class Leaf(NamedTuple):
@@ -42,24 +44,20 @@ class Leaf(NamedTuple):
         if not self.kind.computes:
             return {}
         left_out = (*NO_SETTINGS, *EACH_TIME)
-        if "CAMERA" in self.arguments:
-            left_out += ("depth-unit",)  # that of a file is of images
-        found = {key: one for key, one in self.arguments.items() if one.name.startswith("-")}
-        found = {key: one for key, one in found.items() if key not in left_out}
-        camera = {"camera": self.arguments["CAMERA"]} if "CAMERA" in self.arguments else {}
-        return camera | found
-
-    def usual(self, argument: Argument) -> Any:
-        """The default of an option; None: it has none."""
-        one = {one.name: one for one in fields(self.kind)}.get(argument.field_info.name)
-        if one is None or one.default is MISSING:
-            return one.default_factory() if one and one.default_factory is not MISSING else None
-        return one.default
+        named = {key: one for key, one in self.arguments.items() if one.name.startswith("-")}
+        found = {key: one for key, one in named.items() if key not in left_out}
+        if "CAMERA" not in self.arguments:
+            return found
+        found.pop("depth-unit", None)  # that of a file is of images
+        return {"camera": self.arguments["CAMERA"]} | found
 
     @property
-    def shared(self) -> bool:
-        """Whether keys outside of tables reach it."""
-        return self.words[0] not in OWN_TABLE
+    def shared(self) -> dict[str, Argument]:
+        """Those of `settable` that keys outside of tables reach."""
+        if self.words[0] in OWN_TABLE:
+            return {}
+        left_out = OF_A_CAMERA if self.table in FROM_FILES else ()
+        return {key: one for key, one in self.settable.items() if key not in left_out}
 
 
 def build_app() -> App:

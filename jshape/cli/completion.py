@@ -11,7 +11,7 @@ from jshape.cli.commands import build_app
 from jshape.cli.options import Common
 from jshape.cli.settings import NAMES_OR_FILES
 
-SHELLS = ("bash", "zsh", "fish")
+Shell = Literal["bash", "zsh", "fish"]
 FILES_TOO = "|".join((*NAMES_OR_FILES, "material", "agent", "agents"))
 """Options whose value may be a name, or a file or folder."""
 
@@ -23,9 +23,7 @@ class CompletionOptions(Common):
     computes = False
 
 
-def completion(
-    shell: Literal["bash", "zsh", "fish"], /, options: CompletionOptions = CompletionOptions()
-) -> dict[str, Any]:
+def completion(shell: Shell, /, options: CompletionOptions = CompletionOptions()) -> dict[str, Any]:
     """Print the script; with `--json` it is the value of `script`.
 
     Args:
@@ -36,7 +34,7 @@ def completion(
     return {"shell": shell, "script": script}
 
 
-def script_of(shell: Literal["bash", "zsh", "fish"]) -> str:
+def script_of(shell: Shell) -> str:
     """The script for a shell: what is bundled, and known without looking around."""
     script = build_app().generate_completion(prog_name="jshape", shell=shell)
     # Names that stand for files too: where no name fits, files do.

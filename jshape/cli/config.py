@@ -2,11 +2,14 @@
 
 import os
 from dataclasses import dataclass
+from inspect import Parameter
 from pathlib import Path
 from typing import Any
 
+from cyclopts import Argument
+
 from jshape.cli import settings
-from jshape.cli.commands import Leaf, build_app, leaves
+from jshape.cli.commands import build_app, leaves
 from jshape.cli.options import Common
 from jshape.cli.parser import value_of
 from jshape.cli.tables import print_table
@@ -63,32 +66,45 @@ def config(*command: str, options: ConfigOptions = ConfigOptions()) -> dict[str,
     """
     if options.init:
         named = options.config or os.environ.get(settings.VARIABLE) or settings.NAME
-        return _init(Path(named), options)
+        return _init(Path(named))
     file = settings.file_of(options.config)
     found = {leaf.table: leaf for leaf in leaves(build_app())}
-    spoken = {name: " ".join(leaf.words) for name, leaf in found.items()}
     if file is not None:
-        for name in (k for k, part in settings.read(file).items() if isinstance(part, dict)):
-            if name not in found:
-                raise BadSetting(f"{file}: {UnknownName('table', name, found)}")
+        for name in {row.table for row in settings.read(file)} - {"", *found}:
+            raise BadSetting(f"{file}: {UnknownName('table', name, found)}")
     # All of them: whoever asks wants to know whether the file is in order.
     given = {name: settings.settings_for(leaf, file) if file is not None else {}
              for name, leaf in found.items()}  # fmt: skip
     for one in (one for of_one in given.values() for one in of_one.values()):
         value_of(one.argument, one.tokens)
+    rows: list[dict[str, Any]] = []
     if command:
         name = "-".join(command)
         if name not in found:
-            raise UnknownName("command", " ".join(command), spoken.values())
-        rows = _all_of(found[name], given[name], file)
-    else:
-        rows = _said({spoken[name]: of_one for name, of_one in given.items()}, file)
+            known = (" ".join(leaf.words) for leaf in found.values())
+            raise UnknownName("command", " ".join(command), known)
+        for key, argument in found[name].settable.items():
+            row = {"key": key, "value": default_of(argument), "from": "default"}
+            rows.append(_row(given[name][key], file) if key in given[name] else row)
+    else:  # each setting once, with the commands that it reaches
+        reached: dict[tuple[str, str], dict[str, Any]] = {}
+        for name, settings_of in given.items():
+            for one in settings_of.values():
+                row = reached.setdefault((one.table, one.key), _row(one, file) | {"of": []})
+                row["of"].append(" ".join(found[name].words))
+        rows = list(reached.values())
     result = {"file": None if file is None else str(file), "settings": rows}
-    _print(result, of_one=bool(command))
+    if file is None:
+        print(f"no {settings.NAME} here; jshape config --init writes one")
+    elif not rows:
+        print(f"{file} sets nothing")
+    if rows:
+        head = ("option", "value", "from", *(() if command else ("reaches",)))
+        print_table(head, [_cells(row) for row in rows])
     return result
 
 
-def _init(file: Path, options: ConfigOptions) -> dict[str, Any]:
+def _init(file: Path) -> dict[str, Any]:
     from jshape.io.files import write_atomic
 
     if os.path.lexists(file):
@@ -98,54 +114,26 @@ def _init(file: Path, options: ConfigOptions) -> dict[str, Any]:
     return {"file": str(file)}
 
 
-def _said(given: dict[str, dict[str, settings.Given]], file: Path | None) -> list[dict[str, Any]]:
-    """Each setting of the file once, with the commands that it reaches."""
-    rows: dict[tuple[str, str], dict[str, Any]] = {}
-    for name, found in given.items():
-        for one in found.values():
-            row = {"key": one.key, "value": one.value, "from": _from(one, file), "of": []}
-            rows.setdefault((one.table, one.key), row)["of"].append(name)
-    return list(rows.values())
+def default_of(argument: Argument) -> Any:
+    """The default of an option as JSON holds it; None: it has none."""
+    default = argument.field_info.default
+    if isinstance(default, list | tuple):
+        return list(default)
+    if default is Parameter.empty:
+        return None
+    return str(default) if isinstance(default, Path) else default
 
 
-def _all_of(
-    leaf: Leaf, given: dict[str, settings.Given], file: Path | None
-) -> list[dict[str, Any]]:
-    """Every option of a command, with where its value comes from."""
-    return [
-        {"key": key, "value": given[key].value, "from": _from(given[key], file)}
-        if key in given
-        else {"key": key, "value": _plain(leaf.usual(argument)), "from": "default"}
-        for key, argument in leaf.settable.items()
-    ]
+def _row(one: settings.Given, file: Path | None) -> dict[str, Any]:
+    where = f"{file} [{one.table}]" if one.table else str(file)
+    return {"key": one.key, "value": one.value, "from": where}
 
 
-def _from(one: settings.Given, file: Path | None) -> str:
-    return f"{file} [{one.table}]" if one.table else str(file)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    return str(value) if isinstance(value, Path) else value
-
-
-def _print(result: dict[str, Any], of_one: bool) -> None:
-    if result["file"] is None:
-        print(f"no {settings.NAME} here; jshape config --init writes one")
-    elif not result["settings"]:
-        print(f"{result['file']} sets nothing")
-    if not result["settings"]:
-        return
-    rows = [(r["key"], _shown(r["value"]), r["from"], ", ".join(r.get("of", ())))
-            for r in result["settings"]]  # fmt: skip
-    head = ("option", "value", "from", "reaches")
-    print_table(head[: 3 if of_one else 4], [row[: 3 if of_one else 4] for row in rows])
-
-
-def _shown(value: Any) -> str:
-    if value is None:
-        return "-"
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    value = row["value"]
     if isinstance(value, bool):
-        return str(value).lower()
-    return ",".join(map(str, value)) if isinstance(value, list) else str(value)
+        value = str(value).lower()
+    elif isinstance(value, list):
+        value = ",".join(map(str, value))
+    reaches = (", ".join(row["of"]),) if "of" in row else ()
+    return row["key"], "-" if value is None else str(value), row["from"], *reaches

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import App, Parameter
 
-from jshape.camera import Camera
 from jshape.cli.names import Action, Agent, Simulates
 from jshape.cli.options import Common, Positive, PositiveCount, Seed, Several, Writes
 from jshape.cli.tables import print_table, progress
@@ -28,10 +27,6 @@ for name, where, what in (
     ("merge", "dataset_import:merge", "one data set of several of one camera"),
 ):  # fmt: skip
     dataset.command(f"jshape.cli.{where}", name=name, help=what)
-
-
-KEPT = ("action", "agent", "material", "prior", "posterior", "strength", "path_mm")
-"""Of a simulated pair."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,10 +75,10 @@ def simulate(out: Path, /, options: DatasetOptions = DatasetOptions()) -> dict[s
     )
     with datasets.dataset_writer(out, PAPER_BOX, DEPTH_UNIT, overwrite=options.overwrite) as add:
         for index, pair in enumerate(progress(pairs, total, "simulating")):
-            (u, v), (width, height) = pair.position, pair.roi
-            what = {name: getattr(pair, name) for name in KEPT}
+            row = pair._asdict()
+            (u, v), (width, height) = row.pop("position"), row.pop("roi")
             name = f"{pair.action}_{pair.agent}_{index:05d}"
-            add(id=name, u=u, v=v, width=width, height=height, **what)
+            add(id=name, u=u, v=v, width=width, height=height, **row)
     print(f"{total} pairs: {out}")
     return {"out": str(out), "pairs": total}
 
@@ -117,19 +112,13 @@ def info(dataset: Path, /, options: Common = Common()) -> dict[str, Any]:
         "left_out": left_out,
         "groups": rows,
     }
-    _print_camera(pairs.camera, pairs.depth_unit)
+    fields = result["camera"] | {"depth_unit": pairs.depth_unit}
+    print(", ".join(f"{name} {value}" for name, value in fields.items()))
     share = f"{missing[0]:.1%} of prior, {missing[1]:.1%} of posterior pixels"
     print(f"without depth: {share}{said_of(left_out)}")
     several = any(row["strength"] != [1.0, 1.0] for row in rows)
-    print_table(
-        ("action", "agent", "material", "pairs", "ROI (w x h)", "strength")[: 5 + several],
-        [(r["action"], r["agent"], r["material"], r["pairs"], "{}x{}".format(*r["roi"]),
-          "{:.2g} to {:.2g}".format(*r["strength"]))[: 5 + several]
-         for r in rows],
-    )  # fmt: skip
+    columns = {name: f"{{{name}}}" for name in ("action", "agent", "material", "pairs")}
+    columns["ROI (w x h)"] = "{roi[0]}x{roi[1]}"
+    columns |= {"strength": "{strength[0]:.2g} to {strength[1]:.2g}"} if several else {}
+    print_table(tuple(columns), [tuple(c.format(**r) for c in columns.values()) for r in rows])
     return result
-
-
-def _print_camera(camera: Camera, unit: float) -> None:
-    fields = cameras.camera_fields(camera)
-    print(", ".join(f"{name} {value}" for name, value in (fields | {"depth_unit": unit}).items()))

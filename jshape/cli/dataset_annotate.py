@@ -81,10 +81,12 @@ def annotate(
             tiles = [
                 _tile(found, effects[k], k, bool(by_hand[k]), found.id[k] in doubts) for k in page
             ]
-            colours = [sheets.colour_of(str(found.action[k])) for k in page]
-            sheet = partial(sheets.contact_sheet, tiles, colours=colours)
+            sheet = partial(sheets.contact_sheet, tiles)
             add.pictures.update(drawn({datasets.SHEETS[number]: sheet}, dpi=90))
-    rows = _groups(found.select(there), by_hand[there])
+    rows = []
+    for action, mine in found.select(there).by_action():
+        (w, h), drawn_by_hand = mine.roi_size(action), by_hand & there & (found.action == action)
+        rows.append((action, len(mine), int(drawn_by_hand.sum()), f"{w}x{h}"))
     print_table(("action", "pairs", "by hand", "ROI (w x h)"), rows)
     for name, why in doubts.items():
         print(f"look at {name}: {why}")
@@ -102,38 +104,26 @@ def annotate(
     }
 
 
-def _groups(pairs: Pairs, by_hand: np.ndarray) -> list[tuple[str, int, int, str]]:
-    return [
-        (action, len(mine), int(by_hand[pairs.action == action].sum()),
-         "{}x{}".format(*pairs.roi_size(action)))
-        for action, mine in pairs.by_action()
-    ]  # fmt: skip
-
-
 def _doubts(
     pairs: Pairs, effects: list[Effect], by_hand: np.ndarray, there: np.ndarray
 ) -> dict[str, str]:
     """Pairs whose found box a person should look at, and why."""
     doubts = {}
     for k in np.flatnonzero(there & ~by_hand):
-        box, size, why = effects[k].box, pairs.size[k], []
-        if box is None:
+        size, why = pairs.size[k], []
+        if (box := effects[k].box) is None:
             continue
-        ratio = box[2] * box[3] / float(size.prod())
-        if abs(np.log(ratio)) > np.log(1 + _DOUBT):
-            why.append(f"its own box is {box[2]}x{box[3]}, the mean {size[0]}x{size[1]}")
+        left, top, w, h = box
+        if abs(np.log(w * h / float(size.prod()))) > np.log(1 + _DOUBT):
+            why.append(f"its own box is {w}x{h}, the mean {size[0]}x{size[1]}")
         if effects[k].second_mm > 0.5 * effects[k].peak_mm:
             why.append(f"{1 + len(effects[k].others)} places changed")
-        if box[0] == 0 or box[1] == 0 or _at_end(box, pairs):
+        at_end = left + w >= pairs.camera.width or top + h >= pairs.camera.height
+        if left == 0 or top == 0 or at_end:
             why.append("the effect reaches the image's edge")
         if why:
             doubts[str(pairs.id[k])] = "; ".join(why)
     return doubts
-
-
-def _at_end(box: tuple[int, int, int, int], pairs: Pairs) -> bool:
-    camera = pairs.camera
-    return box[0] + box[2] >= camera.width or box[1] + box[3] >= camera.height
 
 
 def _tile(pairs: Pairs, effect: Effect, k: int, by_hand: bool, doubt: bool) -> sheets.Tile:
@@ -143,6 +133,7 @@ def _tile(pairs: Pairs, effect: Effect, k: int, by_hand: bool, doubt: bool) -> s
     marks = (" [by hand]" if by_hand else "") + (" [look]" if doubt else "")
     return sheets.Tile(
         f"{pairs.id[k]}: {pairs.action[k]} {w}x{h}{marks}",
+        str(pairs.action[k]),
         depth,
         effect.change_mm,
         (u - w // 2, v - h // 2, w, h),

@@ -90,12 +90,9 @@ def like_of(options: Labelled) -> tuple[Camera, float] | None:
 
 
 def labels_of(options: Labelled, file: str, *, named: bool = False) -> dict[str, Label] | Label:
-    """The labels of a file, by name or number; or the one of everything.
+    """The labels of a file, by name if it is `named`, else by number; or the one of everything.
 
-    Args:
-      options: that say it.
-      file: what `--labels` could be given, where nothing is said.
-      named: the file names what a row is about.
+    `file` is what `--labels` could be given, where nothing is said.
     """
     if options.labels is not None:
         if options.action is not None:

@@ -3,6 +3,8 @@
 import importlib
 import os
 import platform
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -10,14 +12,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from jshape import __version__
-from jshape.cli import extras
-from jshape.cli.colours import coloured
 from jshape.cli.options import Common
-from jshape.cli.tables import print_table
+from jshape.cli.tables import coloured, print_table
 
 CORE = {name: name for name in ("jax", "jaxlib", "flax", "optax", "numpy", "scipy")} | {
     "opencv-python-headless": "cv2",
@@ -25,10 +26,51 @@ CORE = {name: name for name in ("jax", "jaxlib", "flax", "optax", "numpy", "scip
     "platformdirs": "platformdirs",
 }
 """What jshape cannot do without: packages, and the module that each brings."""
+LIMIT = 120
+"""Seconds after which loading an extra has failed; the slowest takes 3 on an idle machine."""
 BANK = "flour-robot"
 """What the self-test plans with: the bundled bank that compiles quickest."""
 PLACE, NEAR = (230, 200), 25
 """Where the self-test knocks, and how far from it a plan on a 9x7 grid may find that, pixels."""
+
+
+class Extra(NamedTuple):
+    """What `pip install 'jshape[name]'` adds."""
+
+    name: str
+    what: str
+    """What one can do with it."""
+    modules: tuple[str, ...]
+    """What must be importable."""
+    debian: str = ""
+    """Packages of Debian that it needs."""
+    program: str = ""
+    """What must run; "" imports the modules."""
+
+
+DRAW = """
+from jshape.robot.twin import engine
+engine.mink()
+model = engine.mujoco().MjModel.from_xml_string("<mujoco/>")
+engine.renderer(model, 8, 8).close()
+"""
+
+EXTRAS = (
+    Extra("cli", "the commands, pictures, TIFF", ("cyclopts", "matplotlib", "PIL", "rich")),
+    Extra("mesh", "goals from PLY and OBJ files", ("trimesh",)),
+    Extra("robot", "hands and waypoints as YAML files", ("yaml",)),
+    Extra("networks", "interrupted trainings of networks that resume", ("orbax.checkpoint",)),
+    Extra("sim", "the physics twin: --arm mujoco", ("mujoco", "mink"),
+          "libosmesa6, or libegl1 libegl-mesa0 libgl1-mesa-dri", DRAW),
+    Extra("realsense", "RealSense cameras", ("pyrealsense2",), "libusb-1.0-0",
+          "import pyrealsense2; pyrealsense2.context()"),
+    Extra("ros", "ROS bags, MCAP", ("rosbags",)),
+    Extra("studio", "the studio and the viewer in a browser", ("nicegui",)),
+    Extra("rerun", "runs in the Rerun viewer", ("rerun",)),
+    Extra("grid", "`python -m benchmarks.grid` on several machines", ("ray",)),
+    Extra("notebooks", "the lessons", ("ipykernel", "nbclient", "nbformat", "PIL")),
+)  # fmt: skip
+"""In the order in which they are told; those for developing jshape are left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +87,7 @@ class DoctorOptions(Common):
 def doctor(*, options: DoctorOptions = DoctorOptions()) -> dict[str, Any]:
     """`jshape doctor`: load everything, check banks, compute something that is known."""
     with ThreadPoolExecutor(2) as pool:  # each is a process of its own
-        looked = [pool.submit(extras.look, extra) for extra in extras.EXTRAS]
+        looked = [pool.submit(look, extra) for extra in EXTRAS]
         core = [
             _tried({"package": package, "version": ""}, partial(_load, package, module))
             for package, module in CORE.items()
@@ -72,13 +114,42 @@ def doctor(*, options: DoctorOptions = DoctorOptions()) -> dict[str, Any]:
     return result
 
 
+def look(extra: Extra) -> dict[str, Any]:
+    """Whether an extra is installed, and what is wrong with it."""
+    installed = all(find_spec(name) is not None for name in extra.modules)
+    row = {"extra": extra.name, "what": extra.what, "installed": installed, "debian": extra.debian}
+    row["pip"] = f"pip install 'jshape[{extra.name}]'"
+    return _tried(row, partial(_run, extra) if installed else dict)
+
+
+def _run(extra: Extra) -> dict[str, Any]:
+    """Load it in a process of its own: a library that crashes, or prints, does neither to us."""
+    program = extra.program or f"import {', '.join(extra.modules)}"
+    # -P: files of the working folder are not what is asked about.  jshape itself may lie there.
+    home = str(Path(__file__).resolve().parents[2])
+    path = os.pathsep.join(part for part in (os.environ.get("PYTHONPATH"), home) if part)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=LIMIT,
+        stdin=subprocess.DEVNULL,
+    )
+    if done.returncode:
+        said = [line for line in done.stderr.splitlines() if line.strip()]
+        raise ChildProcessError(said[-1] if said else f"ended with code {done.returncode}")
+    return {}
+
+
 def _tried(row: dict[str, Any], make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """The row with what is found, or with what is wrong."""
+    """The row with what is found, or with what is wrong, in one line."""
     started, made, problem = time.perf_counter(), {}, ""
     try:
         made = make()
     except Exception as error:  # what is broken fails in its own fashion
-        problem = extras.first_line(error)
+        problem = " ".join(str(error).split())[:200] or type(error).__name__
     return row | made | {"problem": problem, "seconds": time.perf_counter() - started}
 
 
@@ -117,10 +188,9 @@ def _cache() -> dict[str, Any]:
     from jshape.planning.devices import remember_compiled
 
     folder = os.environ.get("JAX_COMPILATION_CACHE_DIR") or remember_compiled()
-    if folder is None:
-        return {"folder": None, "files": 0, "bytes": 0}
-    sizes = [path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()]
-    return {"folder": str(folder), "files": len(sizes), "bytes": sum(sizes)}
+    files = [] if folder is None else [p for p in Path(folder).rglob("*") if p.is_file()]
+    size = sum(path.stat().st_size for path in files)
+    return {"folder": folder and str(folder), "files": len(files), "bytes": size}
 
 
 def _banks() -> dict[str, Any]:
@@ -191,24 +261,17 @@ def _print(result: dict[str, Any]) -> None:
     if "folder" in cache:
         size = f"{cache['folder']}, {cache['files']} files, {cache['bytes'] / 2**20:.1f} MiB"
         print(f"compiled code: {size if cache['folder'] else 'not kept'}")
-    banks, tests = result["banks"].get("found", ()), result["selftest"]
+    banks = result["banks"].get("found", ())
+    core = [(r["package"], r["version"], _state(r)) for r in result["core"]]
+    extras = [(r["extra"], r["what"], _extra(r)) for r in result["extras"]]
+    kept = [(r["name"], r["kind"], ", ".join(r["actions"]), _state(r)) for r in banks]
+    made = result["selftest"]
+    tests = [(r["test"], f"{r['seconds']:.1f}", r["found"] or _state(r)) for r in made]
     for head, rows in (
-        (
-            ("package", "version", "state"),
-            [(r["package"], r["version"], _state(r)) for r in result["core"]],
-        ),
-        (
-            ("extra", "what for", "state"),
-            [(r["extra"], r["what"], _extra(r)) for r in result["extras"]],
-        ),
-        (
-            ("bank", "kind", "actions", "checksums"),
-            [(r["name"], r["kind"], ", ".join(r["actions"]), _state(r)) for r in banks],
-        ),
-        (
-            ("self-test", "seconds", "found"),
-            [(r["test"], f"{r['seconds']:.1f}", r["found"] or _state(r)) for r in tests],
-        ),
+        (("package", "version", "state"), core),
+        (("extra", "what for", "state"), extras),
+        (("bank", "kind", "actions", "checksums"), kept),
+        (("self-test", "seconds", "found"), tests),
     ):
         print()
         print_table(head, rows)
@@ -224,8 +287,6 @@ def _state(row: dict[str, Any]) -> str:
 
 
 def _extra(row: dict[str, Any]) -> str:
-    if not row["installed"]:
-        state = f"not installed: {row['pip']}"
-    elif not (state := _state(row)).startswith("BAD"):
-        return state
-    return state + (f"; Debian: apt install {row['debian']}" if row["debian"] else "")
+    state = _state(row) if row["installed"] else f"not installed: {row['pip']}"
+    debian = f"; Debian: apt install {row['debian']}" * bool(row["debian"])
+    return state if state == "ok" else state + debian

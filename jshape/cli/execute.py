@@ -9,7 +9,7 @@ import numpy as np
 from jshape.camera import differing
 from jshape.cli.names import Bank
 from jshape.cli.options import Nonnegative, Share, plan_file
-from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of, tell
+from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_of
 from jshape.cli.tables import say
 from jshape.data.view import View, above
 from jshape.errors import BadFile
@@ -69,8 +69,7 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
         how = {"plan": made, "confirm": confirm, "stop": stop, "constraints": constraints}
         if not options.resume:
             how["on_start"] = lambda off_mm: _compare(off_mm, OTHER * robot.noise_mm)
-        summary = molded(session, robot, bank, options, **how)
-    return tell(summary)
+        return molded(session, robot, bank, options, **how)
 
 
 def _compare(off_mm: float, most: float) -> None:

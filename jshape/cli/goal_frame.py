@@ -64,11 +64,7 @@ class GoalFrame:
 
 
 def frame_to_change(bed: str, options: GoalOptions, bank: Bank) -> GoalFrame:
-    """The frame of the bed: a file's, a height map, or a simulated level one.
-
-    Raises:
-      BadFile, BadImage, BadCamera: as for `jshape plan`.
-    """
+    """The frame of the bed: a file's, a height map, or a simulated level one."""
     path = Path(bed)
     if bed == FLAT and not path.exists():
         if options.camera_file is not None:

@@ -1,33 +1,29 @@
 """The options of `jshape goal`."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from cyclopts import Parameter
 
 from jshape import sim
 from jshape.cli.names import Bank, Material, Preset
-from jshape.cli.options import CameraFile, File, Part, Positive, Share, Writes, number, reads
-from jshape.errors import quoted
+from jshape.cli.options import CameraFile, File, Part, Positive, Share, Writes, reads
 from jshape.goals.goal import BALANCES
 from jshape.planning.options import Constraints
 
 
-def place(text: str) -> tuple[float, float]:
-    """A pixel "U,V"."""
-    try:
-        u, v = (float(part) for part in text.split(","))
-    except ValueError:
-        u = v = math.nan
-    if not (math.isfinite(u) and math.isfinite(v)):
-        raise ValueError(f"{quoted(text)} is not a place like 240,197")
+def _place(text: str) -> tuple[float, float]:
+    u, v = (float(part) for part in text.split(","))
     return u, v
 
 
-_degrees = number(float, lambda x: abs(x) <= 360, "a turn from -360 to 360 degrees")
-_slope = number(float, lambda x: 0 < x <= 85, "a slope from 0 to 85 degrees")
+Place = Annotated[Any, reads(_place, "U,V", "a place like 240,197", lambda p: np.isfinite(p).all())]
+Degrees = Annotated[
+    float, reads(float, "DEG", "a turn from -360 to 360 degrees", lambda x: abs(x) <= 360)
+]
+Slope = Annotated[float, reads(float, "DEG", "a slope from 0 to 85 degrees", lambda x: 0 < x <= 85)]
 Millimetres = Annotated[Positive, Parameter(metavar="MM")]
 
 
@@ -47,18 +43,18 @@ class GoalOptions(Part, Writes):
     """Another depth image of the same camera."""
     actions: Annotated[str | None, Parameter(metavar="LIST")] = None
     """Actions whose predicted result is the goal: 'knock 240,197; grasp 312,91x1.5@30' (u,v x
-    strength @ degrees), a JSON file or a plan.json."""
+    strength @ degrees), or a plan.json."""
     out: Path | None = None
     """Folder for goal, bed, camera.json and picture."""
     depth_mm: Millimetres | None = None
     """Depth below the bed, mm (default for text and mask: 8)."""
     raise_mm: Millimetres | None = None
     """Height above the bed, mm."""
-    at: Annotated[Any, reads(place, "U,V")] = None
+    at: Place = None
     """Pixel of the relief's middle (default: the middle of the view)."""
     size_mm: Millimetres | None = None
     """Longer side of the relief, mm (default: six tenths of what fits; a mesh: its own)."""
-    turn: Annotated[float, reads(_degrees, "DEG")] = 0.0
+    turn: Degrees = 0.0
     """Turn of the relief in degrees, clockwise as the camera sees it."""
     invert: bool = False
     """Take the drawing as dark on bright."""
@@ -69,7 +65,7 @@ class GoalOptions(Part, Writes):
     material: Material = "flour"
     """Material of the bed, a name or FILE.toml: it limits slopes to its angle of repose, those of
     frames and actions to what it holds when pressed."""
-    slope: Annotated[float | None, reads(_slope, "DEG")] = None
+    slope: Slope | None = None
     """Steepest slope in degrees (default: the material's)."""
     floor_mm: Millimetres = 1e3 * sim.DEPTH
     """Depth of the material, mm."""

@@ -4,9 +4,9 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -33,11 +33,9 @@ from jshape.goals import (
     relief_of_text,
 )
 from jshape.goals.reliefs import inked
-from jshape.io import files, formats, points
+from jshape.io import formats, points
 from jshape.io.frames import frame_of, goal_source
-from jshape.io.records import OneLine, read_value
 from jshape.models.bank import Bank
-from jshape.planning import plan_file as plans
 from jshape.planning.api import rollout
 from jshape.planning.maps import over_bed
 from jshape.planning.plan import Plan
@@ -78,31 +76,8 @@ class Wanted(NamedTuple):
     """It was seen or pressed: steeper than loose material."""
 
 
-@dataclass(frozen=True)
-class NamedAct:
-    """An action as a person says it."""
-
-    action: Annotated[str, OneLine()]
-    at: tuple[float, float]
-    """(u, v) in the frame."""
-    strength: float = 1.0
-    turn: float = 0.0
-    """Degrees."""
-
-
 def wanted_of(options: GoalOptions, where: str, bed: BedMap, now: GoalFrame, bank: Bank) -> Wanted:
-    """The change that the options ask for.
-
-    Args:
-      options: of `jshape goal`.
-      where: the bed's file.
-      bed: to change.
-      now: its frame; another one is of the same camera unless its own folder says otherwise.
-      bank: predicts actions.
-
-    Raises:
-      JShapeError: whatever is wrong with a file, a text or a place.
-    """
+    """The change of a bed, of file `where` and frame `now`, that the options ask for."""
     kind, value = next(
         (name, value) for name in NAMES if (value := getattr(options, name)) is not None
     )
@@ -210,37 +185,30 @@ def _actions(text: str, where: str, bed: BedMap, now: GoalFrame, bank: Bank) -> 
 
 
 def _acts(text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
-    """Actions of the command line, of a JSON file or of a plan, as `rollout` takes them.
-
-    Raises:
-      BadFile, BadPosition, BadCamera: what is there cannot be read, or is of another camera.
-    """
+    """Actions of the command line, or of a plan's file, as `rollout` takes them."""
     if Path(text).suffix.lower() == ".json":
-        content = files.read_json(text)
-        if content.get("format") == plans.FORMAT:
-            found = Plan.from_json(text)
-            check_same_camera(bank.camera, found.camera, "the plan's")
-            how = {"strengths": found.strengths, "yaws": found.yaws, "lengths": found.lengths}
-            return {"actions": list(found.actions), "positions": found.exact_positions, **how}
-        acts = read_value(list[NamedAct], content.get("actions"), f"{text}: actions")
-    else:
-        acts = [_spoken(part.strip()) for part in text.split(";") if part.strip()]
+        found = Plan.from_json(text)
+        check_same_camera(bank.camera, found.camera, "the plan's")
+        how = {"strengths": found.strengths, "yaws": found.yaws, "lengths": found.lengths}
+        return {"actions": list(found.actions), "positions": found.exact_positions, **how}
+    acts = [_spoken(part.strip()) for part in text.split(";") if part.strip()]
     if not acts:
         raise BadPosition("no action is given; expected some like 'knock 240,197; press 91,92x1.5'")
+    names, places, strengths, turns = zip(*acts, strict=True)
     return {
-        "actions": [act.action for act in acts],
-        "positions": in_bank(np.array([act.at for act in acts])),
-        "strengths": np.array([act.strength for act in acts]),
-        "yaws": np.radians([act.turn for act in acts]),
+        "actions": list(names),
+        "positions": in_bank(np.array(places)),
+        "strengths": np.array(strengths),
+        "yaws": np.radians(turns),
     }
 
 
-def _spoken(text: str) -> NamedAct:
-    """An action like "grasp 312,91x1.5@30"."""
+def _spoken(text: str) -> tuple[str, tuple[float, float], float, float]:
+    """Name, place (u, v), strength and turn in degrees of an action like "grasp 312,91x1.5@30"."""
     found = _ACTION.fullmatch(text)
     try:
         name, u, v, strength, turn = found.groups() if found else []
-        return NamedAct(name, (float(u), float(v)), float(strength or 1), float(turn or 0))
+        return name, (float(u), float(v)), float(strength or 1), float(turn or 0)
     except ValueError:
         raise BadPosition(
             f"{quoted(text)} is not an action like 'knock 240,197' or 'grasp 312,91x1.5@30' "
@@ -287,11 +255,7 @@ def _is_placed(options: GoalOptions) -> bool:
 
 
 def _height(options: GoalOptions) -> float:
-    """Metres up of what is raised or sunk.
-
-    Raises:
-      JShapeError: both are asked for.
-    """
+    """Metres up of what is raised or sunk."""
     if options.raise_mm is not None and options.depth_mm is not None:
         raise JShapeError("give --raise-mm or --depth-mm, not both")
     if options.raise_mm is not None:

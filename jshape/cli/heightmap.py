@@ -10,17 +10,14 @@ from cyclopts import Parameter
 
 from jshape.cli.names import Preset
 from jshape.cli.options import File, Positive, Window, Writes
-from jshape.cli.tables import print_table, warn
-from jshape.data.fusion import MapReport, map_report
+from jshape.cli.tables import print_table, warn, write_pictures
+from jshape.data.fusion import map_report
 from jshape.data.looks import check_still, taken, together
 from jshape.data.set_up import STEEPEST_DEG
 from jshape.errors import BadFile
-from jshape.height_map import HeightMap
-from jshape.io import files
 from jshape.io.cameras import read_bed
-from jshape.io.frames import CameraFrames, read_looks
+from jshape.io.frames import read_looks
 from jshape.io.maps import SUFFIX, read_map, write_map
-from jshape.viz.style import drawn
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,22 +74,8 @@ def heightmap(frame: Path, /, *frames: Path, options: HeightmapOptions) -> dict[
                 f"{one.named}: the bed is seen {stand.tilt_deg:.0f} degrees from straight above; "
                 f"maps were measured up to {STEEPEST_DEG:g}: is it the bed, and no wall?"
             )
-    result = _fields(found, report, cameras) | {"out": str(options.out)}
-    _print(found, report, cameras)
-    from jshape.viz.maps import map_figure
-
-    title = f"{report.seen:.1%} seen, nodes {1e3 * float(found.pitch):.3g} mm apart"
-    made = drawn({str(picture): partial(map_figure, found, title)})
-    for content in made.values():
-        files.write_atomic(picture, content)
-        result["picture"] = str(picture)
-    print(f"height map: {options.out}" + f"; picture: {picture}" * bool(made))
-    return result
-
-
-def _fields(found: HeightMap, report: MapReport, cameras: list[CameraFrames]) -> dict[str, Any]:
     rows, columns = np.shape(found.heights)
-    return {
+    result = {
         "rows": rows,
         "columns": columns,
         "pitch_m": float(found.pitch),
@@ -100,35 +83,36 @@ def _fields(found: HeightMap, report: MapReport, cameras: list[CameraFrames]) ->
         "frame": found.frame,
         **{name: getattr(report, name) for name in ("seen", "noise_mm", "low_mm", "high_mm")},
         "cameras": [
-            {"name": one.name, "camera": one.said} | stand._asdict()
+            {"name": one.named, "camera": one.said} | stand._asdict()
             for one, stand in zip(cameras, report.cameras, strict=True)
         ],
+        "out": str(options.out),
     }
+    _print(result)
+    from jshape.viz.maps import map_figure
+
+    title = f"{report.seen:.1%} seen, nodes {1e3 * float(found.pitch):.3g} mm apart"
+    made = write_pictures(options.out.parent, {picture.name: partial(map_figure, found, title)})
+    result |= {"picture": str(picture)} if made else {}
+    print(f"height map: {options.out}" + f"; picture: {picture}" * bool(made))
+    return result
 
 
-def _print(found: HeightMap, report: MapReport, cameras: list[CameraFrames]) -> None:
+def _print(result: dict[str, Any]) -> None:
     head = ("frames", "camera", "tilt (°)", "distance (mm)", "sees (%)", "noise (mm)")
     rows = []
-    for one, stand in zip(cameras, report.cameras, strict=True):
-        rows.append(
-            (
-                one.named,
-                one.said,
-                f"{stand.tilt_deg:.1f}",
-                f"{1e3 * stand.distance:.0f}",
-                f"{100 * stand.seen:.1f}",
-                f"{stand.noise_mm:.2f}",
-            )
-        )
+    for c in result["cameras"]:
+        stands = f"{c['tilt_deg']:.1f}", f"{1e3 * c['distance']:.0f}"
+        sees = f"{100 * c['seen']:.1f}", f"{c['noise_mm']:.2f}"
+        rows.append((c["name"], c["camera"], *stands, *sees))
     if len(rows) > 1:
-        rows.append(("together", "", "", "", f"{100 * report.seen:.1f}",
-                     f"{report.noise_mm:.2f}"))  # fmt: skip
+        sees = f"{100 * result['seen']:.1f}", f"{result['noise_mm']:.2f}"
+        rows.append(("together", "", "", "", *sees))
     print_table(head, rows)
-    rows_, columns = np.shape(found.heights)
-    pitch = 1e3 * float(found.pitch)
+    rows, columns, pitch = result["rows"], result["columns"], 1e3 * result["pitch_m"]
+    low, high = result["low_mm"], result["high_mm"]
     print(
-        f"map: {columns}x{rows_} nodes {pitch:.3g} mm apart, {columns * pitch:.0f}x"
-        f"{rows_ * pitch:.0f} mm, {report.seen:.1%} seen; heights {report.low_mm:.1f} to "
-        f"{report.high_mm:.1f} mm over the plane: a relief of "
-        f"{report.high_mm - report.low_mm:.1f} mm (without the last hundredth at each end)"
+        f"map: {columns}x{rows} nodes {pitch:.3g} mm apart, {columns * pitch:.0f}x"
+        f"{rows * pitch:.0f} mm, {result['seen']:.1%} seen; heights {low:.1f} to {high:.1f} mm "
+        f"over the plane: a relief of {high - low:.1f} mm (without the last hundredth at each end)"
     )

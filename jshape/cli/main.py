@@ -11,7 +11,7 @@ from contextlib import nullcontext, redirect_stdout, suppress
 from importlib import import_module
 from pathlib import Path
 
-from jshape.cli.colours import coloured
+from jshape.cli.tables import coloured, waiting
 from jshape.errors import JShapeError, one_line, quoted
 
 NEEDED = ("cyclopts", "matplotlib", "PIL", "rich")
@@ -100,7 +100,6 @@ def _prepare() -> None:
 
 def _run(words: list[str]) -> int:
     from jshape.cli.parser import parse  # not above: the extra may be missing
-    from jshape.cli.tables import waiting
 
     asked = parse(words)
     if asked is None:

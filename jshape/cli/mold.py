@@ -23,7 +23,6 @@ from jshape.cli.robot import (
     new_session,
     resumed,
     robot_of,
-    tell,
 )
 from jshape.cli.search_options import KEPT, Searches, kept_of, search_of
 from jshape.cli.tables import say
@@ -83,8 +82,7 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
             assert goal is not None
             meta = {"what": "mold", "bank": str(bank_name), "goal": str(desired)}
             session = new_session(options, goal, robot, **meta, **kept_of(options), **known)
-        summary = molded(session, robot, bank, options, confirm=confirm, **how)
-    return tell(summary)
+        return molded(session, robot, bank, options, confirm=confirm, **how)
 
 
 def goal_of(
@@ -98,21 +96,10 @@ def goal_of(
 
     A goal of the robot's own camera is seen as the bed will be: from the same place above it.  One
     that was seen from above lies where its pose says; without one, on the plane that the first
-    look shows, its origin where the camera's axis meets it.
+    look (H, W), in metres, shows, its origin where the camera's axis meets it.
 
-    Args:
-      path: of the goal.
-      robot: whose (first) camera is to see the bed.
-      bank: as it is loaded.
-      options: of the command.
-      first_look: what that camera sees (H, W) of the bed, metres.
-
-    Returns:
-      The image (H, W), NaN where it is not known from above; the bank for what the robot then sees;
-      and what a run that is gone on with must know.
-
-    Raises:
-      BadFile, BadImage, BadCamera, BadBank: as for `jshape plan`.
+    Returns the image (H, W), NaN where it is not known from above; the bank for what the robot then
+    sees; and what a run that is gone on with must know.
     """
     eye, name = robot.depth_camera.camera, robot.depth_camera.name
     depth, source = _wanted(path, robot, bank, options)
@@ -172,11 +159,7 @@ def _wanted(
 
 
 def restored(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
-    """The bank, and the robot, as a run began: see `goal_of`.
-
-    Raises:
-      BadFile, BadCamera: a run.json that was changed.
-    """
+    """The bank, and the robot, as a run began: see `goal_of`."""
     fields = known.get("view")
     if fields is None:
         return bank
@@ -188,11 +171,7 @@ def restored(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
 
 
 def keep_on(known: Mapping[str, Any], options: MoldOptions) -> MoldOptions:
-    """The options, those of `KEPT` as a run began; what differs from the defaults is said.
-
-    Raises:
-      BadFile: one that the option does not take, in a run.json that was changed.
-    """
+    """The options, those of `KEPT` as a run began; what differs from the defaults is said."""
     leaf = leaf_of(build_app(), ["mold"])
     assert leaf is not None
     kept, said = {}, []

@@ -5,6 +5,7 @@ help.  A field's type says how it is read.
 """
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -14,112 +15,98 @@ from cyclopts import CoercionError, Parameter
 from jshape.errors import BadFile, JShapeError, quoted
 
 
-def reads(read: Callable[[str], Any], metavar: str, **more: Any) -> Parameter:
-    """An option's value as a function reads it, which raises a ValueError that says why not."""
+def checked(
+    read: Callable[[str], Any], allowed: str, ok: Callable[[Any], Any] = lambda x: True
+) -> Callable[[str], Any]:
+    """What reads a text, and raises one ValueError, which says what is allowed, if it is not ok."""
+
+    def reader(text: str) -> Any:
+        with suppress(ValueError):
+            if ok(value := read(text)):
+                return value
+        raise ValueError(f"{quoted(text)} is not {allowed}")
+
+    return reader
+
+
+def reads(
+    read: Callable[[str], Any],
+    metavar: str,
+    allowed: str = "",
+    ok: Callable[[Any], Any] = lambda x: True,
+) -> Parameter:
+    """An option's value as a function reads it; `allowed` and `ok` are as of `checked`."""
+    reader = checked(read, allowed, ok) if allowed else read
 
     def convert(hint: Any, tokens: Any) -> Any:
         text = tokens[-1].value
         try:
             if any(c.isnumeric() and not c.isascii() for c in text):  # people cannot compare them
                 raise ValueError(f"{quoted(text)}: numbers are written with the digits 0 to 9")
-            return read(text)
+            return reader(text)
         except ValueError as problem:
             raise CoercionError(msg=str(problem), token=tokens[-1]) from None
 
-    return Parameter(converter=convert, metavar=metavar, n_tokens=1, **more)
+    return Parameter(converter=convert, metavar=metavar, n_tokens=1)
 
 
-def number(kind: Callable[[str], Any], ok: Callable[[Any], bool], allowed: str) -> Any:
-    """What reads a number; `allowed` says which."""
-
-    def read(text: str) -> Any:
-        try:
-            value = kind(text)
-            if ok(value):
-                return value
-        except ValueError:
-            pass
-        raise ValueError(f"{quoted(text)} is not {allowed}")
-
-    return read
-
-
-positive = number(float, lambda x: 0 < x < float("inf"), "a positive number")
-
-
-def duration(text: str) -> float:
-    """A time above 0 in seconds: "5", "5s", "500ms" or "2min"."""
-    value, size = text, 1.0
+def _duration(text: str) -> float:
     for unit, seconds in (("ms", 1e-3), ("min", 60.0), ("s", 1.0)):
         if text.endswith(unit):
-            value, size = text.removesuffix(unit), seconds
-            break
-    try:
-        return size * positive(value)
-    except ValueError:
-        allowed = "a time above 0, such as 5s, 500ms or 2min"
-        raise ValueError(f"{quoted(text)} is not {allowed}") from None
+            return seconds * positive(text.removesuffix(unit))
+    return positive(text)
 
 
-def window(text: str) -> tuple[int, int, int, int]:
-    """A window: "181,46,480x395" is left, top, width and height in pixels."""
-    try:
-        left, top, size = text.split(",")
-        width, height = size.split("x")
-        return int(left), int(top), int(width), int(height)
-    except ValueError:
-        raise ValueError(
-            f"{quoted(text)} is not LEFT,TOP,WIDTHxHEIGHT in pixels, such as 181,46,480x395"
-        ) from None
+def _window(text: str) -> tuple[int, int, int, int]:
+    left, top, size = text.split(",")
+    width, height = size.split("x")
+    return int(left), int(top), int(width), int(height)
 
 
-def depth_range(text: str) -> tuple[float, float]:
-    """Two depths: "0.42,0.47"."""
-    try:
-        low, high = (positive(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"{quoted(text)} is not two depths in metres, such as 0.42,0.47") from None
+def _depth_range(text: str) -> tuple[float, float]:
+    low, high = (positive(part) for part in text.split(","))
     return low, high
 
 
-def use(text: str) -> tuple[str, int]:
-    """An action and how often: "knock=2"."""
+def _use(text: str) -> tuple[str, int]:
     name, _, count = text.rpartition("=")
-    if not name or not count.isdecimal():
-        raise ValueError(f"{quoted(text)} is not an action and a number, like knock=2")
-    return name, int(count)
+    return name, int(count) if count.isdecimal() else -1
 
 
-def carry(text: str) -> tuple[str, str]:
-    """Two actions, of which the second brings what the first takes out: "scoop=pour"."""
-    take, _, bring = text.partition("=")
-    if not take or not bring:
-        raise ValueError(f"{quoted(text)} is not two actions, like scoop=pour")
-    return take, bring
+positive = checked(float, "a positive number", lambda x: 0 < x < float("inf"))
+duration = checked(_duration, "a time above 0, such as 5s, 500ms or 2min")
+"""Seconds."""
+_WINDOW = "LEFT,TOP,WIDTHxHEIGHT"
 
-
-Count = Annotated[int, reads(number(int, lambda x: x >= 0, "a whole number from 0"), "N")]
-PositiveCount = Annotated[int, reads(number(int, lambda x: x > 0, "a whole number from 1"), "N")]
-Port = Annotated[int, reads(number(int, lambda x: 0 <= x <= 65535, "a port from 0 to 65535"), "N")]
-Seed = Annotated[
-    int, reads(number(int, lambda x: 0 <= x < 2**32, "a seed from 0 to 4294967295"), "N")
-]
-Devices = Annotated[
-    int, reads(number(int, lambda x: 0 < x <= 64, "a number of devices from 1 to 64"), "N")
-]
+Count = Annotated[int, reads(int, "N", "a whole number from 0", lambda x: x >= 0)]
+PositiveCount = Annotated[int, reads(int, "N", "a whole number from 1", lambda x: x > 0)]
+Port = Annotated[int, reads(int, "N", "a port from 0 to 65535", lambda x: 0 <= x <= 65535)]
+Seed = Annotated[int, reads(int, "N", "a seed from 0 to 4294967295", lambda x: 0 <= x < 2**32)]
+Devices = Annotated[int, reads(int, "N", "a number of devices from 1 to 64", lambda x: 0 < x <= 64)]
 Positive = Annotated[float, reads(positive, "X")]
 Nonnegative = Annotated[
-    float, reads(number(float, lambda x: 0 <= x < float("inf"), "a number from 0"), "X")
+    float, reads(float, "X", "a number from 0", lambda x: 0 <= x < float("inf"))
 ]
-Share = Annotated[float, reads(number(float, lambda x: 0 <= x <= 1, "a share from 0 to 1"), "X")]
+Share = Annotated[float, reads(float, "X", "a share from 0 to 1", lambda x: 0 <= x <= 1)]
 Positives = Annotated[
     list[float], reads(lambda text: [positive(part) for part in text.split(",")], "X,X,...")
 ]
 Duration = Annotated[float, reads(duration, "TIME")]
-Use = Annotated[Any, reads(use, "ACTION=N")]
-CarryOf = Annotated[Any, reads(carry, "ACTION=ACTION")]
-Window = Annotated[tuple[int, int, int, int], reads(window, "LEFT,TOP,WIDTHxHEIGHT")]
-DepthRange = Annotated[tuple[float, float], reads(depth_range, "NEAR,FAR")]
+Use = Annotated[
+    Any,
+    reads(_use, "ACTION=N", "an action and a number, like knock=2", lambda u: u[0] and u[1] >= 0),
+]
+CarryOf = Annotated[
+    Any,
+    reads(lambda x: x.partition("=")[::2], "ACTION=ACTION", "two actions, like scoop=pour", all),
+]
+Window = Annotated[
+    tuple[int, int, int, int],
+    reads(_window, _WINDOW, f"{_WINDOW} in pixels, such as 181,46,480x395"),
+]
+DepthRange = Annotated[
+    tuple[float, float], reads(_depth_range, "NEAR,FAR", "two depths in metres, such as 0.42,0.47")
+]
 
 File = Parameter(metavar="FILE")
 Several = Parameter(consume_multiple=True)
@@ -149,11 +136,7 @@ class Common:
     """Fields that were given, each with where: `cli`, or the file."""
 
     def refuse(self, names: Iterable[str], why: str) -> None:
-        """Refuse options that say nothing here.
-
-        Raises:
-          JShapeError: one of them is given.
-        """
+        """Refuse options that say nothing here."""
         given = [name for name in names if name in self.given and getattr(self, name) is not False]
         if given:
             raise JShapeError(f"{spelled(*given)}{why}")
@@ -171,20 +154,12 @@ class Writes(Common):
     """Replace an earlier result."""
 
     def check_new(self, path: Path) -> None:
-        """Refuse to replace a file unless asked to.
-
-        Raises:
-          BadFile: it exists.
-        """
+        """Refuse to replace a file unless asked to."""
         if path.exists() and not self.overwrite:
             raise BadFile(f"{path}: exists; choose another name, or --overwrite")
 
     def picture_beside(self, out: Path, read: Iterable[Path], suffix: str = ".png") -> Path:
-        """The picture beside a file that is to be written: of its name, but for the suffix.
-
-        Raises:
-          BadFile: one of the two exists, or the picture is among the files that are read.
-        """
+        """The picture beside a file that is to be written: of its name, but for the suffix."""
         picture = out.with_suffix(suffix)
         if any(path.exists() and picture.exists() and path.samefile(picture) for path in read):
             raise BadFile(

@@ -1,9 +1,8 @@
 """The command line: which command its words name, with which options, or why they are refused."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,9 +16,9 @@ from cyclopts.exceptions import (
 )
 
 from jshape.cli import examples, settings
-from jshape.cli.colours import shows_colours
 from jshape.cli.commands import build_app, leaf_of
 from jshape.cli.options import Common
+from jshape.cli.tables import shows_colours
 from jshape.errors import BadSetting, JShapeError, UnknownName, did_you_mean, one_line, quoted
 
 
@@ -46,12 +45,7 @@ class Parsed(NamedTuple):
 
 
 def parse(words: Sequence[str]) -> Parsed | None:
-    """The command that the words name, with its options; None: they name none.
-
-    Raises:
-      JShapeError: Refused: one that is not there, or that takes no such options; BadSetting: what
-        jshape.toml says of it.
-    """
+    """The command that the words name, with its options; None: they name none."""
     named, words = settings.named(words)
     app = build_app()
     head = list(takewhile(lambda word: not word.startswith("-"), words))
@@ -77,7 +71,10 @@ def parse(words: Sequence[str]) -> Parsed | None:
     applied: list[str] = []
 
     def fill(app: App, commands: Any, arguments: ArgumentCollection) -> None:
-        _check(arguments, chain)
+        for argument in arguments:
+            if any(t.implicit_value is UNSET and not t.value.strip() for t in argument.tokens):
+                what = "is empty; leave the option out, or give a value"
+                raise _refused(f"{argument.name}: {what}", chain)
         if leaf is not None and file is not None:
             applied.extend(settings.apply(leaf, file, arguments))
         given.update({a.field_info.name: a.tokens[0].source for a in arguments if a.tokens})
@@ -93,7 +90,12 @@ def parse(words: Sequence[str]) -> Parsed | None:
         raise _said(problem, chain) from None
     if leaf is None or run is not leaf.run:
         text = "" if run == app.version_print else examples.text(" ".join(chain))
-        return Parsed(partial(_print, partial(run, *bound.args, **bound.kwargs), text), (), None)
+
+        def tell() -> None:
+            run(*bound.args, **bound.kwargs)
+            print(text, end="")
+
+        return Parsed(tell, (), None)
     for group in settings.EXCLUDE:
         both = [f"--{key}" for key in group if given.get(key.replace("-", "_")) == "cli"]
         if len(both) > 1:
@@ -106,31 +108,13 @@ def parse(words: Sequence[str]) -> Parsed | None:
 
 
 def value_of(argument: Argument, tokens: Sequence[Token]) -> Any:
-    """A setting's value as the option reads it.
-
-    Raises:
-      BadSetting: the option does not take it.
-    """
+    """A setting's value as the option reads it."""
     for token in tokens:
         argument.append(token)
     try:
         return argument.convert_and_validate()
     except CycloptsError as problem:
         raise _said(problem, ()) from None
-
-
-def _print(what: Callable[[], Any], behind: str) -> None:
-    what()
-    print(behind, end="")
-
-
-def _check(arguments: ArgumentCollection, chain: Sequence[str]) -> None:
-    """Refuse empty values."""
-    for argument in arguments:
-        for token in argument.tokens:
-            if token.implicit_value is UNSET and not token.value.strip():
-                what = "is empty; leave the option out, or give a value"
-                raise _refused(f"{argument.name}: {what}", chain)
 
 
 def _refused(what: str, chain: Sequence[str]) -> Refused:
@@ -142,11 +126,17 @@ def _said(problem: CycloptsError, chain: Sequence[str]) -> JShapeError:
     argument = problem.argument
     name = argument.name if argument else ""
     if isinstance(problem, CoercionError) and argument is not None and problem.token is not None:
-        token, what = problem.token, _why(problem, argument)
-        if token.source != "cli":
-            key = name.lstrip("-")
-            return BadSetting(f"{token.source}{key}: {what}")
-        return _refused(what if what.startswith("unknown value") else f"{name}: {what}", chain)
+        token, choices = problem.token, argument.get_choices(force=True)
+        by_person = token.source == "cli"
+        what = f"{name}: " if by_person else f"{token.source}{name.lstrip('-')}: "
+        if problem.msg is not None:
+            what += str(problem.msg)
+        elif choices:
+            of, what = (f" of {name}", "") if by_person else ("", what)
+            what += str(UnknownName(f"value{of}", token.value, choices))
+        else:
+            what += f"{quoted(token.value)} is not what it takes"
+        return _refused(what, chain) if by_person else BadSetting(what)
     if isinstance(problem, MissingArgumentError):
         lacks = f"{problem.keyword}: needs a value" if problem.keyword else f"{name} is required"
         return _refused(lacks, chain)
@@ -155,15 +145,3 @@ def _said(problem: CycloptsError, chain: Sequence[str]) -> JShapeError:
     if isinstance(problem, UnusedCliTokensError):
         return _refused(f"unexpected {quoted((problem.unused_tokens or [''])[0])}", chain)
     return _refused(one_line(problem), chain)
-
-
-def _why(problem: CoercionError, argument: Argument) -> str:
-    token = problem.token
-    assert token is not None
-    if problem.msg is not None:
-        return str(problem.msg)
-    choices = argument.get_choices(force=True)
-    if choices:
-        of = f" of {argument.name}" if token.source == "cli" else ""
-        return str(UnknownName(f"value{of}", token.value, choices))
-    return f"{quoted(token.value)} is not what it takes"

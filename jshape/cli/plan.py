@@ -1,5 +1,6 @@
-"""`jshape plan INITIAL DESIRED`."""
+"""`jshape plan INITIAL DESIRED`: on two frames, or on two height maps, which need no camera."""
 
+import shlex
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
@@ -10,25 +11,30 @@ import numpy as np
 
 from jshape.actions import by_mm, strokes_mm
 from jshape.cli.names import Preset, Uses
-from jshape.cli.options import CameraFile, Part, Positive, Writes
-from jshape.cli.plan_maps import are_maps, hand_columns, plan_maps
+from jshape.cli.options import CameraFile, Part, Positive, Writes, spelled
 from jshape.cli.reachable import base_of, reachable
 from jshape.cli.search_options import Searches, search_of
-from jshape.cli.tables import print_table
+from jshape.cli.tables import print_table, warn, write_pictures
 from jshape.data.missing import said as said_of
-from jshape.io import banks, files, folders, formats
+from jshape.data.view import View
+from jshape.errors import BadFile, JShapeError
+from jshape.height_map import places_on
+from jshape.io import banks, folders, formats
 from jshape.io.frames import frame_of, goal_source, part_of, source_of
+from jshape.io.maps import SUFFIX, read_map
+from jshape.models.bank import Bank
+from jshape.planning import api
 from jshape.planning import plan_file as plans
-from jshape.planning.api import plan_views
-from jshape.planning.maps import over_beds
+from jshape.planning.maps import bank_for, check_frames, over_beds
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
 from jshape.planning.plan import Plan
 from jshape.planning.search.base import Status
-from jshape.viz.style import Drawing, drawn
 
 CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
 """Files of a plan's folder."""
+OF_FRAMES = ("camera_file", "depth_unit", "depth_range", "window", "reproject")
+"""Options that say how frames are seen; a map has been seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,13 +59,57 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
       initial: Depth image now: 16-bit PNG, TIFF, NPY; or a height map (NPZ).
       desired: The same wanted, or a point cloud (PLY, PCD).
     """
-    if are_maps(initial, desired):
-        return plan_maps(initial, desired, options, CONTENTS, _pictures)
+    read = _of_maps if _are_maps(initial, desired, options) else _of_frames
     search = search_of(options)  # first of all: it chooses JAX's devices, and a bank starts JAX
-    bank_name = options.bank or DEFAULT_BANK
+    bank_name = str(options.bank or DEFAULT_BANK)
     bank = banks.load_bank(bank_name)
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=CONTENTS)
+    found, said, told = read(initial, desired, options, bank, search)
+    result = {"bank": bank_name, "planner": options.planner, **said, **plans.plan_fields(found)}
+    if options.out is not None:
+        with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
+            found.to_json(folder / "plan.json")
+        rois = bank_for(bank, found.camera).rois
+        pictures = {
+            "plan.png": partial(_draw, "plan_figure", found, rois=rois),
+            "actions.png": partial(_draw, "overlay_figure", found, rois=rois),
+            "steps.png": partial(_draw, "steps_figure", found),
+        }
+        write_pictures(options.out, pictures)
+        result["out"] = str(options.out)
+    print(f"bank: {bank_name}; {told}")
+    for note in found.notes:
+        warn(note)
+    _print(found, options.planner)
+    if options.out is not None:
+        print(f"plan and pictures: {options.out}")
+    return result
+
+
+def _are_maps(initial: Path, desired: Path, options: PlanOptions) -> bool:
+    """Whether both are height maps, by their names."""
+    first, second = (path.suffix.lower() == SUFFIX for path in (initial, desired))
+    if first != second:
+        one, other = (initial, desired) if first else (desired, initial)
+        how = ["jshape", "heightmap", str(other), "--like", str(one), "--out", f"MAP{SUFFIX}"]
+        raise BadFile(
+            f"{other}: is no height map, and {one} is; give two of a kind: {shlex.join(how)} makes "
+            "one"
+        )
+    wrong = [name for name in OF_FRAMES if options.given.get(name) == "cli"]
+    if first and wrong:
+        raise JShapeError(f"{spelled(*wrong)}: for frames; a height map has been seen already")
+    return first
+
+
+Planned = tuple[Plan, dict[str, Any], str]
+"""A plan, what its JSON holds beside it, and what is said of how it was made."""
+
+
+def _of_frames(
+    initial: Path, desired: Path, options: PlanOptions, bank: Bank, search: dict[str, Any]
+) -> Planned:
     raw = formats.read_array(initial)
     source = source_of(initial, raw.shape, options.camera_file, bank, options.depth_unit)
     if raw.dtype == np.uint8:
@@ -79,55 +129,65 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
     view, beside, bank = over_beds(bank, cameras, (first, goal), names, again=any(part))
     surface = partial(view.depth, first, names[0])
     mask = reachable(options.reachable, view, surface, base_of(source.camera))
-    found = plan_views(
-        bank, (first, goal), (view, beside), names, **keywords(search, reachable=mask)
-    )
-    said = {"bank": str(bank_name), "source": source.said, "planner": options.planner}
+    how = keywords(search, reachable=mask)
+    found = api.plan_views(bank, (first, goal), (view, beside), names, **how)
+    said, own = {"source": source.said, "left_out": left_out}, ""
     if wanted.said != source.said:
-        said["goal_source"] = wanted.said
-    result = said | plans.plan_fields(found) | {"left_out": left_out}
-    if options.out is not None:
-        with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
-            found.to_json(folder / "plan.json")
-        for name, picture in drawn(partial(_pictures, found, bank.rois)).items():
-            files.write_atomic(options.out / name, picture)
-        result["out"] = str(options.out)
-    _print(found, said, left_out)
-    if options.out is not None:
-        print(f"plan and pictures: {options.out}")
-    return result
+        said["goal_source"], own = wanted.said, f"; of the goal: {wanted.said}"
+    now, later = (f"{n}{said_of(why)}" for n, why in zip(found.filled, left_out, strict=True))
+    beyond = f"beyond the depth range: {found.clamped[0]} now, {found.clamped[1]} in the goal"
+    gaps = f"pixels without depth, filled: {now} now, {later} in the goal; {beyond}"
+    return found, said, f"camera: {source.said}{own}\n{gaps}"
 
 
-def _pictures(found: Plan, rois: dict[str, tuple[int, int]]) -> dict[str, Drawing]:
-    from jshape.viz import pictures
+def _of_maps(
+    initial: Path, desired: Path, options: PlanOptions, bank: Bank, search: dict[str, Any]
+) -> Planned:
+    now, wanted = read_map(initial), read_map(desired)
+    how = f"jshape heightmap FRAME --like {shlex.quote(str(initial))}"
+    check_frames(now, wanted, f"{initial} and {desired}", how)
+    above = now.camera()
+    base, surface = base_of(above) if now.frame else None, partial(now.depth, above)
+    mask = reachable(options.reachable, View(above, above, (0, 0)), surface, base)
+    found = api.plan(now, wanted, bank=bank, **keywords(search, reachable=mask))
+    known = 1.0 if found.seen is None else float(found.seen.mean())
+    frameless = [path for path, one in ((initial, now), (desired, wanted)) if one.frame is None]
+    if len(frameless) == 1:
+        warn(f"{frameless[0]}: has no frame; that of the other map is taken for its own")
+    told = f"on height maps: {initial}, {known:.1%} of it known in both"
+    return found, {"source": str(initial), "known": known}, told
 
-    return {
-        "plan.png": partial(pictures.plan_figure, found, rois=rois),
-        "actions.png": partial(pictures.overlay_figure, found, rois=rois),
-        "steps.png": partial(pictures.steps_figure, found),
-    }
+
+def _draw(figure: str, found: Plan, **how: Any) -> Any:
+    from jshape.viz import pictures  # not above: where it is broken, there is a plan without them
+
+    return getattr(pictures, figure)(found, **how)
 
 
-def _print(found: Plan, said: dict[str, Any], left_out: tuple[Counter[str], ...]) -> None:
-    own = f"; of the goal: {said['goal_source']}" if "goal_source" in said else ""
-    print(f"bank: {said['bank']}; camera: {said['source']}{own}")
-    filled, clamped = found.filled, found.clamped
-    now, goal = (f"{n}{said_of(why)}" for n, why in zip(filled, left_out, strict=True))
-    print(f"pixels without depth, filled: {now} now, {goal} in the goal; "
-          f"beyond the depth range: {clamped[0]} now, {clamped[1]} in the goal")  # fmt: skip
-    for note in found.notes:
-        print(f"warning: {note}")
-    d = found.distances_mm
-    along = strokes_mm(found.camera, found.strokes)
-    hand = hand_columns(found, {"by (u, v) (mm)": [by_mm(one) for one in along]})
-    head = ("step", "action", "u", "v", *hand, "to the goal (mm)", "gain (mm)")
-    rows: list[tuple[Any, ...]] = [("", "start", "", "", *("" for _ in hand), f"{d[0]:.3f}", "")]
-    for k, name in enumerate(found.actions):
-        how = (column[k] for column in hand.values())
-        left = f"{d[k + 1]:.3f}", f"{d[k] - d[k + 1]:.3f}"
-        rows.append((k + 1, name, *found.camera_positions[k], *how, *left))
-    print_table(head, rows)
-    spent = f"{said['planner']}, {found.seconds:.2f} s, {found.evaluations} predictions"
+def _print(found: Plan, planner: str) -> None:
+    """A row for each action; a column that would hold zeros or ones only is left out."""
+    d, on_map = found.distances_mm, found.view is None and found.camera.orthographic
+    u, v = found.camera_positions.T
+    columns: dict[str, Any] = {"action": found.actions, "u": u, "v": v}
+    along, axes = strokes_mm(found.camera, found.strokes), "(u, v)"
+    if on_map:
+        at = 1e3 * places_on(found.camera, found.exact_positions)
+        ends = 1e3 * places_on(found.camera, found.exact_positions + found.strokes)
+        columns |= {f"{axis} (mm)": [f"{x:.1f}" for x in at[:, k]] for k, axis in enumerate("xy")}
+        along, axes = ends - at, "(x, y)"
+    columns["strength"] = [f"{strength:.2f}" for strength in found.strengths]
+    if found.yaws.any():
+        columns["yaw (°)"] = [f"{yaw:.0f}" for yaw in np.degrees(found.yaws)]
+    if (found.lengths != 1).any():
+        columns["length"] = [f"{length:.2f}" for length in found.lengths]
+    if found.strokes.any():
+        columns[f"by {axes} (mm)"] = [by_mm(one) for one in along]
+    columns["to the goal (mm)"] = [f"{mm:.3f}" for mm in d[1:]]
+    columns["gain (mm)"] = [f"{mm:.3f}" for mm in d[:-1] - d[1:]]
+    start = ("", "start", *("" for _ in range(len(columns) - 3)), f"{d[0]:.3f}", "")
+    rows = [(k + 1, *row) for k, row in enumerate(zip(*columns.values(), strict=True))]
+    print_table(("step", *columns), [start, *rows])
+    spent = f"{planner}, {found.seconds:.2f} s, {found.evaluations} predictions"
     print(f"{found.status.name}: {found.status.meaning} ({spent})")
     if not found.actions and found.status is Status.NO_IMPROVEMENT:
         print("no action of the bank helps at these positions: try a smaller --stride")

@@ -73,15 +73,8 @@ def reachable(
 ) -> Bool[np.ndarray, "h w"] | None:
     """Pixels of the view's target at which a file lets the hand be placed; None: all.
 
-    Args:
-      path: of the file; None is none.
-      view: from the camera, or the map, to what the bank sees.
-      surface: (h, w) depth of the bed from the target, metres; asked for only where it decides.
-      base: (4, 4) from the frame of the view's source to the arm's base; None: nobody knows.
-
-    Raises:
-      BadFile: no outline of an area, or one in a frame that is not known here.
-      BadImage: an image of another size, with NaN, or all 0; what is marked is beside the bed.
+    `surface` is the depth (h, w) of the bed from the target, metres, asked for only where it
+    decides; `base` leads from the frame of the view's source to the arm's base, if that is known.
     """
     if path is None:
         return None
@@ -95,15 +88,17 @@ def reachable(
                 f"{path}: holds nothing of the bed: in frame {area.frame} the bed is "
                 f"{_spans(x, y)}, the polygon {_spans(*np.transpose(area.polygon_m))}"
             )
-        return _told(free, path)
-    eyes = ("the camera", view.source), ("the bank's", view.target)
-    free = read_mask(path, {"the map" if e.orthographic else whose: e.shape for whose, e in eyes})
-    if free.shape == view.source.shape:
-        depth = None if view.window is not None else _whole(surface)
-        free = view.drawing(free, depth) == 1
-    if not free.any():
-        raise BadImage(f"{path}: marks nothing of the bed")
-    return _told(free, path)
+    else:
+        eyes = ("the camera", view.source), ("the bank's", view.target)
+        of = {"the map" if eye.orthographic else whose: eye.shape for whose, eye in eyes}
+        free = read_mask(path, of)
+        if free.shape == view.source.shape:
+            depth = None if view.window is not None else _whole(surface)
+            free = view.drawing(free, depth) == 1
+        if not free.any():
+            raise BadImage(f"{path}: marks nothing of the bed")
+    say(f"reachable: {free.mean():.1%} of the bed ({path})")
+    return free
 
 
 def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> Bool[np.ndarray, "H W"]:
@@ -118,11 +113,6 @@ def read_mask(path: str | Path, shapes: dict[str, tuple[int, int]]) -> Bool[np.n
     if not drawn.any():
         raise BadImage(f"{path}: is 0 everywhere; other numbers mark where the hand may be placed")
     return drawn
-
-
-def _told(free: Bool[np.ndarray, "h w"], path: str | Path) -> Bool[np.ndarray, "h w"]:
-    say(f"reachable: {free.mean():.1%} of the bed ({path})")
-    return free
 
 
 def _spans(x: np.ndarray, y: np.ndarray) -> str:

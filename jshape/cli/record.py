@@ -11,8 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from jshape.cli import cameras
-from jshape.cli.cameras import CAMERA_HELP, Camera, LooksOnce
+from jshape.cli.camera import CAMERA_HELP, Camera, LooksOnce, every
 from jshape.cli.options import Duration, File, PositiveCount, Writes
 from jshape.cli.tables import progress
 from jshape.data.depth import check_unit
@@ -59,7 +58,7 @@ def record(
     left_out = [Counter() for _ in named]
     why = "as many as asked"
     with ExitStack() as stack:
-        opened = cameras.every(named, options, options.depth_unit)
+        opened = every(named, options, options.depth_unit)
         devices = [stack.enter_context(closing(one)) for one in opened]
         check_poses([one.camera for one in devices], [one.name for one in devices])
         asked, frames = _frames(devices, options)
@@ -89,38 +88,26 @@ def record(
                     raise
         took = time.monotonic() - started
     count = add.count
+    frames_of = f"{count} frame{'s' * (count > 1)}"
     if problem is not None:
-        raise CameraLost(
-            f"{problem}; what came before, {count} frame{'s' * (count > 1)}, is kept in "
-            f"{options.out}"
-        )
+        raise CameraLost(f"{problem}; what came before, {frames_of}, is kept in {options.out}")
     for device, share in zip(devices, valid, strict=True):
         if not share:
             raise JShapeError(
-                f"{device.name}: no pixel has a reading in {count} frame{'s' * (count > 1)}, kept "
-                f"in {options.out} all the same; jshape setup says more"
+                f"{device.name}: no pixel has a reading in {frames_of}, kept in {options.out} all "
+                "the same; jshape setup says more"
             )
-    names = [str(k + 1) for k in range(len(devices))] if len(devices) > 1 else [""]
-    results = [
-        {
-            "out": str(options.out / name), "camera": device.name, "frames": count,
-            "valid_share": share / count, "seconds": took, "stopped": why, "left_out": gaps,
-        }
-        for name, device, share, gaps in zip(names, devices, valid, left_out, strict=True)
-    ]  # fmt: skip
-    for result, device in zip(results, devices, strict=True):
-        _print(result, device)
+    results = []
+    for k, (device, gaps) in enumerate(zip(devices, left_out, strict=True)):
+        out = str(options.out / (str(k + 1) if len(devices) > 1 else ""))
+        share = valid[k] / count
+        result = {"out": out, "camera": device.name, "frames": count, "valid_share": share}
+        results.append(result | {"seconds": took, "stopped": why, "left_out": gaps})
+        size = f"{device.camera.width}x{device.camera.height}"
+        print(f"{device.name}: {frames_of} of {size} in {took:.1f} s ({why}): {out}")
+        hint = "; jshape setup says how many of the bed's have" * (share < VALID_LEAST)
+        print(f"{share:.1%} of the pixels have a reading{said_of(gaps)}{hint}")
     return results[0] | ({"others": results[1:]} if results[1:] else {})
-
-
-def _print(result: dict[str, Any], camera: DepthCamera) -> None:
-    size, count = camera.camera, result["frames"]
-    frames = f"{count} frame{'s' * (count > 1)} of {size.width}x{size.height}"
-    took = f"{result['seconds']:.1f} s ({result['stopped']})"
-    print(f"{camera.name}: {frames} in {took}: {result['out']}")
-    share = result["valid_share"]
-    print(f"{share:.1%} of the pixels have a reading{said_of(result['left_out'])}", end="")
-    print("" if share >= VALID_LEAST else "; jshape setup says how many of the bed's have")
 
 
 def _frames(

@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from jshape.actions import stroke_words
-from jshape.cli.cameras import CAMERA_HELP, Camera, Looks, every
+from jshape.cli.camera import CAMERA_HELP, Camera, Looks, every
 from jshape.cli.names import Simulates
 from jshape.cli.options import File, PositiveCount, Writes
 from jshape.cli.tables import say
@@ -83,10 +83,6 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
     """The robot that the options name; stopped and closed at the end, at home if people agree.
 
     Everything is read before the arm is opened, which is the last thing that can fail.
-
-    Raises:
-      JShapeError: no such arm or camera, no camera for an arm that brings none, or nothing that
-        says where the camera is.
     """
     run = options if isinstance(options, Runs) else None
     if run is None or not run.resume:
@@ -132,12 +128,7 @@ def robot_of(options: Any, out: Path, bank: Bank) -> Iterator[Robot]:
 
 
 def _eyes(options: Robots) -> Iterator[DepthCamera]:
-    """The cameras that were named, each started when it is asked for; none: the arm brings its own.
-
-    Raises:
-      JShapeError: options that say how to look through a camera, and there is none; files for
-        some of the cameras only.
-    """
+    """The cameras that were named, each started when asked for; none: the arm brings its own."""
     if not options.camera:
         looks = "topic", "window", "depth_range", "fill_holes"
         options.refuse(looks, ": only with --camera; the arm's own camera takes none")
@@ -183,22 +174,14 @@ def _offer_home(robot: Robot, run: Runs | None, problem: BaseException, broken: 
 
 
 def at_home(robot: Robot, options: Runs) -> Robot:
-    """The robot, its arm at home and out of the camera's view; people are asked before it moves.
-
-    Raises:
-      JShapeError: it may not; as `Robot.home`.
-    """
+    """The robot, its arm at home and out of the camera's view; people are asked before it moves."""
     may_move(robot, options)
     robot.home()
     return robot
 
 
 def may_move(robot: Robot, options: Runs) -> None:
-    """Ask, unless it moved before, whether the arm may go home before the first look.
-
-    Raises:
-      JShapeError: it may not.
-    """
+    """Ask, unless it moved before, whether the arm may go home before the first look."""
     if robot.moved or options.yes:
         return
     if _asked("the arm goes home, out of the camera's view. go? [y/N] ") not in YES:
@@ -212,11 +195,7 @@ YES, ALL = ("y", "yes"), ("a", "all")
 
 
 def asking(options: Runs) -> Callable[[Plan], bool] | None:
-    """What asks before each action; None where `--yes` says that nobody is to be asked.
-
-    Raises:
-      JShapeError: there is nobody to ask.
-    """
+    """What asks before each action; None where `--yes` says that nobody is to be asked."""
     if options.yes:
         return None
     if not sys.stdin.isatty():
@@ -249,11 +228,7 @@ def _asked(question: str) -> str:
 
 
 def resumed(options: Any) -> Session:
-    """The run to go on with, if it was made with the same arm and bank.
-
-    Raises:
-      JShapeError: it was not, or options that only a new run takes.
-    """
+    """The run to go on with, if it was made with the same arm and bank."""
     if options.overwrite:
         raise JShapeError("--resume goes on with a run and --overwrite replaces it; give one")
     session = Session.resume(options.out, say=say)
@@ -279,15 +254,11 @@ def new_session(options: Runs, goal: np.ndarray, robot: Robot, /, **known: Any) 
 def molded(
     session: Session, robot: Robot, bank: Bank, options: Runs, /, **how: Any
 ) -> dict[str, Any]:
-    """Go on with a run to its end."""
+    """Go on with a run to its end, and print how it ended."""
     may_move(robot, options)
     say(HEAD)
     draw = molding_pictures(bank.rois)
-    return session.mold(robot, bank, blind=options.arm == "dry", draw=draw, **how)
-
-
-def tell(summary: dict[str, Any]) -> dict[str, Any]:
-    """Print how a run ended; returns it."""
+    summary = session.mold(robot, bank, blind=options.arm == "dry", draw=draw, **how)
     print(f"stopped: {summary['why']}")
     print(
         f"distance to the goal: {summary['before_mm']:.3f} mm before, "

@@ -1,7 +1,6 @@
 """`jshape samples OUT`: the files that the documentation's commands name, from the simulator."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +29,7 @@ NOISE_MM, NOISE_DEG = 0.4, 0.1
 """Of what the camera sees of a target, per axis."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SamplesOptions(Writes):
-    """Of `jshape samples`."""
-
-
-def samples(out: Path, /, options: SamplesOptions = SamplesOptions()) -> dict[str, Any]:
+def samples(out: Path, /, options: Writes = Writes()) -> dict[str, Any]:
     """Write them; returns where.
 
     Args:

@@ -80,11 +80,7 @@ KEPT = ("planner", *FIELDS)
 
 
 def search_of(given: Searches) -> dict[str, Any]:
-    """Keywords of `jshape.plan` from the options, but the reachable mask.
-
-    Raises:
-      BadPosition, BadFile: a file of positions that is none.
-    """
+    """Keywords of `jshape.plan` from the options, but the reachable mask."""
     found = {name: getattr(given, name) for name in FIELDS if name in given.given}
     found.pop("reachable", None)
     if "positions" in found:

@@ -11,20 +11,17 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from jshape.cli import cameras
-from jshape.cli.cameras import CAMERA_HELP, Camera, LooksOnce
+from jshape.cli.camera import CAMERA_HELP, Camera, LooksOnce, opened
 from jshape.cli.options import File, PositiveCount, Writes
-from jshape.cli.tables import progress
+from jshape.cli.tables import progress, write_pictures
 from jshape.data import set_up
 from jshape.data.missing import said as said_of
 from jshape.data.view import plannable
 from jshape.errors import BadFile
 from jshape.height_map import as_frame
-from jshape.io import files
 from jshape.io.cameras import camera_fields, write_camera
 from jshape.robot.cameras.base import EndOfFrames, next_frame, traits_of
 from jshape.robot.pose_file import read_base_camera
-from jshape.viz.style import drawn
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +54,7 @@ def setup(
         picture = options.picture_beside(options.out, (), ".setup.png")
     frames, left_out = [], Counter()
     # The file is of whole frames, wherever the bed is in them.
-    with closing(cameras.opened(camera, replace(options, window=None))) as device:
+    with closing(opened(camera, replace(options, window=None))) as device:
         still = traits_of(device).still
         try:
             count = 1 if still else options.frames
@@ -78,9 +75,8 @@ def setup(
     if all(fine for fine, _ in said):  # else that is to be mended first
         refused = plannable(found.look.depth, own)
         said += [] if refused is None else [(False, refused)]
-    measured = {
-        name: x for name, x in found._asdict().items() if name not in ("look", "map", "bed")
-    }
+    arrays = "look", "map", "bed"
+    measured = {name: x for name, x in found._asdict().items() if name not in arrays}
     result = {
         "camera": device.name,
         "fields": camera_fields(own) | {"depth_unit": device.depth_unit, "bed": found.map.frame},
@@ -96,14 +92,11 @@ def setup(
         return result
     write_camera(options.out, own, device.depth_unit, found.map.frame)
     result["out"] = str(options.out)
-    from jshape.viz.setup import setup_figure
+    from jshape.viz.maps import setup_figure
 
-    made = drawn(
-        {str(picture): partial(setup_figure, found.look.depth, found.bed, found.map, device.name)}
-    )
-    for content in made.values():
-        files.write_atomic(picture, content)
-        result["picture"] = str(picture)
+    draw = partial(setup_figure, found.look.depth, found.bed, found.map, device.name)
+    made = write_pictures(picture.parent, {picture.name: draw})
+    result |= {"picture": str(picture)} if made else {}
     print(f"camera file: {options.out}" + f"; picture: {picture}" * bool(made))
     return result
 

@@ -1,4 +1,4 @@
-"""What commands print for people: tables, and progress on long work."""
+"""What commands print for people: colours, tables, and progress on long work."""
 
 import os
 import select
@@ -9,14 +9,28 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
-from rich.console import Console
-from rich.progress import Progress, TextColumn
-
-from jshape.cli.colours import coloured
-
 Item = TypeVar("Item")
+
+CODES = {"error": "1;31", "warning": "33", "good": "32", "head": "1", "quiet": "2"}
+"""What is coloured, and how a terminal is told (ANSI)."""
+
+
+def coloured(text: str, what: str, stream: Any = None) -> str:
+    """A text as one of `CODES`, if whoever reads the stream (None: stdout) sees colours."""
+    return f"\033[{CODES[what]}m{text}\033[0m" if shows_colours(stream or sys.stdout) else text
+
+
+def shows_colours(stream: Any) -> bool:
+    """Whether a stream is a terminal that shows colours, and nobody said no (no-color.org)."""
+    if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return False
+    try:
+        return stream.isatty()
+    except (AttributeError, ValueError):  # closed, or not even a stream
+        return False
 
 
 def print_table(head: tuple[str, ...], rows: Iterable[tuple[Any, ...]]) -> None:
@@ -40,6 +54,9 @@ def bar(what: str, total: int | None = None, done: int = 0) -> Iterator[Callable
     Yields:
       What it is told by: `completed`, `total`, `said` (behind it).
     """
+    from rich.console import Console  # not above: the extra may be missing, which `main` says
+    from rich.progress import Progress, TextColumn
+
     columns = (*Progress.get_default_columns(), TextColumn("{task.fields[said]}"))
     console = Console(stderr=True)
     quiet = not sys.stderr.isatty()
@@ -60,6 +77,17 @@ def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
             tell(completed=done)
 
 
+def write_pictures(folder: Path, pictures: Any) -> list[str]:
+    """Write what `viz.style.drawn` can draw of pictures into a folder; returns their names."""
+    from jshape.io.files import write_atomic
+    from jshape.viz.style import drawn
+
+    made = drawn(pictures)
+    for name, content in made.items():
+        write_atomic(folder / name, content)
+    return list(made)
+
+
 say: Callable[[str], None] = partial(print, flush=True)
 """Print a line of what goes on."""
 
@@ -71,10 +99,8 @@ COMPILING = 1.0
 def waiting(*, at_once: bool = False) -> Iterator[None]:
     """Say on stderr that JAX compiles and for how long; nothing where that is no terminal.
 
-    While it compiles Python does not hear of a Ctrl-C, but this does.
-
-    Args:
-      at_once: the process may end then and there: it holds no device and nothing half written.
+    While it compiles Python does not hear of a Ctrl-C, but this does: `at_once` ends the process
+    then and there, if it holds no device and nothing half written.
     """
     if not sys.stderr.isatty() or threading.current_thread() is not threading.main_thread():
         yield

@@ -182,7 +182,6 @@ class _Watch:
         self.shown = ""
 
     def __call__(self, progress: Any) -> None:
-        """Told of every epoch."""
         made = len(progress.curve)
         if self.going_on and made > 1:
             print(self.going_on, file=sys.stderr)

@@ -5,8 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jshape.goals import Goal
-from jshape.viz.map_axes import mark_unseen
-from jshape.viz.scale import span
+from jshape.viz.maps import mark_unseen, span
 from jshape.viz.style import own_style
 
 CONTOURS = 1.0

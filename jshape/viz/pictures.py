@@ -14,9 +14,8 @@ from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.errors import JShapeError
 from jshape.height_map import ABOVE
-from jshape.viz.map_axes import in_mm, mark_unseen
+from jshape.viz.maps import extremes, in_mm, mark_unseen, span
 from jshape.viz.overlay import Plan, Rois, doing, draw_actions, in_words, is_own
-from jshape.viz.scale import extremes, span
 from jshape.viz.style import drawn, own_style
 
 

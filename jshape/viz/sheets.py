@@ -21,6 +21,8 @@ class Tile(NamedTuple):
     """One pair on the contact sheet."""
 
     title: str
+    action: str
+    """Its box has the action's colour, as in pictures of plans."""
     prior_mm: np.ndarray
     """(H, W) depth, mm; NaN = no reading."""
     change_mm: np.ndarray
@@ -85,13 +87,8 @@ def timeline_figure(
 
 
 @own_style()
-def contact_sheet(tiles: Sequence[Tile], *, colours: Sequence[str] = ()) -> Figure:
-    """Prior, difference and box of up to `PER_PAGE` pairs, side by side.
-
-    Args:
-      tiles: the pairs.
-      colours: of the boxes, one a pair; none: black.
-    """
+def contact_sheet(tiles: Sequence[Tile]) -> Figure:
+    """Prior, difference and box of up to `PER_PAGE` pairs, side by side."""
     rows = -(-len(tiles) // _ROW)
     columns = min(len(tiles), _ROW)
     shape = tiles[0].prior_mm.shape
@@ -116,7 +113,7 @@ def contact_sheet(tiles: Sequence[Tile], *, colours: Sequence[str] = ()) -> Figu
         drawn = right.imshow(
             tile.change_mm[::step, ::step], cmap="RdBu_r", vmin=-reach, vmax=reach, extent=extent
         )
-        colour = colours[k] if colours else "black"
+        colour = COLOURS.get(tile.action, "black")
         x, y, w, h = tile.box
         for ax in (left, right):
             ax.add_patch(Rectangle((x - 0.5, y - 0.5), w, h, fill=False, edgecolor=colour, lw=1.4,
@@ -127,11 +124,6 @@ def contact_sheet(tiles: Sequence[Tile], *, colours: Sequence[str] = ()) -> Figu
         label = "sunk: red, + (mm)"  # one row of pairs is 2.2 inches high
         figure.colorbar(drawn, ax=axes, label=label, shrink=0.6, pad=0.01, extend="both")
     return figure
-
-
-def colour_of(action: str) -> str:
-    """The box colour of an action, as in the pictures of plans."""
-    return COLOURS.get(action, "black")
 
 
 def _reach(change: np.ndarray) -> float:

@@ -47,28 +47,13 @@ def png(figure: "Figure | Drawing", dpi: int = 100) -> bytes:
     return stream.getvalue()
 
 
-def drawn(
-    pictures: Mapping[str, Drawing] | Callable[[], Mapping[str, Drawing]], dpi: int = 100
-) -> dict[str, bytes]:
-    """PNGs by their names: those that can be drawn; of each of the others, a warning on stderr.
-
-    Args:
-      pictures: what draws each; or what gives that, if it has to import it first.
-      dpi: dots per inch.
-    """
+def drawn(pictures: Mapping[str, Drawing], dpi: int = 100) -> dict[str, bytes]:
+    """PNGs by their names: those that can be drawn; of each of the others, a warning on stderr."""
     made: dict[str, bytes] = {}
-    name = "the pictures"
-    try:
-        for name, draw in (pictures() if callable(pictures) else pictures).items():
-            try:
-                made[name] = png(draw, dpi)
-            except Exception as problem:  # whatever fonts, settings or numbers come up with
-                _warn(name, problem)
-    except Exception as problem:
-        _warn(name, problem)
+    for name, draw in pictures.items():
+        try:
+            made[name] = png(draw, dpi)
+        except Exception as problem:  # whatever fonts, settings or numbers come up with
+            said = f"warning: {name} could not be drawn: {type(problem).__name__}: {problem}"
+            print(one_line(said, 300), file=sys.stderr)
     return made
-
-
-def _warn(name: str, problem: Exception) -> None:
-    said = f"warning: {name} could not be drawn: {type(problem).__name__}: {problem}"
-    print(one_line(said, 300), file=sys.stderr)

@@ -102,7 +102,6 @@ class Episode:
     """Why it ended, and what could not be shown."""
 
     def __len__(self) -> int:
-        """How many actions there are."""
         return len(self.steps) - 1
 
     def actions(self, step: int = 0) -> list[tuple[int, EpisodeAction]]:

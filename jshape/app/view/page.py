@@ -40,7 +40,6 @@ class EpisodePage:
     """One browser's view of an episode."""
 
     def __init__(self, episode: Episode):
-        """Build it where the caller is."""
         self._episode, self._ready = episode, False
         with ui.row().classes("w-full no-wrap items-stretch max-md:flex-wrap"):
             self._scene = BedScene(episode.camera).props("data-name=scene")
@@ -133,7 +132,6 @@ class EpisodePage:
         return {GOAL: episode.goal, PREDICTED: one.predicted}.get(name, bed), None
 
     def _show(self) -> None:
-        """Draw the step that the slider stands at."""
         if not self._ready:
             return
         episode, step = self._episode, self.step
@@ -145,15 +143,13 @@ class EpisodePage:
             rgb = pictures.differing(gap, scale)
             said = f"red: too high, blue: too low, up to {scale.high:.1f} mm"
         else:
-            scale, shown = (
-                episode.heights,
-                np.zeros(episode.camera.shape) if depth is None else depth,
-            )
+            scale = episode.heights
+            shown = np.zeros(episode.camera.shape) if depth is None else depth
             rgb = pictures.shaded(episode.heights_mm(shown), scale)
             said = f"dark to bright: {scale.low:+.1f} to {scale.high:+.1f} mm from the bed's level"
         self._under.text = said
         actions = episode.actions(step) if self._boxes.value else []
-        outlines = [(action.name, action.outline, episode.ends[k - 1]) for k, action in actions]
+        outlines = ((action.name, action.outline, episode.ends[k - 1]) for k, action in actions)
         flat = [(name, corners, ends) for name, corners, ends in outlines if corners is not None]
         self._image.set_source(pictures.data_url(rgb))
         self._image.content = pictures.boxes(flat, step - 1 if step else None)
@@ -170,7 +166,6 @@ class EpisodePage:
             chart.show(values, step)
 
     def _solid(self, k: int, name: str, chosen: bool) -> list[dict[str, Any]]:
-        """The box of an action in 3-D, if it is known."""
         if (box := self._episode.box(k)) is None:
             return []
         edges = box[EDGES].reshape(-1, 3).tolist()

@@ -112,7 +112,6 @@ class _Reader:
         return Episode(self._title(steps), self._camera, goal, tuple(steps), tuple(self._notes))
 
     def _step(self, done: ActionRecord, before: EpisodeStep, depth: Any) -> EpisodeStep:
-        """What an action, and the look after it if there was one, have to tell."""
         how = done.strength, done.yaw, self._roi(done), done.stroke
         action = EpisodeAction(done.action, done.position, *how)
         numbers = done.before_mm, done.predicted_mm, done.obtained_mm, done.effort_nm, done.seconds
@@ -253,7 +252,6 @@ def _depth(image: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _ending(folder: Path) -> str:
-    """How a run ended, in words."""
     if not (folder / SUMMARY).is_file():
         return "the run has not ended, or was killed"
     summary = files.read_json(folder / SUMMARY)

@@ -32,7 +32,22 @@ def write_recording(path: str | os.PathLike, episode: Episode, *, overwrite: boo
       JShapeError: the file cannot be written there, or rerun is not installed.
     """
     path = check_target(path, overwrite)
-    return write_atomic(path, _recorded(_rerun(), episode))
+    with needs("rerun", "a Rerun recording"):
+        import rerun as rr
+    recording = rr.RecordingStream("jshape", send_properties=False)
+    recording.set_log_time_enabled(False)
+    recording.set_log_tick_enabled(False)
+    stream = recording.binary_stream()
+    recording.send_blueprint(_arranged(rr, episode))
+    _always(rr, recording, episode)
+    for step, one in enumerate(episode.steps):
+        recording.set_time(TIMELINE, sequence=step)
+        _at(rr, recording, episode, step, one)
+    content = stream.read()
+    recording.disconnect()
+    if not content:
+        raise JShapeError("rerun gave no recording")
+    return write_atomic(path, content)
 
 
 def check_target(path: str | os.PathLike, overwrite: bool) -> Path:
@@ -47,26 +62,7 @@ def check_target(path: str | os.PathLike, overwrite: bool) -> Path:
     return path
 
 
-def _recorded(rr: Any, episode: Episode) -> bytes:
-    """The bytes of the recording."""
-    recording = rr.RecordingStream("jshape", send_properties=False)
-    recording.set_log_time_enabled(False)
-    recording.set_log_tick_enabled(False)
-    stream = recording.binary_stream()
-    recording.send_blueprint(_arranged(rr, episode))
-    _always(rr, recording, episode)
-    for step, one in enumerate(episode.steps):
-        recording.set_time(TIMELINE, sequence=step)
-        _at(rr, recording, episode, step, one)
-    content = stream.read()
-    recording.disconnect()
-    if not content:
-        raise JShapeError("rerun gave no recording")
-    return content
-
-
 def _beds(episode: Episode) -> tuple[str, ...]:
-    """The beds that the episode knows."""
     known = {
         SEEN: any(one.seen is not None for one in episode.steps),
         PREDICTED: any(one.predicted is not None for one in episode.steps),
@@ -77,16 +73,16 @@ def _beds(episode: Episode) -> tuple[str, ...]:
 
 def _always(rr: Any, recording: Any, episode: Episode) -> None:
     """What does not change: cameras, the goal, how curves look."""
-    camera = episode.camera
+    camera, level = episode.camera, episode.level
     # X right, Y towards who looks, Z down: the camera looks straight down.
     recording.log("world", rr.ViewCoordinates.RBD, static=True)
     for name in _beds(episode):
         pinhole = rr.Pinhole(
             resolution=[camera.width, camera.height],
             # Of parallel rays, which there are none of here: right at the bed's level.
-            focal_length=[float(n) * episode.level for n in camera.scale(episode.level)],
+            focal_length=[float(n) * level for n in camera.scale(level)],
             principal_point=[float(camera.u0), float(camera.v0)],
-            image_plane_distance=0.1 * episode.level,
+            image_plane_distance=0.1 * level,
         )
         recording.log(f"world/{name}", pinhole, static=True)
     if episode.goal is not None:
@@ -101,7 +97,6 @@ def _always(rr: Any, recording: Any, episode: Episode) -> None:
 
 
 def _at(rr: Any, recording: Any, episode: Episode, step: int, one: EpisodeStep) -> None:
-    """What a step has to say."""
     for name, depth in ((SEEN, one.seen), (PREDICTED, one.predicted)):
         if depth is None:
             continue
@@ -143,13 +138,9 @@ def _log_boxes(rr: Any, recording: Any, episode: Episode, step: int) -> None:
     if not rows:
         return
     boxes, thick = [box for *_, box in rows], np.array([k == step for k, *_ in rows])
-    look = {
-        "colors": np.array(
-            [int(colour_of(action.name)[1:] + "ff", 16) for _, action, _ in rows], np.uint32
-        ),
-        "labels": [f"{k} {action.name}" for k, action, _ in rows],
-        "show_labels": True,
-    }
+    colours = [int(colour_of(action.name)[1:] + "ff", 16) for _, action, _ in rows]
+    names = [f"{k} {action.name}" for k, action, _ in rows]
+    look = {"colors": np.array(colours, np.uint32), "labels": names, "show_labels": True}
     radii = np.where(thick, 0.0012, 0.0005)
     solid = rr.LineStrips3D([box[AROUND] for box in boxes], radii=radii, **look)
     recording.log("world/actions", solid)
@@ -224,9 +215,3 @@ def _curves(rrb: Any, origin: str, name: str, values: list[float | None]) -> Any
     top = 1.1 * max((x for x in values if x is not None), default=0.0) or 1.0
     axis = rrb.ScalarAxis(range=(0.0, top), zoom_lock=True)
     return rrb.TimeSeriesView(origin=origin, name=name, axis_y=axis)
-
-
-def _rerun() -> Any:
-    with needs("rerun", "a Rerun recording"):
-        import rerun
-    return rerun

@@ -103,6 +103,7 @@ class Page:
             f"//button[normalize-space(.)='{words}' or @aria-label='{words}']"
             f" | //*[@role='tab'][normalize-space(.)='{words}']"
             f" | //*[contains(@class, 'q-expansion-item')]//*[normalize-space(text())='{words}']"
+            f" | //*[@role='checkbox' and @aria-label='{words}']"
         )
         shown = [e for e in self.browser.find_elements(self._xpath, path) if e.is_displayed()]
         assert shown, f"nothing to press says {words!r}"
@@ -110,9 +111,27 @@ class Page:
         shown[0].click()
 
     def type(self, label, words):
-        element = self.browser.find_element(self._css, f"input[aria-label='{label}']")
+        element = self.field(label)
         element.send_keys(self.keys.CONTROL + "a")
         element.send_keys(words + self.keys.TAB)
+
+    def choose(self, label, option):
+        """One of a list's options."""
+        field = f"//input[@aria-label='{label}']/ancestor::label"
+        self.browser.find_element(self._xpath, field).click()
+        path = f"//*[@role='option'][normalize-space(.)='{option}']"
+        shown = until(lambda: self.browser.find_elements(self._xpath, path), "the options")
+        shown[0].click()
+
+    def field(self, label):
+        """Where something is typed."""
+        return self.browser.find_element(self._css, f"input[aria-label='{label}']")
+
+    def value(self, label):
+        """What stands in a field, read at once; None: it is not shown."""
+        fields = "[...document.querySelectorAll(`input[aria-label='${arguments[0]}']`)]"
+        shown = f"return {fields}.filter(field => field.offsetParent).map(field => field.value)"
+        return next(iter(self.browser.execute_script(shown, label)), None)
 
     def key(self, key):
         self._chain().send_keys(key).perform()
@@ -215,6 +234,38 @@ def test_all_is_on_the_screen_of_a_telephone(page, tab):
     until(lambda: reachable(page.browser) == [], "all of it to be in view")
     high = page.browser.execute_script("return document.documentElement.scrollHeight")
     assert high > 844  # and the rest is scrolled to
+
+
+@pytest.mark.full
+def test_lengths_carries_and_stock_are_set_and_kept(page):
+    page.press("Mold")
+    until(lambda: page.value("at most"), "the plan's options")
+    assert page.value("stroke lengths") is None and page.value("stock") is None  # f_D of presses
+    page.choose("bank", "moving-flour-robot")
+    until(lambda: page.value("stroke lengths") == "0.6, 1, 1.6", "what such a bank has", 60)
+    page.type("stroke lengths", "1, two")
+    until(lambda: page.says("numbers above 0"), "what may stand there")
+    page.type("stroke lengths", "1, 1.25")
+    page.type("stock", "300")
+    page.type("at most", "2")
+    until(lambda: not page.says("numbers above 0"), "no complaint")
+    page.press("carries")
+    until(lambda: not page.field("stock").is_enabled(), "no stock without carries")
+    page.press("carries")
+
+    page.browser.refresh()
+    until(lambda: page.browser.find_elements("css selector", "[role=tab]"), "the page anew")
+    page.press("Mold")
+    until(lambda: page.value("stock") == "300", "the page as it was", 60)
+    assert page.value("stroke lengths") == "1, 1.25" and page.value("at most") == "2"
+    assert page.field("stock").is_enabled()
+    page.browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True},
+    )
+    until(lambda: reachable(page.browser) == [], "all of it to be in view on a telephone")
+    page.choose("bank", "flour-robot")  # of the other tests
+    until(lambda: page.value("stock") is None, "none of it", 60)
 
 
 @pytest.mark.full

@@ -11,9 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape import PAPER_BOX, Bank, Pairs, metric, save_bank, save_pairs
+from jshape import PAPER_BOX, Bank, Pairs, load_bank, metric, save_bank, save_pairs, to_mm
 from jshape.cli.evaluate import _explained
 from jshape.cli.main import main
+from jshape.data.missing import fill_nan
+from jshape.data.simulate import simulate_pairs, together
 from jshape.errors import BadBank, BadCamera, BadDataset, JShapeError, UnknownName
 from jshape.io.kinds import KINDS
 from jshape.learn import study as studies
@@ -212,6 +214,37 @@ class Finite(Difference):
         return jnp.where(jnp.isfinite(roi).all(), 1.0, jnp.nan) * super().__call__(
             roi, corner, strength
         )
+
+
+@pytest.mark.full
+def test_each_pair_is_predicted_along_its_own_path():
+    """Of a bank whose sweeps are 85 mm long, pairs of 85 and of 119 mm."""
+    bank = load_bank("moving-flour-robot")
+    usual, longer = (
+        together(simulate_pairs(jax.random.key(k), 1, actions=("sweep",), length=length))
+        for k, length in ((3, 1.0), (4, 1.4))
+    )
+    names = ("prior", "posterior", "action", "agent", "material", "centre", "size", "id",
+             "strength", "path_mm")  # fmt: skip
+    both = replace(usual, **{
+        name: np.concatenate([getattr(one, name) for one in (longer, usual)]) for name in names
+    })  # fmt: skip
+    error, change = roi_errors_mm(bank, both, "sweep")
+    alone = roi_errors_mm(bank, usual, "sweep")
+    np.testing.assert_allclose((error[1], change[1]), np.ravel(alone), rtol=1e-6)
+    # By hand, the same hand drawn 1.4 times as far, in a window as much longer.
+    hand = bank.predictor("sweep").lengthened(float(longer.path_mm[0]) / 85.0)
+    rois = longer.rois("sweep", hand.roi, padded=True)
+    after = hand(jnp.asarray(fill_nan(rois.prior[0])), rois.corner[0], rois.strengths[0])
+    off = np.abs(np.asarray(after) - rois.posterior[0])[rois.seen[0]].mean()
+    assert error[0] == pytest.approx(float(to_mm(off, PAPER_BOX)), rel=1e-4)
+    assert hand.roi[0] == bank.roi("sweep")[0] + 34  # 34 mm, a pixel each
+    # Predicted as if it were 85 mm long it is farther off, over the same pixels.
+    shorter = replace(both, path_mm=np.full(2, 85.0, np.float32))
+    wrong = roi_errors_mm(bank, shorter, "sweep", size=hand.roi)[0]
+    assert error[0] < 0.7 * wrong[0]
+    (line,) = evaluate(bank, both)
+    assert line.mean_mm == pytest.approx(error.mean(), rel=1e-6)
 
 
 @pytest.mark.full

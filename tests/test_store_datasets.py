@@ -367,7 +367,7 @@ def test_strengths_that_could_not_be_read_again(tmp_path, rng):
                 add(**pair(rng), strength=bad)
 
 
-def test_paths_are_a_column_if_an_action_has_one(tmp_path, rng):
+def test_paths_are_a_column_if_an_action_has_one(tmp_path, rng, capsys):
     paths = np.array([80.0, 0.0, 80.0, 62.5], np.float32)
     dragged = replace(make_pairs(rng), path_mm=paths)
     folder = save_pairs(dragged, tmp_path / "set")
@@ -378,6 +378,20 @@ def test_paths_are_a_column_if_an_action_has_one(tmp_path, rng):
     rewrite(folder, cell(2, "path_mm", ""))  # a knock has none
     same(load_pairs(folder), dragged)
     same(load_pairs(folder).of_usual_paths(), dragged.select(np.arange(3)))  # the knock of 62.5 mm
+    assert main(["dataset", "info", str(folder), "--json"]) == 0
+    groups = json.loads(capsys.readouterr().out)["groups"]
+    told = {row["action"]: row["path_mm"] for row in groups}
+    assert told == {name: [float(of.path_mm.min()), float(of.path_mm.max())]
+                    for name, of in dragged.by_action()}  # fmt: skip
+    assert main(["dataset", "info", str(folder)]) == 0
+    head, *rows = capsys.readouterr().out.splitlines()[-1 - len(groups) :]
+    assert head.endswith("path (mm)")
+    for row, name in zip(rows, told, strict=True):
+        least, most = told[name]
+        assert row.endswith(f"{least:.0f} to {most:.0f}"), row
+    save_pairs(make_pairs(rng), tmp_path / "presses")
+    assert main(["dataset", "info", str(tmp_path / "presses")]) == 0
+    assert "path" not in capsys.readouterr().out.splitlines()[-2]
 
 
 @pytest.mark.parametrize(

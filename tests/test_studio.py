@@ -34,6 +34,7 @@ from jshape.height_map import as_frame
 from jshape.io import annotations, datasets
 from jshape.io.cameras import write_camera
 from jshape.io.images import write_depth_png
+from jshape.planning.options import options
 from jshape.reproject import reproject
 from jshape.robot.arms.base import ArmError
 from jshape.robot.arms.simulated import SimulatedArm
@@ -227,6 +228,42 @@ def test_a_search_that_is_cancelled_leaves_the_editor_and_its_waiter_free(editor
     waiter.join(5.0)
     assert ended == ["no plan: you cancelled it"] and editor.plan is None and editor.search is None
     hold.set()
+
+
+def test_what_moves_is_asked_of_banks_that_move(editor):
+    """Lengths, carries and stock go with the other options, for plans and runs alike."""
+    editor.planner, editor.max_steps = "improve", 7
+    editor.lengths, editor.stock_cm3 = (0.5, 1.0), 300.0
+    assert not editor.has_paths and not editor.can_carry
+    assert editor.keywords["constraints"].stock_cm3 is None  # f_D of presses would refuse one
+    assert editor.keywords["planner"] == "improve" and editor.keywords["stop"].max_steps == 7
+    editor.use_bank("moving-flour-robot")
+    assert editor.has_paths and editor.can_carry
+    space, stock = editor.keywords["space"], editor.keywords["constraints"].stock_cm3
+    assert space.lengths == (0.5, 1.0) and space.carries is None and stock == 300
+    editor.carries = False
+    space, stock = editor.keywords["space"], editor.keywords["constraints"].stock_cm3
+    assert space.carries == {} and stock is None
+
+
+@pytest.mark.full
+def test_a_run_pours_from_the_stock_that_was_set(bed, tmp_path):
+    editor = EditorState("moving-flour-robot", stock_cm3=300.0, max_steps=1, lengths=(1.0,), yaws=1)
+    editor.see(bed, "simulated")
+    editor.draw(BrushStroke(((200.0, 200.0), (280.0, 200.0)), 80.0, -12.0))
+    made = editor.make_plan(stride=40)
+    assert made.actions == ("pour",) and made.volumes_cm3[0] > 20
+    depth = editor.depth_of(editor.bed)
+    robot = simulated_robot(depth, editor.bank, "flour", stock_cm3=editor.stock)
+    search = options(editor.keywords, stride=40)
+    run = RunController(robot, editor.bank, editor.goal, tmp_path / "run", meta={}, search=search)
+    wait_for(run, State.ASKING)
+    assert run.question.startswith("pour")
+    run.answer(True)
+    run.wait(200.0)
+    assert run.state is State.FINISHED, run.why
+    (step,) = json.loads((tmp_path / "run" / "summary.json").read_text())["steps"]
+    assert step["obtained_mm"] < 0.9 * step["before_mm"]
 
 
 def test_a_search_says_that_it_compiles(monkeypatch):

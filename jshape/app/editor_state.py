@@ -18,9 +18,17 @@ from jshape.io import banks, folders, formats, images, points
 from jshape.io.cameras import write_camera
 from jshape.io.frames import frame_of, source_of
 from jshape.models.bank import Bank
+from jshape.planning import problem
 from jshape.planning.api import plan, rollout
 from jshape.planning.maps import bank_for, over_bed
-from jshape.planning.options import DEFAULT_BANK, YAWS, SearchSpace, options
+from jshape.planning.options import (
+    DEFAULT_BANK,
+    YAWS,
+    Constraints,
+    SearchSpace,
+    StopCriteria,
+    options,
+)
 from jshape.planning.plan import Plan
 from jshape.robot.robot import Robot
 
@@ -49,8 +57,18 @@ class EditorState(GoalState):
     bank: Bank = field(init=False)
     plan: Plan | None = None
     """From the bed to the goal."""
+    planner: str = "greedy"
+    """Which search."""
+    max_steps: int = StopCriteria.max_steps
+    """Most actions of a plan, or of a run that plans anew."""
     yaws: int = YAWS
     """Yaw angles of the hand that are tried where the bank can turn it."""
+    lengths: tuple[float, ...] = tuple(SearchSpace.lengths)
+    """Lengths of the hand's path that are tried where an action has one, times the trained one."""
+    carries: bool = True
+    """Whether a scoop and a pour are tried as one, where the bank has both."""
+    stock_cm3: float | None = None
+    """Material beside the bed, cm³; None: no stock."""
     search: PlanJob | None = None
     """The search for a plan that goes on now."""
     advice: str = ""
@@ -169,7 +187,32 @@ class EditorState(GoalState):
     @property
     def keywords(self) -> dict[str, Any]:
         """How plans are made here, as keywords of `jshape.plan`."""
-        return {"space": SearchSpace(yaws=self.yaws if self.bank.turns else None)}
+        space = SearchSpace(
+            yaws=self.yaws if self.bank.turns else None,
+            lengths=self.lengths,
+            carries=None if self.carries else {},
+        )
+        return {
+            "planner": self.planner,
+            "space": space,
+            "constraints": Constraints(stock_cm3=self.stock),
+            "stop": StopCriteria(max_steps=self.max_steps),
+        }
+
+    @property
+    def has_paths(self) -> bool:
+        """Whether an action of the bank goes along a path, whose length may be another."""
+        return any(predictor.path_mm for predictor in self.bank.predictors)
+
+    @property
+    def can_carry(self) -> bool:
+        """Whether the bank has actions that take material out and bring it elsewhere."""
+        return bool(problem.carries(self.bank, None))
+
+    @property
+    def stock(self) -> float | None:
+        """`stock_cm3` where carries are tried, else None."""
+        return self.stock_cm3 if self.carries and self.can_carry else None
 
     def drop(self, step: int) -> None:
         """Leave an action out (counted from 0)."""

@@ -11,8 +11,10 @@ from jshape.app.advice import why_empty
 from jshape.app.context import AppContext
 from jshape.app.editor_state import EditorState
 from jshape.app.widgets import buttons, small
+from jshape.errors import JShapeError
 from jshape.io import banks
-from jshape.planning.options import STRIDE, SearchSpace, StopCriteria
+from jshape.planning import problem
+from jshape.planning.options import STRIDE, SearchSpace
 from jshape.planning.search import PLANNERS
 
 POLL = 0.3
@@ -34,17 +36,20 @@ class PlanPanel:
         deep = ", ".join(f"x{x:g}" for x in SearchSpace().strengths)
         with ui.row().classes("w-full items-end gap-2"):
             buttons(("plan", self._plan, f"Every {STRIDE} px, {deep} as deep as trained"))
-            most = StopCriteria().max_steps
-            self._most = ui.number("at most", value=most, min=1, max=50, step=1, suffix="actions")
+            self._most = ui.number("at most", min=1, max=50, step=1, suffix="actions")
+            self._most.on_value_change(self._set("max_steps", int))
             self._most.style("width: 7.2em").tooltip("Length of the plan, 1 to 50")
             self._yaws = ui.select([1, 2, 4, 8], label="yaws", on_change=self._turned)
             self._yaws.style("width: 6em")
             self._yaws.tooltip("Of the hand, over half a turn: 4 are 0°, 45°, 90° and 135°")
-            self._planner = ui.select(list(PLANNERS), value="greedy", label="planner")
-            self._planner.tooltip("greedy is the quickest; the others look farther")
+            self._planner = ui.select(list(PLANNERS), label="planner")
+            self._planner.on_value_change(self._set("planner", str))
+            self._planner.tooltip("greedy is the quickest, and carries; the others look farther")
             names = sorted({*banks.list_banks(), editor.bank_name})
             self._bank = ui.select(names, label="bank", on_change=self._banked).classes("grow")
             self._bank.tooltip("What is known of material and hand")
+        with ui.row().classes("w-full items-end gap-2") as self._moving:
+            self._build_moving()
         with ui.row().classes("w-full items-center gap-2") as self._going:
             ui.spinner(size="sm")
             self._since = ui.label().classes("text-sm").props("data-name=since")
@@ -54,6 +59,19 @@ class PlanPanel:
         self._steps = ui.column().classes("w-full gap-0")
         ui.timer(POLL, self._poll)
         self._poll()
+
+    def _build_moving(self) -> None:
+        """What only banks have whose hand goes along a path, or carries material."""
+        self._lengths = ui.input("stroke lengths", validation=_wrong)
+        self._lengths.on_value_change(self._lengthened)
+        self._lengths.props("debounce=300 hide-bottom-space").style("width: 9em")
+        self._lengths.tooltip("Of the hand's path, times the trained one: one or more numbers")
+        self._carries = ui.checkbox("carries", on_change=self._carried)
+        self._carries.tooltip("A scoop and a pour as one; else each for itself")
+        self._stock = ui.number("stock", min=0, step=50, suffix="cm³", placeholder="none")
+        self._stock.on_value_change(self._stocked)
+        self._stock.props("clearable").style("width: 8em")
+        self._stock.tooltip("Material beside the bed, to pour from and to scoop to; empty: none")
 
     def _poll(self) -> None:
         """How far a search is, whichever page began it."""
@@ -68,11 +86,20 @@ class PlanPanel:
 
     def show(self) -> None:
         """Draw what may have changed."""
-        plan, turns = self._editor.plan, self._editor.bank.turns
-        self._bank.value = self._editor.bank_name
-        self._yaws.value = self._editor.yaws if turns else 1
+        editor = self._editor
+        plan, turns = editor.plan, editor.bank.turns
+        self._bank.value = editor.bank_name
+        self._yaws.value = editor.yaws if turns else 1
         self._yaws.set_enabled(turns)
-        self._why.text = self._editor.advice
+        self._most.value, self._planner.value = editor.max_steps, editor.planner
+        self._carries.value, self._stock.value = editor.carries, editor.stock_cm3
+        if _numbers(str(self._lengths.value or "")) != editor.lengths:
+            self._lengths.value = ", ".join(f"{length:g}" for length in editor.lengths)
+        self._lengths.set_visibility(editor.has_paths)
+        for element in (self._carries, self._stock):
+            element.set_visibility(editor.can_carry)
+        self._moving.set_visibility(editor.has_paths or editor.can_carry)
+        self._why.text = editor.advice
         self._steps.clear()
         if plan is None:
             self._said.text = "no plan yet"
@@ -122,17 +149,55 @@ class PlanPanel:
         if self._editor.bank.turns:
             self._editor.yaws = int(event.value)
 
+    def _set(self, name: str, kind: type) -> Callable[[events.ValueChangeEventArguments], None]:
+        """Keep an option in the state, but not an empty field."""
+
+        def keep(event: events.ValueChangeEventArguments) -> None:
+            if event.value is not None:
+                setattr(self._editor, name, kind(event.value))
+
+        return keep
+
+    def _carried(self, event: events.ValueChangeEventArguments) -> None:
+        self._editor.carries = bool(event.value)
+        self._stock.set_enabled(self._editor.carries)
+
+    def _stocked(self, event: events.ValueChangeEventArguments) -> None:
+        self._editor.stock_cm3 = event.value
+
+    def _lengthened(self, event: events.ValueChangeEventArguments) -> None:
+        words = str(event.value or "")
+        if _wrong(words) is None:
+            self._editor.lengths = _numbers(words)
+
     async def _banked(self, event: events.ValueChangeEventArguments) -> None:
         if event.value != self._editor.bank_name:
             work = partial(self._editor.use_bank, str(event.value))
             await self._context.do("loading the bank", work, self._changed)
 
     async def _plan(self) -> None:
-        editor, planner, most = self._editor, str(self._planner.value), int(self._most.value or 1)
+        editor = self._editor
 
         def work() -> None:
-            editor.make_plan(planner=planner, max_steps=most)
+            editor.make_plan()
             editor.advice = why_empty(editor)
 
         if await self._context.do("planning", work, self._changed) and editor.plan is not None:
             self._select(len(editor.plan))
+
+
+def _numbers(words: str) -> tuple[float, ...]:
+    """Numbers with commas or blanks between them; none, if one of the words is no number."""
+    try:
+        return tuple(float(word) for word in words.replace(",", " ").split())
+    except ValueError:
+        return ()
+
+
+def _wrong(words: str | None) -> str | None:
+    """What is said under lengths that cannot be tried; None: they can."""
+    try:
+        problem.strengths(_numbers(words or ""), "lengths")
+    except JShapeError:
+        return "numbers above 0, such as 0.6, 1"
+    return None

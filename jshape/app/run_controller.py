@@ -39,12 +39,17 @@ class State(StrEnum):
     FAILED = "stopped by an error"
 
 
-def simulated_robot(depth: np.ndarray, bank: Bank, material: str, seed: int = 0) -> Robot:
-    """A simulated arm over the bed of a depth image (H, W), with the bank's camera above it."""
+def simulated_robot(
+    depth: np.ndarray, bank: Bank, material: str, seed: int = 0, stock_cm3: float = 0.0
+) -> Robot:
+    """A simulated arm over the bed of a depth image (H, W), with the bank's camera above it.
+
+    A stock of loose material lies beside the bed.
+    """
     for_world, for_eye = jax.random.split(jax.random.key(seed))
     camera = replace(bank.camera, pose=None)  # the simulated bed's frame is its own
     bed = bed_of_depth(depth, camera)
-    world = SimulatedWorld(for_world, bed, material=material, camera=camera)
+    world = SimulatedWorld(for_world, bed, material=material, camera=camera, stock_cm3=stock_cm3)
     eye = simulated_camera(world, for_eye)
     return Robot(eye, SimulatedArm(world), load_hand(None), bank.camera)
 

@@ -64,7 +64,8 @@ class RunPanel:
         bank, plan = editor.bank, editor.plan
         if robot is None:
             bank, plan = over_simulated(bank, plan)
-            robot = simulated_robot(editor.depth_of(bed), bank, editor.material)
+            depth, stock = editor.depth_of(bed), editor.stock or 0.0
+            robot = simulated_robot(depth, bank, editor.material, stock_cm3=stock)
         else:
             editor.show_to(robot)
         context.controller = RunController(

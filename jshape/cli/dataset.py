@@ -103,6 +103,7 @@ def info(dataset: Path, /, options: Common = Common()) -> dict[str, Any]:
                 "pairs": len(theirs),
                 "roi": list(pairs.roi_size(action)),
                 "strength": [float(theirs.strength.min()), float(theirs.strength.max())],
+                "path_mm": [float(theirs.path_mm.min()), float(theirs.path_mm.max())],
             })  # fmt: skip
     result = {
         "pairs": len(pairs),
@@ -120,5 +121,7 @@ def info(dataset: Path, /, options: Common = Common()) -> dict[str, Any]:
     columns = {name: f"{{{name}}}" for name in ("action", "agent", "material", "pairs")}
     columns["ROI (w x h)"] = "{roi[0]}x{roi[1]}"
     columns |= {"strength": "{strength[0]:.2g} to {strength[1]:.2g}"} if several else {}
+    moving = any(row["path_mm"][1] for row in rows)
+    columns |= {"path (mm)": "{path_mm[0]:.0f} to {path_mm[1]:.0f}"} if moving else {}
     print_table(tuple(columns), [tuple(c.format(**r) for c in columns.values()) for r in rows])
     return result

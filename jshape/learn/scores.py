@@ -11,7 +11,7 @@ from jshape import metric
 from jshape._typing import Array
 from jshape.camera import check_same_camera
 from jshape.data.missing import fill_nan
-from jshape.data.pairs import Examples, Pairs
+from jshape.data.pairs import SAME_PATH, Examples, Pairs
 from jshape.errors import BadDataset
 from jshape.learn.noise_floor import Floor
 from jshape.models.bank import Bank
@@ -88,9 +88,9 @@ def roi_errors_mm(
 
     The error is d between the predicted and the true ROI (Eq. distNewImg) as the mean distance of
     matched points.  Pixels without a reading before or after are left out; the predictor sees gaps
-    filled, as planning does.  With a `size`, (w, h) pixels, the mean is over so many and not over
-    the bank's ROI, so that banks with other ROIs can be compared: outside its own a bank predicts
-    no change.
+    filled, as planning does, and its path is as long as the pair's.  With a `size`, (w, h) pixels,
+    the mean is over so many and not over the bank's ROI (as long as the path makes it), so that
+    banks with other ROIs can be compared: outside its own a bank predicts no change.
 
     Raises:
       BadCamera: bank and pairs have different cameras.
@@ -98,17 +98,39 @@ def roi_errors_mm(
       UnknownName: the bank or the pairs have no such action.
     """
     check_same_camera(bank.camera, pairs.camera, "the data set's")
-    own = bank.roi(action)
+    predictor, mine = bank.predictor(action), pairs.of(action=action)
+    to_mm = float(metric.to_mm(1.0, bank.camera))
+    errors, changes = np.zeros((2, len(mine)))
+    lengths = _lengths(predictor, mine)
+    for length in np.unique(lengths):
+        rows = lengths == length
+        hand = predictor if length == 1 else predictor.lengthened(float(length))
+        measured, predicted = _measured(hand, mine.select(rows), action, size)
+        errors[rows], changes[rows] = _mean_gaps(predicted, measured, to_mm)
+    return errors, changes
+
+
+def _lengths(predictor: Predictor, pairs: Pairs) -> np.ndarray:
+    """(n,) path of each pair, times the predictor's; 1 where one has none, or about that."""
+    if not predictor.path_mm:
+        return np.ones(len(pairs))
+    lengths = np.where(pairs.path_mm > 0, pairs.path_mm / predictor.path_mm, 1.0)
+    return np.where(np.abs(lengths - 1.0) <= SAME_PATH, 1.0, lengths)
+
+
+def _measured(
+    hand: Predictor, pairs: Pairs, action: str, size: tuple[int, int] | None
+) -> tuple[Examples, np.ndarray]:
+    """The windows over which errors are taken, and what is predicted in them."""
+    own = hand.roi
     inside = pairs.rois(action, own, padded=True)
     measured = inside if size in (None, own) else pairs.rois(action, size, padded=True)
     seen = measured.seen
     if not seen.any((1, 2)).all():
-        name = pairs.of(action=action).id[~seen.any((1, 2))][0]
+        name = pairs.id[~seen.any((1, 2))][0]
         raise BadDataset(f"pair {name}: no pixel of its ROI has a reading before and after")
-    predicted = _predict(bank.predictor(action), inside)
-    if measured is not inside:
-        predicted = _pasted(predicted, inside, measured)
-    return _mean_gaps(predicted, measured, float(metric.to_mm(1.0, bank.camera)))
+    predicted = _predict(hand, inside)
+    return measured, predicted if measured is inside else _pasted(predicted, inside, measured)
 
 
 def errors_of(

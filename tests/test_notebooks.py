@@ -13,7 +13,7 @@ ONE_EACH = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem
 
 
 def test_the_lessons_are_numbered():
-    assert [path.name[:2] for path in NOTEBOOKS] == ["01", "02", "03", "04", "05"]
+    assert [path.name[:2] for path in NOTEBOOKS] == ["01", "02", "03", "04", "05", "06"]
 
 
 @pytest.mark.full

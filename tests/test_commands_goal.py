@@ -310,7 +310,7 @@ def test_what_a_phone_turned_comes_in_upright(tmp_path, kind, orientation):
         (["--text", "J", "--material", "mud"], "unknown material 'mud'"),
         (["--mesh", "no.stl"], "no.stl: no such file"),
         (["--mesh", "empty.stl"], "has no face"),
-        (["--mesh", "now.png"], ".stl or .obj"),
+        (["--mesh", "now.png"], "is no point cloud or mesh; allowed: .ply, .obj, .stl"),
         (["--mask", "empty.stl"], "not an image"),
         (["--mask", "cut.jpg"], "cut.jpg: the painting is cut off"),
         (["--height-map", "after.png"], "need a height"),

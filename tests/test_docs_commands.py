@@ -216,11 +216,12 @@ def _stand_ins(monkeypatch):
 
     words, real = [], realsense.realsense_camera
 
-    def plugged(serial=None, *, file=None, **options):
-        if file is not None:
-            return real(serial, file=file, **options)
-        return docs_inputs.camera(serial, 20 if words[0] == "record" else None)
+    def plugged(source, **options):
+        if not isinstance(source, str):
+            return real(source, **options)
+        return docs_inputs.camera(source or None, 20 if words[0] == "record" else None)
 
+    monkeypatch.setattr(realsense, "connected", lambda serial: serial)
     monkeypatch.setattr(realsense, "realsense_camera", plugged)
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
     if find_spec("nicegui"):

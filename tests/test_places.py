@@ -260,7 +260,6 @@ REFUSED = {
     "evaluations='many'": ("JShapeError", "evaluations is 'many'"),
     "error_margin=-1": ("JShapeError", "error_margin is -1; it must be a number from 0"),
     "stop=3": ("JShapeError", "stop is a int; it must be StopCriteria"),
-    "seed='x'": ("JShapeError", "seed is 'x'"),
     "start='plan.json'": ("JShapeError", "start is a str; it must be a Plan"),
     "planner='best'": ("UnknownName", "'best'; allowed: greedy, improve"),
     "positions='3 x 3'": ("BadPosition", "written COLUMNSxROWS"),

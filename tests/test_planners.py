@@ -360,7 +360,6 @@ def test_polishing_gains_what_it_says_and_costs_what_it_says(strengths):
     order = np.argsort(-gains)
     cache, _ = refresh(state, state.now, candidates, empty_cache(candidates))
 
-    @jax.jit
     def of(left):
         used = jnp.zeros(3, jnp.int32)
         local, spent = begin_local(state, candidates, cache, used, FREE, 2, left=left)

@@ -44,7 +44,7 @@ class DemoOptions(Uses, Searches, Simulates, Writes):
     """Of the bed, the goal and the noise."""
     open_loop: bool = False
     """Plan once, then act blindly."""
-    reproject: Annotated[bool, Parameter(parse=False)] = False  # the camera is the bank's
+    reachable: Annotated[str | None, Parameter(parse=False)] = None  # of a frame; there is none yet
 
 
 def demo(*, options: DemoOptions = DemoOptions()) -> dict[str, Any]:
@@ -55,9 +55,11 @@ def demo(*, options: DemoOptions = DemoOptions()) -> dict[str, Any]:
     bank = banks.load_bank(bank_name)
     folders.check_target(out, options.overwrite, contents=(*runs.CONTENTS, *FILES))
     for_bed, for_goal, for_world, for_other = jax.random.split(jax.random.key(options.seed), 4)
-    bed = random_bed(for_bed, "irregular", std=0.003)
+    bed, stock = random_bed(for_bed, "irregular", std=0.003), options.stock_cm3 or 0.0
     world, other = (
-        SimulatedWorld(key, bed, material=material, agent=agent, camera=bank.camera)
+        SimulatedWorld(
+            key, bed, material=material, agent=agent, camera=bank.camera, stock_cm3=stock
+        )
         for key in (for_world, for_other)
     )
     made = _make_goal(for_goal, other, bank, options.actions)
@@ -101,7 +103,7 @@ def demo(*, options: DemoOptions = DemoOptions()) -> dict[str, Any]:
 
 
 def _make_goal(key: Key[Array, ""], world: SimulatedWorld, bank: Bank, count: int) -> list[str]:
-    """Apply `count` actions at random places, one in each cell of a grid; says what was done.
+    """Apply `count` actions at random places, from cell to cell of a grid; says what was done.
 
     The places are not the planner's: a goal need not lie on its grid.
     """

@@ -26,6 +26,8 @@ from jshape.planning.options import DEFAULT_BANK
 from jshape.sim.material import Material
 from jshape.viz.style import drawn
 
+LACKING_CM3 = 10.0
+"""Where more is missing the plan is told of a stock: a fifth of a handful."""
 CONTENTS = (
     *("report.json", "goal.png", "goal.npy", "now.png", "now.npy", "camera.json"),
     "picture.png",
@@ -122,7 +124,10 @@ def _write(
     out = options.out
     assert out is not None
     names = (str(out / f"{name}.{suffix}") for name in ("now", "goal"))
-    added = {"out": str(out), "next": shlex.join(["jshape", "plan", *names, "--out", "my-plan"])}
+    words, lacking = ["jshape", "plan", *names, "--out", "my-plan"], said["transport"]["stock_cm3"]
+    if lacking > LACKING_CM3:
+        words += ["--bank", "moving-flour-robot", "--stock-cm3", str(math.ceil(lacking))]
+    added = {"out": str(out), "next": shlex.join(words)}
     with folders.atomic_folder(out, options.overwrite, contents=CONTENTS) as folder:
         # From above, what nobody saw is not made up: it does not count.
         unseen = missing(now.depth) & above(now.camera)

@@ -33,7 +33,7 @@ from jshape.planning.search.base import Status
 
 CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
 """Files of a plan's folder."""
-OF_FRAMES = ("camera_file", "depth_unit", "depth_range", "window", "reproject")
+OF_FRAMES = ("camera_file", "depth_unit", "depth_range", "window")
 """Options that say how frames are seen; a map has been seen."""
 
 

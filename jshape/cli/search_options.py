@@ -48,8 +48,8 @@ class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
     stride: PositiveCount | None = None
     strengths: Positives = field(default_factory=lambda: list(SearchSpace.strengths))
     yaws: PositiveCount | None = None
-    """Number of yaw angles to try, evenly over half a turn; 1: the hand is not turned (default: 4
-    where the bank's predictors can be turned)."""
+    """Number of yaw angles to try, evenly over half a turn (sweeps and scoops: a whole one); 1: the
+    hand is not turned (default: 4 where the bank's predictors can be turned)."""
     lengths: Positives = field(default_factory=lambda: list(SearchSpace.lengths))
     carries: list[CarryOf] | None = None
     """Actions tried in pairs: the second brings what the first takes out; repeat the option for

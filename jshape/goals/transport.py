@@ -16,6 +16,7 @@ from scipy import ndimage, sparse
 from scipy.spatial import distance
 
 from jshape._typing import Float
+from jshape.errors import JShapeError
 from jshape.goals.bedmap import BedMap
 
 TOLD = 5e-4
@@ -225,6 +226,8 @@ def _carries(take: list[Region], sources: _Parts, bring: list[Region], sinks: _P
     solved = linprog(
         ways.ravel(), A_eq=whole[0], b_eq=whole[1].volume, A_ub=part[0], b_ub=part[1].volume
     )
+    if solved.x is None:
+        raise JShapeError(f"the transport of material cannot be solved: {solved.message}")
     moved = solved.x.reshape(ways.shape)
     found = []
     for a, first in enumerate(take):

@@ -67,7 +67,7 @@ def plan(
       bank: a `Bank`, the name of a bundled one or a folder; None is the bundled default.
       planner: which search (docs/planning.md says which when).
       space: what is tried.
-      constraints: what is allowed; `max_missing` and `reproject` are for `plan_depth`.
+      constraints: what is allowed; `max_missing` is for `plan_depth`.
       stop: when the sequence ends.
       budget: what the search may spend.
       start: an earlier plan for about the same images, which `refine` and `improve` begin with if
@@ -131,6 +131,8 @@ def plan_images(
         ],
     )
     state = on_images(bank, first, goal, *moves, seen)
+    if planner != "greedy" and space.carries:
+        raise JShapeError(f"carries: only greedy tries them, and the planner is {planner}")
     if planner == "greedy":
         stocked = constraints.stock_cm3 is not None
         worth = tasks.price(state) if pairs and not stocked else None

@@ -72,8 +72,9 @@ class SearchSpace:
     strengths: Sequence[float] = (0.2, 0.5, 1.0, 1.6, 2.3)
     """Strengths to try: multiples of the trained depth of an action."""
     yaws: int | Mapping[str, int] | None = None
-    """Number of yaw angles to try, evenly over half a turn; 1: the hand is not turned (default: 4
-    where the bank's predictors can be turned).  A mapping says it for each action."""
+    """Number of yaw angles to try, evenly over half a turn (over a whole one where the predictor is
+    `directed`); 1: the hand is not turned (default: 4 where the bank's predictors can be turned).
+    A mapping says it for each action."""
     lengths: Sequence[float] = (0.6, 1.0, 1.6)
     """Lengths to try of the hand's path, of actions that have one: multiples of the trained
     path."""

@@ -10,6 +10,7 @@ from jshape import actions as rectangles
 from jshape import metric
 from jshape.errors import BadBank, JShapeError, UnknownName, quoted
 from jshape.models.bank import Bank
+from jshape.models.imprint import LONGEST
 from jshape.models.turn import square
 from jshape.planning.kernels import Move
 from jshape.planning.options import (
@@ -81,10 +82,10 @@ def directions(
             raise BadBank(
                 f"a bank of kind {quoted(bank.kind)} cannot turn the hand; yaws must be 1"
             )
-    moves = []
+    moves, tried = [], strengths(lengths, "lengths", LONGEST)
     for number, name in enumerate(bank.actions):
         hand = bank.predictors[number]
-        for length in strengths(lengths, "lengths") if hand.path_mm else [1.0]:
+        for length in tried if hand.path_mm else [1.0]:
             count = 1 if number in upright else yaws.get(name, 1)
             roi = bank.placed(number, None, length).roi
             if max(square(roi)) > min(bank.camera.shape):
@@ -114,7 +115,9 @@ def rounds(state: SearchState, stride: int) -> int:
     return max(math.ceil(math.log2(max(stride / float(np.min(state.pitch)), 1.0))), 0)
 
 
-def strengths(strengths: Sequence[float | int], name: str = "strengths") -> list[float]:
+def strengths(
+    strengths: Sequence[float | int], name: str = "strengths", most: float = DEEPEST
+) -> list[float]:
     """Strengths (or lengths) to try, each once, weakest first."""
     try:
         values = np.asarray(strengths)
@@ -124,8 +127,8 @@ def strengths(strengths: Sequence[float | int], name: str = "strengths") -> list
         raise JShapeError(
             f"{name} is {quoted(strengths)}; it must be numbers above 0, at least one"
         )
-    if not (np.isfinite(values).all() and (values > 0).all() and (values <= DEEPEST).all()):
-        raise JShapeError(f"{name} is {quoted(strengths)}; each must be above 0, at most {DEEPEST}")
+    if not (np.isfinite(values).all() and (values > 0).all() and (values <= most).all()):
+        raise JShapeError(f"{name} is {quoted(strengths)}; each must be above 0, at most {most:g}")
     if values.size > 64:
         raise JShapeError(f"{values.size} {name}; at most 64 are tried")
     return sorted({float(value) for value in values})
@@ -206,7 +209,7 @@ def stock(state: SearchState, constraints: Constraints) -> float:
 
 
 def price(state: SearchState) -> np.floating:
-    """What material is worth to a search that carries it, in units of d; none by the goal alone.
+    """What a search pays for a unit of Σ weight·now that is packed away, in units of d.
 
     Where as much is missing as there is too much of, what is packed away is missing in the end: a
     price of 1 would count what can never be filled any more.  Below 1 what lies too high counts

@@ -31,8 +31,8 @@ from jshape.planning.search.base import (
 )
 from jshape.planning.search.local import no_local
 from jshape.planning.search.step import (
-    Carry,
     NextBatch,
+    SearchProgress,
     begin,
     empty_batch,
     last,
@@ -49,7 +49,8 @@ def search(problem: SearchProblem) -> SearchResult:
     """Greedy forward search within a budget.  See `run`."""
     state = problem.state
     carry = _searched(problem, begin(state, problem.candidates, problem.max_steps))
-    if state.price is not None and int(carry.result.status) == Status.NO_IMPROVEMENT:
+    priced = state.price is not None and float(state.price) != 0
+    if priced and int(carry.result.status) == Status.NO_IMPROVEMENT:
         # Nothing moves material to where it is missing: what is there is shaped at no price.
         free = replace(problem, state=replace(state, price=np.zeros((), np.float32)))
         again = replace(carry.result, status=jnp.int32(-1))
@@ -58,7 +59,7 @@ def search(problem: SearchProblem) -> SearchResult:
     return carry.result
 
 
-def _searched(problem: SearchProblem, carry: Carry) -> Carry:
+def _searched(problem: SearchProblem, carry: SearchProgress) -> SearchProgress:
     """The carry after as many actions as gain, and the budget allows."""
     state, candidates, limits = problem.state, problem.candidates, problem.limits
     budget, fine = problem.budget, np.int32(problem.fine)
@@ -77,10 +78,11 @@ def _searched(problem: SearchProblem, carry: Carry) -> Carry:
             return carry
         if budget.over and int(carry.local.round) < 0:
             # Of what is known, take the best without looking further: an answer at any time.
-            return replace(carry, result=last(carry, state, candidates, limits))
+            result = budget.call(last, carry, state, candidates, limits)
+            return replace(carry, result=result)
 
 
-def _in_turns(problem: SearchProblem, carry: Carry) -> Iterator[Carry]:
+def _in_turns(problem: SearchProblem, carry: SearchProgress) -> Iterator[SearchProgress]:
     """`advance` for many candidates, as two compiled functions that take turns.
 
     One decides, the other evaluates what that asks for, in several calls side by side.  The two are
@@ -91,23 +93,23 @@ def _in_turns(problem: SearchProblem, carry: Carry) -> Iterator[Carry]:
     alone = execution != ONE_BY_ONE or jax.default_backend() != "cpu"
     parts = 1 if alone else min(cores(), SIDE_BY_SIDE)
 
-    def one_part(carry: Carry, batch: NextBatch, part: int) -> Array:
+    def one_part(carry: SearchProgress, batch: NextBatch, part: int) -> Array:
         known = carry.cache.changes
         how = {"parts": parts, "execution": execution}
         new = evaluate_part(state, carry.now, batch.work, known, np.int32(part), **how)
         return jax.block_until_ready(new)
 
-    def evaluated(carry: Carry, batch: NextBatch) -> tuple[Array, ...]:
+    def evaluated(carry: SearchProgress, batch: NextBatch) -> tuple[Array, ...]:
         # JAX runs the calls of one thread one after the other.
         return tuple(pool.map(partial(one_part, carry, batch), range(parts)))
 
     def decided(
-        carry: Carry, batch: NextBatch, changes: tuple[Array, ...]
-    ) -> tuple[Carry, NextBatch]:
+        carry: SearchProgress, batch: NextBatch, changes: tuple[Array, ...]
+    ) -> tuple[SearchProgress, NextBatch]:
         room, left = jnp.int32(budget.room()), jnp.int32(budget.left)
         return step(carry, batch, changes, state, candidates, problem.limits, room, left, fine)
 
-    def first(carry: Carry, batch: NextBatch) -> tuple[Carry, NextBatch]:
+    def first(carry: SearchProgress, batch: NextBatch) -> tuple[SearchProgress, NextBatch]:
         other = pool.submit(one_part, carry, batch, 0)
         found = decided(carry, batch, (carry.cache.changes,) * parts)
         other.result()
@@ -151,6 +153,7 @@ def run(
     Algorithm 1 with strict decrease and ties to the first candidate.  A candidate whose window the
     last action did not touch keeps its value: neither its own nodes nor the goal's have changed,
     so it is not evaluated again.  Nor is one that cannot gain as much any more as others do.
+    A price of material is paid to the end: `search` goes on without.
     """
     carry = begin(state, candidates, max_steps)
     limits = replace(limits, max_steps=max_steps)
@@ -160,7 +163,7 @@ def run(
 
 @partial(compiled, static=("execution",))
 def advance(
-    carry: Carry,
+    carry: SearchProgress,
     state: SearchState,
     candidates: Candidates,
     limits: SearchLimits,
@@ -169,7 +172,7 @@ def advance(
     fine: int | Array = 0,
     *,
     execution: Execution = ONE_BY_ONE,
-) -> Carry:
+) -> SearchProgress:
     """Go on until the search ends or about `room` candidates were evaluated, of `left` at most."""
     if not state.moves:
         near = carry.result.distance <= limits.tolerance
@@ -177,14 +180,14 @@ def advance(
         return replace(carry, result=replace(carry.result, status=status))
     began = carry.result.evaluations
 
-    def rest(carry: Carry, whole: Array) -> Array:
+    def rest(carry: SearchProgress, whole: Array) -> Array:
         return whole - (carry.result.evaluations - began)
 
-    def go_on(now: tuple[Carry, NextBatch]) -> Array:
+    def go_on(now: tuple[SearchProgress, NextBatch]) -> Array:
         carry, _ = now
         return (carry.result.status < 0) & ((rest(carry, room) > 0) | (carry.local.round >= 0))
 
-    def one(now: tuple[Carry, NextBatch]) -> tuple[Carry, NextBatch]:
+    def one(now: tuple[SearchProgress, NextBatch]) -> tuple[SearchProgress, NextBatch]:
         carry, batch = now
         changes = evaluate(state, carry.now, batch.work, carry.cache.changes, execution)
         ahead = rest(carry, room) - jnp.where(carry.local.round < 0, batch.count(candidates), 0)

@@ -15,7 +15,7 @@ from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchProblem, SearchResult, Status, better, compiled, ended
 from jshape.planning.search.local import no_local
 from jshape.planning.search.sequence import measured, warm_start, without
-from jshape.planning.search.step import Carry
+from jshape.planning.search.step import SearchProgress
 from jshape.planning.state import SearchState
 
 PASSES = 4
@@ -85,7 +85,7 @@ def at_map(
     now: Array,
     cache: CandidateCache,
     seen: Array,
-) -> Carry:
+) -> SearchProgress:
     """Greedy's carry after a sequence.  In the cache, what lies where the map differs is stale."""
     apart = jnp.abs(now - seen) > 0
     rows, columns = apart.any(1), apart.any(0)
@@ -100,7 +100,7 @@ def at_map(
     status, none = jnp.int32(-1), jnp.int32(0)
     result = replace(result, status=status, evaluations=none)
     none = jnp.zeros((), jnp.float32)
-    return Carry(now, cache, used, result, no_local(state), none)
+    return SearchProgress(now, cache, used, result, no_local(state), none)
 
 
 def _swapped(problem: SearchProblem, result: SearchResult, k: int) -> SearchResult:

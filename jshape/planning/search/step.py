@@ -38,7 +38,7 @@ from jshape.planning.state import SearchState
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class Carry:
+class SearchProgress:
     """What changes from step to step; all storage is allocated before the loop."""
 
     now: Float[Array, "R C"]
@@ -52,12 +52,12 @@ class Carry:
 
 
 @jax.jit(static_argnames=["max_steps"])
-def begin(state: SearchState, candidates: Candidates, max_steps: int) -> Carry:
+def begin(state: SearchState, candidates: Candidates, max_steps: int) -> SearchProgress:
     """Nothing done, nothing known."""
     used = jnp.zeros(1 + max(state.actions, default=0), jnp.int32)
     result = empty_result(state, max_steps)
     none = jnp.zeros((), jnp.float32)
-    return Carry(state.now, empty_cache(candidates), used, result, no_local(state), none)
+    return SearchProgress(state.now, empty_cache(candidates), used, result, no_local(state), none)
 
 
 @jax.tree_util.register_dataclass
@@ -74,7 +74,7 @@ class NextBatch:
         return self.work.start[-1] * candidates.num_strengths
 
 
-def empty_batch(carry: Carry, candidates: Candidates) -> NextBatch:
+def empty_batch(carry: SearchProgress, candidates: Candidates) -> NextBatch:
     """Nothing (host)."""
     places, strengths = carry.cache.changes.shape
     moves = len(candidates.start) - 1
@@ -85,7 +85,7 @@ def empty_batch(carry: Carry, candidates: Candidates) -> NextBatch:
 
 
 def next_batch(
-    carry: Carry,
+    carry: SearchProgress,
     state: SearchState,
     candidates: Candidates,
     limits: SearchLimits,
@@ -94,11 +94,11 @@ def next_batch(
 ) -> NextBatch:
     """Stale candidates, as far as there is room, or the next round of a local search."""
 
-    def look(carry: Carry) -> tuple[Work, Array]:
+    def look(carry: SearchProgress) -> tuple[Work, Array]:
         due = pending(state, candidates, carry.cache, carry.used, limits)
         return work_of(state, candidates, due, room)
 
-    def move(carry: Carry) -> tuple[Work, Array]:
+    def move(carry: SearchProgress) -> tuple[Work, Array]:
         nothing = jnp.zeros_like(carry.cache.stale)
         return local_work(state, candidates, carry.local, fine), nothing
 
@@ -107,7 +107,7 @@ def next_batch(
 
 @compiled
 def step(
-    carry: Carry,
+    carry: SearchProgress,
     batch: NextBatch,
     changes: tuple[Array, ...],
     state: SearchState,
@@ -116,7 +116,7 @@ def step(
     room: Array,
     left: Array,
     fine: int | Array,
-) -> tuple[Carry, NextBatch]:
+) -> tuple[SearchProgress, NextBatch]:
     """What follows from candidates that were evaluated, in parts; and what to evaluate next.
 
     At most `left` evaluations are made, with those; of what comes next about `room` before the next
@@ -131,16 +131,16 @@ def step(
     looking = carry.local.round < 0
     spent = jnp.where(looking, batch.count(candidates), 0)
 
-    def looked(carry: Carry) -> tuple[Local, Array]:
+    def looked(carry: SearchProgress) -> tuple[Local, Array]:
         """A local search begins when nothing is pending any more."""
         waiting = pending(state, candidates, carry.cache, carry.used, limits).any()
         return lax.cond(waiting, lambda s: (s.local, jnp.int32(0)), begun, carry)
 
-    def begun(carry: Carry) -> tuple[Local, Array]:
+    def begun(carry: SearchProgress) -> tuple[Local, Array]:
         cache = known(carry.cache)
         return begin_local(state, candidates, cache, carry.used, limits, fine, left=left - spent)
 
-    def moved(carry: Carry) -> tuple[Local, Array]:
+    def moved(carry: SearchProgress) -> tuple[Local, Array]:
         local = next_local(state, candidates, carry.local, whole, limits, fine)
         return local, jnp.int32(0)
 
@@ -154,17 +154,17 @@ def step(
 
 
 def _decided(
-    carry: Carry,
+    carry: SearchProgress,
     state: SearchState,
     candidates: Candidates,
     limits: SearchLimits,
     fine: int | Array,
-) -> Carry:
+) -> SearchProgress:
     """The end, or the best action taken, or a carry if it gains more per action."""
     local, result = carry.local, carry.result
     best = jnp.argmax(local.gain)
 
-    def one(carry: Carry) -> Carry:
+    def one(carry: SearchProgress) -> SearchProgress:
         chosen = local.move[best], local.first[best], local.strength[best]
         return take(carry, state, candidates, *chosen)
 
@@ -177,7 +177,7 @@ def _decided(
         pays = room & (pair.gain > pair.cost * local.gain[best])
         worth |= pays
 
-        def both(carry: Carry) -> Carry:
+        def both(carry: SearchProgress) -> SearchProgress:
             for half, done in ((pair.take, pair.takes), (pair.bring, pair.brings)):
                 carry = lax.cond(
                     done,
@@ -187,10 +187,10 @@ def _decided(
                 )
             return replace(carry, stocked=carry.stocked + pair.stock)
 
-        def act(carry: Carry) -> Carry:
+        def act(carry: SearchProgress) -> SearchProgress:
             return lax.cond(pays, both, one, carry)
 
-    def judged(carry: Carry, other: Array | int) -> Carry:
+    def judged(carry: SearchProgress, other: Array | int) -> SearchProgress:
         """With the status; `other` where the search has neither converged nor enough actions."""
         result = carry.result
         status = jnp.where(result.steps >= limits.max_steps, Status.MAX_STEPS, other)
@@ -209,7 +209,9 @@ def known(cache: CandidateCache) -> CandidateCache:
 
 
 @compiled
-def take(carry: Carry, state: SearchState, candidates: Candidates, move, first, strength) -> Carry:
+def take(
+    carry: SearchProgress, state: SearchState, candidates: Candidates, move, first, strength
+) -> SearchProgress:
     """Apply a move to the map and note it."""
     now = state.act(move, carry.now, first, strength)
     shape = jnp.asarray(state.shapes)[move]
@@ -230,9 +232,9 @@ def take(carry: Carry, state: SearchState, candidates: Candidates, move, first, 
     )
 
 
-@jax.jit
+@compiled
 def last(
-    carry: Carry, state: SearchState, candidates: Candidates, limits: SearchLimits
+    carry: SearchProgress, state: SearchState, candidates: Candidates, limits: SearchLimits
 ) -> SearchResult:
     """One more action out of what is known, where it helps; then the budget is over."""
     if not state.moves:

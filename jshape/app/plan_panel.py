@@ -197,7 +197,7 @@ def _numbers(words: str) -> tuple[float, ...]:
 def _wrong(words: str | None) -> str | None:
     """What is said under lengths that cannot be tried; None: they can."""
     try:
-        problem.strengths(_numbers(words or ""), "lengths")
+        problem.lengths_to_try(_numbers(words or ""))
     except JShapeError:
         return "numbers above 0, such as 0.6, 1"
     return None

@@ -1,4 +1,4 @@
-"""`jshape demo`: a bed, a goal that another hand made, and the closed loop between, simulated."""
+"""`jshape demo`: a bed, a goal made from a copy of it, and the closed loop between, simulated."""
 
 from dataclasses import dataclass
 from functools import partial

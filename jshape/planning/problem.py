@@ -82,7 +82,7 @@ def directions(
             raise BadBank(
                 f"a bank of kind {quoted(bank.kind)} cannot turn the hand; yaws must be 1"
             )
-    moves, tried = [], strengths(lengths, "lengths", LONGEST)
+    moves, tried = [], lengths_to_try(lengths)
     for number, name in enumerate(bank.actions):
         hand = bank.predictors[number]
         for length in tried if hand.path_mm else [1.0]:
@@ -115,10 +115,15 @@ def rounds(state: SearchState, stride: int) -> int:
     return max(math.ceil(math.log2(max(stride / float(np.min(state.pitch)), 1.0))), 0)
 
 
+def lengths_to_try(lengths: Sequence[float | int]) -> list[float]:
+    """Lengths to try of paths, each once, shortest first."""
+    return strengths(lengths, "lengths", LONGEST)
+
+
 def strengths(
     strengths: Sequence[float | int], name: str = "strengths", most: float = DEEPEST
 ) -> list[float]:
-    """Strengths (or lengths) to try, each once, weakest first."""
+    """Strengths (or other multiples, up to `most`) to try, each once, weakest first."""
     try:
         values = np.asarray(strengths)
     except ValueError:

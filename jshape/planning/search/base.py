@@ -8,7 +8,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jshape._typing import Array, Bool, Float, Int
 from jshape.planning.evaluate import ONE_BY_ONE, Candidates, Execution
@@ -76,7 +75,7 @@ class SearchLimits:
         needed = error[..., None] * jnp.sqrt(strengths)
         return jnp.maximum(jnp.asarray(self.min_gain, jnp.float32), needed)
 
-    def carried(self, action: int, used: Int[Array, "A"]) -> Bool[Array, ""]:
+    def carry_allowed(self, action: int, used: Int[Array, "A"]) -> Bool[Array, ""]:
         """Whether an action may be used once more in a carry."""
         most = jnp.asarray(self.carry_uses, jnp.int32)
         return used[action] < (most if most.ndim == 0 else most[action])
@@ -106,13 +105,6 @@ class SearchResult:
     """A `Status`; -1 while the search goes on."""
     evaluations: Int[Any, "*B"]
     """How many windows were predicted."""
-
-
-def carried(state: SearchState, candidates: Candidates) -> Bool[Array, "N"]:
-    """Places of actions that are tried in pairs."""
-    actions = sorted({action for pair in state.carries for action in pair})
-    mine = np.isin(state.actions, np.array(actions, np.int32))
-    return candidates.valid & jnp.asarray(mine)[candidates.move]
 
 
 def empty_result(state: SearchState, max_steps: int) -> SearchResult:

@@ -48,41 +48,41 @@ SIDE_BY_SIDE = 4
 def search(problem: SearchProblem) -> SearchResult:
     """Greedy forward search within a budget.  See `run`."""
     state = problem.state
-    carry = _searched(problem, begin(state, problem.candidates, problem.max_steps))
+    progress = _searched(problem, begin(state, problem.candidates, problem.max_steps))
     priced = state.price is not None and float(state.price) != 0
-    if priced and int(carry.result.status) == Status.NO_IMPROVEMENT:
+    if priced and int(progress.result.status) == Status.NO_IMPROVEMENT:
         # Nothing moves material to where it is missing: what is there is shaped at no price.
         free = replace(problem, state=replace(state, price=np.zeros((), np.float32)))
-        again = replace(carry.result, status=jnp.int32(-1))
-        cache = empty_cache(problem.candidates)
-        carry = _searched(free, replace(carry, cache=cache, local=no_local(state), result=again))
-    return carry.result
+        again = replace(progress.result, status=jnp.int32(-1))
+        unknown = {"cache": empty_cache(problem.candidates), "local": no_local(state)}
+        progress = _searched(free, replace(progress, **unknown, result=again))
+    return progress.result
 
 
-def _searched(problem: SearchProblem, carry: SearchProgress) -> SearchProgress:
-    """The carry after as many actions as gain, and the budget allows."""
+def _searched(problem: SearchProblem, progress: SearchProgress) -> SearchProgress:
+    """The progress after as many actions as gain, and the budget allows."""
     state, candidates, limits = problem.state, problem.candidates, problem.limits
     budget, fine = problem.budget, np.int32(problem.fine)
-    advanced = _in_turns(problem, carry) if len(candidates.first) >= MANY else None
+    advanced = _in_turns(problem, progress) if len(candidates.first) >= MANY else None
     while True:
-        before = int(carry.result.evaluations)
+        before = int(progress.result.evaluations)
         if advanced is not None:
-            carry = next(advanced)
+            progress = next(advanced)
         else:
-            carry = budget.call(
-                advance, carry, state, candidates, limits, np.int32(budget.room()),
+            progress = budget.call(
+                advance, progress, state, candidates, limits, np.int32(budget.room()),
                 np.int32(budget.left), fine, execution=problem.execution,
             )  # fmt: skip
-        budget.spend(int(carry.result.evaluations) - before)
-        if int(carry.result.status) >= 0:
-            return carry
-        if budget.over and int(carry.local.round) < 0:
+        budget.spend(int(progress.result.evaluations) - before)
+        if int(progress.result.status) >= 0:
+            return progress
+        if budget.over and int(progress.local.round) < 0:
             # Of what is known, take the best without looking further: an answer at any time.
-            result = budget.call(last, carry, state, candidates, limits)
-            return replace(carry, result=result)
+            result = budget.call(last, progress, state, candidates, limits)
+            return replace(progress, result=result)
 
 
-def _in_turns(problem: SearchProblem, carry: SearchProgress) -> Iterator[SearchProgress]:
+def _in_turns(problem: SearchProblem, progress: SearchProgress) -> Iterator[SearchProgress]:
     """`advance` for many candidates, as two compiled functions that take turns.
 
     One decides, the other evaluates what that asks for, in several calls side by side.  The two are
@@ -93,34 +93,34 @@ def _in_turns(problem: SearchProblem, carry: SearchProgress) -> Iterator[SearchP
     alone = execution != ONE_BY_ONE or jax.default_backend() != "cpu"
     parts = 1 if alone else min(cores(), SIDE_BY_SIDE)
 
-    def one_part(carry: SearchProgress, batch: NextBatch, part: int) -> Array:
-        known = carry.cache.changes
+    def one_part(progress: SearchProgress, batch: NextBatch, part: int) -> Array:
+        known = progress.cache.changes
         how = {"parts": parts, "execution": execution}
-        new = evaluate_part(state, carry.now, batch.work, known, np.int32(part), **how)
+        new = evaluate_part(state, progress.now, batch.work, known, np.int32(part), **how)
         return jax.block_until_ready(new)
 
-    def evaluated(carry: SearchProgress, batch: NextBatch) -> tuple[Array, ...]:
+    def evaluated(progress: SearchProgress, batch: NextBatch) -> tuple[Array, ...]:
         # JAX runs the calls of one thread one after the other.
-        return tuple(pool.map(partial(one_part, carry, batch), range(parts)))
+        return tuple(pool.map(partial(one_part, progress, batch), range(parts)))
 
     def decided(
-        carry: SearchProgress, batch: NextBatch, changes: tuple[Array, ...]
+        progress: SearchProgress, batch: NextBatch, changes: tuple[Array, ...]
     ) -> tuple[SearchProgress, NextBatch]:
         room, left = jnp.int32(budget.room()), jnp.int32(budget.left)
-        return step(carry, batch, changes, state, candidates, problem.limits, room, left, fine)
+        return step(progress, batch, changes, state, candidates, problem.limits, room, left, fine)
 
-    def first(carry: SearchProgress, batch: NextBatch) -> tuple[SearchProgress, NextBatch]:
-        other = pool.submit(one_part, carry, batch, 0)
-        found = decided(carry, batch, (carry.cache.changes,) * parts)
+    def first(progress: SearchProgress, batch: NextBatch) -> tuple[SearchProgress, NextBatch]:
+        other = pool.submit(one_part, progress, batch, 0)
+        found = decided(progress, batch, (progress.cache.changes,) * parts)
         other.result()
         return found
 
     with ThreadPoolExecutor(parts) as pool:
-        carry, batch = budget.call(first, carry, empty_batch(carry, candidates))
+        progress, batch = budget.call(first, progress, empty_batch(progress, candidates))
         while True:
-            changes = budget.call(evaluated, carry, batch)
-            carry, batch = budget.call(decided, carry, batch, changes)
-            yield carry
+            changes = budget.call(evaluated, progress, batch)
+            progress, batch = budget.call(decided, progress, batch, changes)
+            yield progress
 
 
 @partial(compiled, static=("parts", "execution"))
@@ -155,15 +155,16 @@ def run(
     so it is not evaluated again.  Nor is one that cannot gain as much any more as others do.
     A price of material is paid to the end: `search` goes on without.
     """
-    carry = begin(state, candidates, max_steps)
+    progress = begin(state, candidates, max_steps)
     limits = replace(limits, max_steps=max_steps)
     ever = jnp.int32(UNLIMITED)
-    return advance(carry, state, candidates, limits, ever, ever, fine, execution=execution).result
+    given = progress, state, candidates, limits, ever, ever, fine
+    return advance(*given, execution=execution).result
 
 
 @partial(compiled, static=("execution",))
 def advance(
-    carry: SearchProgress,
+    progress: SearchProgress,
     state: SearchState,
     candidates: Candidates,
     limits: SearchLimits,
@@ -175,24 +176,25 @@ def advance(
 ) -> SearchProgress:
     """Go on until the search ends or about `room` candidates were evaluated, of `left` at most."""
     if not state.moves:
-        near = carry.result.distance <= limits.tolerance
+        near = progress.result.distance <= limits.tolerance
         status = jnp.where(near, Status.CONVERGED, Status.NO_IMPROVEMENT).astype(jnp.int32)
-        return replace(carry, result=replace(carry.result, status=status))
-    began = carry.result.evaluations
+        return replace(progress, result=replace(progress.result, status=status))
+    began = progress.result.evaluations
 
-    def rest(carry: SearchProgress, whole: Array) -> Array:
-        return whole - (carry.result.evaluations - began)
+    def rest(progress: SearchProgress, whole: Array) -> Array:
+        return whole - (progress.result.evaluations - began)
 
     def go_on(now: tuple[SearchProgress, NextBatch]) -> Array:
-        carry, _ = now
-        return (carry.result.status < 0) & ((rest(carry, room) > 0) | (carry.local.round >= 0))
+        progress, _ = now
+        unfinished = (rest(progress, room) > 0) | (progress.local.round >= 0)
+        return (progress.result.status < 0) & unfinished
 
     def one(now: tuple[SearchProgress, NextBatch]) -> tuple[SearchProgress, NextBatch]:
-        carry, batch = now
-        changes = evaluate(state, carry.now, batch.work, carry.cache.changes, execution)
-        ahead = rest(carry, room) - jnp.where(carry.local.round < 0, batch.count(candidates), 0)
-        given = carry, batch, (changes,), state, candidates, limits
-        return step(*given, ahead, rest(carry, left), fine)
+        progress, batch = now
+        changes = evaluate(state, progress.now, batch.work, progress.cache.changes, execution)
+        spent = jnp.where(progress.local.round < 0, batch.count(candidates), 0)
+        given = progress, batch, (changes,), state, candidates, limits
+        return step(*given, rest(progress, room) - spent, rest(progress, left), fine)
 
-    batch = next_batch(carry, state, candidates, limits, room, fine)
-    return lax.while_loop(go_on, one, (carry, batch))[0]
+    batch = next_batch(progress, state, candidates, limits, room, fine)
+    return lax.while_loop(go_on, one, (progress, batch))[0]

@@ -9,7 +9,7 @@ from jax import lax
 
 from jshape._typing import Array, Bool, Float, Int
 from jshape.planning.evaluate import SPARE, CandidateCache, Candidates, Work
-from jshape.planning.search.base import UNLIMITED, SearchLimits, carried
+from jshape.planning.search.base import UNLIMITED, SearchLimits
 from jshape.planning.state import SearchState
 
 WIDTH = 3
@@ -126,7 +126,14 @@ def pending(
     due = cache.stale & (cache.most > needed) & (cache.most >= best[-1])
     due &= cache.most >= jnp.where(due, cache.most, 0.0).max() / 2
     # One half of a carry need not gain anything.
-    return due | (cache.stale & carried(state, candidates)) if state.carries else due
+    return due | (cache.stale & _in_carries(state, candidates)) if state.carries else due
+
+
+def _in_carries(state: SearchState, candidates: Candidates) -> Bool[Array, "N"]:
+    """Places of actions that are tried in pairs."""
+    actions = sorted({action for pair in state.carries for action in pair})
+    mine = np.isin(state.actions, np.array(actions, np.int32))
+    return candidates.valid & jnp.asarray(mine)[candidates.move]
 
 
 def local_work(

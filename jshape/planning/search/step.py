@@ -74,9 +74,9 @@ class NextBatch:
         return self.work.start[-1] * candidates.num_strengths
 
 
-def empty_batch(carry: SearchProgress, candidates: Candidates) -> NextBatch:
+def empty_batch(progress: SearchProgress, candidates: Candidates) -> NextBatch:
     """Nothing (host)."""
-    places, strengths = carry.cache.changes.shape
+    places, strengths = progress.cache.changes.shape
     moves = len(candidates.start) - 1
     due, order = np.zeros(places, bool), np.zeros(places, np.int32)
     start, tried = np.zeros(moves + 1, np.int32), np.zeros((moves, strengths), np.float32)
@@ -85,7 +85,7 @@ def empty_batch(carry: SearchProgress, candidates: Candidates) -> NextBatch:
 
 
 def next_batch(
-    carry: SearchProgress,
+    progress: SearchProgress,
     state: SearchState,
     candidates: Candidates,
     limits: SearchLimits,
@@ -94,20 +94,20 @@ def next_batch(
 ) -> NextBatch:
     """Stale candidates, as far as there is room, or the next round of a local search."""
 
-    def look(carry: SearchProgress) -> tuple[Work, Array]:
-        due = pending(state, candidates, carry.cache, carry.used, limits)
+    def look(progress: SearchProgress) -> tuple[Work, Array]:
+        due = pending(state, candidates, progress.cache, progress.used, limits)
         return work_of(state, candidates, due, room)
 
-    def move(carry: SearchProgress) -> tuple[Work, Array]:
-        nothing = jnp.zeros_like(carry.cache.stale)
-        return local_work(state, candidates, carry.local, fine), nothing
+    def move(progress: SearchProgress) -> tuple[Work, Array]:
+        nothing = jnp.zeros_like(progress.cache.stale)
+        return local_work(state, candidates, progress.local, fine), nothing
 
-    return NextBatch(*lax.cond(carry.local.round < 0, look, move, carry))
+    return NextBatch(*lax.cond(progress.local.round < 0, look, move, progress))
 
 
 @compiled
 def step(
-    carry: SearchProgress,
+    progress: SearchProgress,
     batch: NextBatch,
     changes: tuple[Array, ...],
     state: SearchState,
@@ -122,85 +122,85 @@ def step(
     At most `left` evaluations are made, with those; of what comes next about `room` before the next
     look at the clock.
     """
-    known_before, began = carry.cache.changes, carry.result.evaluations
+    known_before, began = progress.cache.changes, progress.result.evaluations
     whole = changes[0]
     for part in changes[1:]:  # each part left the others' rows as they were
         whole = jnp.where(part == known_before, whole, part)
-    cache = replace(carry.cache, changes=whole, stale=carry.cache.stale & ~batch.due)
-    carry = replace(carry, cache=cache)
-    looking = carry.local.round < 0
+    cache = replace(progress.cache, changes=whole, stale=progress.cache.stale & ~batch.due)
+    progress = replace(progress, cache=cache)
+    looking = progress.local.round < 0
     spent = jnp.where(looking, batch.count(candidates), 0)
 
-    def looked(carry: SearchProgress) -> tuple[Local, Array]:
+    def looked(progress: SearchProgress) -> tuple[Local, Array]:
         """A local search begins when nothing is pending any more."""
-        waiting = pending(state, candidates, carry.cache, carry.used, limits).any()
-        return lax.cond(waiting, lambda s: (s.local, jnp.int32(0)), begun, carry)
+        waiting = pending(state, candidates, progress.cache, progress.used, limits).any()
+        return lax.cond(waiting, lambda s: (s.local, jnp.int32(0)), begun, progress)
 
-    def begun(carry: SearchProgress) -> tuple[Local, Array]:
-        cache = known(carry.cache)
-        return begin_local(state, candidates, cache, carry.used, limits, fine, left=left - spent)
+    def begun(progress: SearchProgress) -> tuple[Local, Array]:
+        cache = known(progress.cache)
+        return begin_local(state, candidates, cache, progress.used, limits, fine, left=left - spent)
 
-    def moved(carry: SearchProgress) -> tuple[Local, Array]:
-        local = next_local(state, candidates, carry.local, whole, limits, fine)
+    def moved(progress: SearchProgress) -> tuple[Local, Array]:
+        local = next_local(state, candidates, progress.local, whole, limits, fine)
         return local, jnp.int32(0)
 
-    local, more = lax.cond(looking, looked, moved, carry)
-    result = replace(carry.result, evaluations=began + spent + more)
-    carry = replace(carry, result=result, local=local)
+    local, more = lax.cond(looking, looked, moved, progress)
+    result = replace(progress.result, evaluations=began + spent + more)
+    progress = replace(progress, result=result, local=local)
     decided = partial(_decided, state=state, candidates=candidates, limits=limits, fine=fine)
-    carry = lax.cond(local.round == fine, decided, lambda s: s, carry)
+    progress = lax.cond(local.round == fine, decided, lambda s: s, progress)
     rest = jnp.minimum(room, left - spent) - more
-    return carry, next_batch(carry, state, candidates, limits, jnp.maximum(rest, 0), fine)
+    return progress, next_batch(progress, state, candidates, limits, jnp.maximum(rest, 0), fine)
 
 
 def _decided(
-    carry: SearchProgress,
+    progress: SearchProgress,
     state: SearchState,
     candidates: Candidates,
     limits: SearchLimits,
     fine: int | Array,
 ) -> SearchProgress:
     """The end, or the best action taken, or a carry if it gains more per action."""
-    local, result = carry.local, carry.result
+    local, result = progress.local, progress.result
     best = jnp.argmax(local.gain)
 
-    def one(carry: SearchProgress) -> SearchProgress:
+    def one(progress: SearchProgress) -> SearchProgress:
         chosen = local.move[best], local.first[best], local.strength[best]
-        return take(carry, state, candidates, *chosen)
+        return take(progress, state, candidates, *chosen)
 
     worth, act = local.gain[best] > 0, one
     if state.carries:
-        left = jnp.asarray(limits.stock, jnp.float32) + carry.stocked
-        where = state, carry.now, candidates, carry.cache, carry.used, left, limits
+        left = jnp.asarray(limits.stock, jnp.float32) + progress.stocked
+        where = state, progress.now, candidates, progress.cache, progress.used, left, limits
         pair = best_transfer(*where, fine)
         room = result.steps + pair.cost.astype(jnp.int32) <= limits.max_steps
         pays = room & (pair.gain > pair.cost * local.gain[best])
         worth |= pays
 
-        def both(carry: SearchProgress) -> SearchProgress:
+        def both(progress: SearchProgress) -> SearchProgress:
             for half, done in ((pair.take, pair.takes), (pair.bring, pair.brings)):
-                carry = lax.cond(
+                progress = lax.cond(
                     done,
                     lambda c, h=half: take(c, state, candidates, h.move, h.first, h.strength),
                     lambda c: c,
-                    carry,
+                    progress,
                 )
-            return replace(carry, stocked=carry.stocked + pair.stock)
+            return replace(progress, stocked=progress.stocked + pair.stock)
 
-        def act(carry: SearchProgress) -> SearchProgress:
-            return lax.cond(pays, both, one, carry)
+        def act(progress: SearchProgress) -> SearchProgress:
+            return lax.cond(pays, both, one, progress)
 
-    def judged(carry: SearchProgress, other: Array | int) -> SearchProgress:
+    def judged(progress: SearchProgress, other: Array | int) -> SearchProgress:
         """With the status; `other` where the search has neither converged nor enough actions."""
-        result = carry.result
+        result = progress.result
         status = jnp.where(result.steps >= limits.max_steps, Status.MAX_STEPS, other)
         status = jnp.where(result.distance <= limits.tolerance, Status.CONVERGED, status)
-        return replace(carry, result=replace(result, status=status.astype(jnp.int32)))
+        return replace(progress, result=replace(result, status=status.astype(jnp.int32)))
 
-    carry = replace(carry, local=replace(local, round=jnp.int32(-1)))
-    carry = judged(carry, jnp.where(worth, -1, Status.NO_IMPROVEMENT))
+    progress = replace(progress, local=replace(local, round=jnp.int32(-1)))
+    progress = judged(progress, jnp.where(worth, -1, Status.NO_IMPROVEMENT))
     # Judged at once, not when all candidates are known again: in a closed loop that is half of it.
-    return lax.cond(carry.result.status < 0, lambda c: judged(act(c), -1), lambda c: c, carry)
+    return lax.cond(progress.result.status < 0, lambda c: judged(act(c), -1), lambda c: c, progress)
 
 
 def known(cache: CandidateCache) -> CandidateCache:
@@ -210,17 +210,17 @@ def known(cache: CandidateCache) -> CandidateCache:
 
 @compiled
 def take(
-    carry: SearchProgress, state: SearchState, candidates: Candidates, move, first, strength
+    progress: SearchProgress, state: SearchState, candidates: Candidates, move, first, strength
 ) -> SearchProgress:
     """Apply a move to the map and note it."""
-    now = state.act(move, carry.now, first, strength)
+    now = state.act(move, progress.now, first, strength)
     shape = jnp.asarray(state.shapes)[move]
-    result, k = carry.result, carry.result.steps
+    result, k = progress.result, progress.result.steps
     return replace(
-        carry,
+        progress,
         now=now,
-        cache=touch(carry.cache, candidates, state, first, shape, (carry.now, now)),
-        used=carry.used.at[jnp.asarray(state.actions)[move]].add(1),
+        cache=touch(progress.cache, candidates, state, first, shape, (progress.now, now)),
+        used=progress.used.at[jnp.asarray(state.actions)[move]].add(1),
         result=replace(
             result,
             steps=k + 1,
@@ -234,17 +234,18 @@ def take(
 
 @compiled
 def last(
-    carry: SearchProgress, state: SearchState, candidates: Candidates, limits: SearchLimits
+    progress: SearchProgress, state: SearchState, candidates: Candidates, limits: SearchLimits
 ) -> SearchResult:
     """One more action out of what is known, where it helps; then the budget is over."""
     if not state.moves:
-        return replace(carry.result, status=jnp.int32(Status.BUDGET))
-    best, _ = begin_local(state, candidates, known(carry.cache), carry.used, limits, 0, width=1)
-    room = carry.result.steps < limits.max_steps
-    carry = lax.cond(
-        (best.gain[0] > 0) & room & (carry.result.distance > limits.tolerance),
+        return replace(progress.result, status=jnp.int32(Status.BUDGET))
+    cache = known(progress.cache)
+    best, _ = begin_local(state, candidates, cache, progress.used, limits, 0, width=1)
+    room = progress.result.steps < limits.max_steps
+    progress = lax.cond(
+        (best.gain[0] > 0) & room & (progress.result.distance > limits.tolerance),
         lambda s: take(s, state, candidates, best.move[0], best.first[0], best.strength[0]),
         lambda s: s,
-        carry,
+        progress,
     )
-    return replace(carry.result, status=jnp.int32(Status.BUDGET))
+    return replace(progress.result, status=jnp.int32(Status.BUDGET))

@@ -94,7 +94,7 @@ class _Task:
             candidates.valid
             & ~self.cache.stale
             & (action == one)
-            & self.limits.carried(one, self.used)
+            & self.limits.carry_allowed(one, self.used)
             for one in (take, bring)
         )
         shapes = jnp.asarray(self.state.shapes)[candidates.move]

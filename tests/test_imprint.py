@@ -341,6 +341,12 @@ def test_mirror_images_are_found():
     assert found(tool()) == (1.0, 1.0, 1.0)
     assert found(replace(tool(), give=jnp.roll(tool().give, 2, 1))) == (1.0, 0.0, 0.0)
     assert found(tool(), 3) == (0.0, 0.0, 0.0)  # too few to know
+    # Two without the third are no symmetry: maps would be drawn to something else at every step.
+    give, sums = tool().give, set()
+    for share in np.linspace(0.0, 0.5, 26).tolist():
+        aside = jnp.roll(give, 1, 0) + jnp.roll(give, 1, 1) - 2 * give
+        sums.add(sum(found(replace(tool(), give=give + share * aside))))
+    assert sums == {3.0, 1.0}
 
 
 def test_many_strengths_of_one_ground():

@@ -74,6 +74,8 @@ def mirrors(shown: Shown) -> tuple[float, float, float]:
     """1 where the action is its own mirror image, else 0: of rows, of columns, and of both.
 
     Such an action's maps are fitted as mirror images of themselves: each pair is worth several.
+    Of two without the third only the nearest counts: two mirror images make the third, and the mean
+    of a map and two of its images is no image of itself (fits to it diverged).
     """
     mean, count = np.asarray(_mean_change(shown)), len(shown.strength)
     if count < LEAST_PAIRS:
@@ -82,10 +84,10 @@ def mirrors(shown: Shown) -> tuple[float, float, float]:
     spread = np.asarray(shown.counted) * (shown.after - shown.before - strength * mean)
     error = np.sqrt((spread**2).sum(0) / (count - 1) / (strength**2).sum()).mean()
     least = min(ALIKE * float(error), ALIKE_OF * float(np.abs(mean).mean()))
-    rows, columns, both = (
-        float(np.abs(mean - np.asarray(image)).mean() < least) for image in images(mean)
-    )
-    return rows, columns, both
+    apart = np.array([np.abs(mean - np.asarray(image)).mean() for image in images(mean)])
+    near = apart < least
+    rows, columns, both = near if near.sum() != 2 else apart == apart.min()
+    return float(rows), float(columns), float(both)
 
 
 def images(field: Array | np.ndarray) -> list[Array]:

@@ -5,12 +5,13 @@ A ROI is `(w, h)` pixels; centred at `(u, v)` its first pixel is `(u - w // 2, v
 Host code: NumPy, small, and it raises.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from jshape._typing import ArrayLike
+from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera
 from jshape.errors import BadPosition, UnknownName
 
@@ -43,6 +44,86 @@ class ActionSet(tuple[Action, ...]):
             if action.name == name:
                 return action
         raise UnknownName("action", name, self.names)
+
+
+Place = tuple[float | int, float | int]
+"""(u, v) pixels, whole or not."""
+
+
+@dataclass(frozen=True)
+class PlacedAction:
+    """An action where and how it is to be done, or was done."""
+
+    action: str
+    """Its name."""
+    position: Place
+    """(u, v) pixels, whole or not."""
+    strength: float = 1.0
+    """How many times as deep as the trained action."""
+    yaw: float = 0.0
+    """Turn of the hand from u towards v, radians."""
+    length: float = 1.0
+    """How many times as long as the trained action's the hand's path is."""
+    stroke: tuple[float, float] = (0.0, 0.0)
+    """Displacement (u, v), pixels: of an action that moves along a line, from the start of its path
+    to its end, the place in the middle; of one that takes material out, to where the next action
+    brings it; 0 for all others."""
+    roi: tuple[int, int] | None = None
+    """(w, h) pixels of what it changes; None: not known."""
+    carries: bool = False
+    """It takes material to where the next action brings it."""
+
+    @property
+    def how(self) -> dict[str, float]:
+        """Strength, yaw and length, as far as they are not the trained action's."""
+        usual = {"strength": 1.0, "yaw": 0.0, "length": 1.0}
+        return {name: getattr(self, name) for name in usual if getattr(self, name) != usual[name]}
+
+    @property
+    def ends(self) -> Float[np.ndarray, "2 2"]:
+        """Where its stroke starts and ends, (u, v); twice the place without one."""
+        start = np.array(self.position) - (0.0 if self.carries else 0.5) * np.array(self.stroke)
+        return np.stack([start, start + self.stroke])
+
+    @property
+    def outline(self) -> Float[np.ndarray, "4 2"]:
+        """Corners (u, v) of its ROI, turned as the hand is."""
+        assert self.roi is not None
+        half = np.array(self.roi) * [[-1, -1], [1, -1], [1, 1], [-1, 1]] / 2
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        return half @ np.array([[cos, sin], [-sin, cos]]) + self.position
+
+    def stroke_mm(self, camera: Camera) -> Float[np.ndarray, "2"]:
+        """Its stroke in mm along u and v, in the middle of the camera's range."""
+        per_metre = camera.scale((float(camera.z_min) + float(camera.z_max)) / 2)
+        return 1e3 * np.array(self.stroke) / np.array([float(f) for f in per_metre])
+
+    @property
+    def deep(self) -> str:
+        """Its strength, to be said after its name unless it is 1: " x0.5"."""
+        rounded = f"{round(self.strength, 2):g}"
+        return "" if rounded == "1" else f" x{rounded}"
+
+    def words(self, camera: Camera, at: str = "") -> str:
+        """In one line: "press x0.5 at (312, 91), turned 30°"; `at` says its place otherwise."""
+        u, v = self.position
+        said = f"{self.action}{self.deep} at {at or f'({u:.0f}, {v:.0f})'}"
+        said += f", turned {np.degrees(self.yaw):.0f}°" if self.yaw else ""
+        mm = float(np.linalg.norm(self.stroke_mm(camera)))
+        way = f", taken {mm:.0f} mm to the next" if self.carries else f", {mm:.0f} mm long"
+        return said + (way if mm else "")
+
+
+def linked(actions: Iterable[PlacedAction], within: float = 0.01) -> tuple[PlacedAction, ...]:
+    """A sequence in which those say so that carry material: their strokes end at the next place.
+
+    `within` is how exact the positions are, pixels.
+    """
+    found = list(actions)
+    for k, (one, after) in enumerate(pairwise(found)):
+        off = np.abs(np.subtract(after.position, one.position) - one.stroke)
+        found[k] = replace(one, carries=bool(any(one.stroke) and off.max() < within))
+    return tuple(found)
 
 
 PAPER_ACTIONS = ActionSet(
@@ -112,52 +193,6 @@ def grid(
 def first_pixels(positions: np.ndarray, roi: ArrayLike) -> np.ndarray:
     """First pixels (N, 2) as (u, v) of ROIs of size (w, h), or (N, 2), centred at positions."""
     return positions - np.asarray(roi) // 2
-
-
-def carried(positions: np.ndarray, strokes: np.ndarray, within: float = 0.01) -> np.ndarray:
-    """Which actions of a plan take material to where the next one brings it: (K,) of bool.
-
-    Args:
-      positions: (K, 2) of (u, v).
-      strokes: (K, 2) of (u, v), see `Plan.strokes`: of such an action they end at the next place.
-      within: how exact the positions are, pixels.
-    """
-    found = np.zeros(len(positions), bool)
-    off = np.abs(np.diff(positions, axis=0) - strokes[:-1]).max(-1, initial=0.0)
-    found[:-1] = (off < within) & strokes[:-1].any(-1)
-    return found
-
-
-def strokes_mm(camera: Camera, strokes: np.ndarray) -> np.ndarray:
-    """Strokes (K, 2) of (u, v) pixels in mm along u and v, in the middle of the camera's range."""
-    per_metre = camera.scale((float(camera.z_min) + float(camera.z_max)) / 2)
-    return 1e3 * strokes / np.array([float(f) for f in per_metre])
-
-
-def by_mm(stroke: np.ndarray) -> str:
-    """A displacement in mm, for a table; nothing where there is none."""
-    return "({:+.0f}, {:+.0f})".format(*stroke) if stroke.any() else ""
-
-
-def stroke_words(camera: Camera, positions: np.ndarray, strokes: np.ndarray) -> list[str]:
-    """Of each action how far it goes or takes material, to be said after its place; or nothing."""
-    words = []
-    far = np.linalg.norm(strokes_mm(camera, strokes), axis=-1)
-    for mm, taken in zip(far, carried(positions, strokes), strict=True):
-        said = f", taken {mm:.0f} mm to the next" if taken else f", {mm:.0f} mm long"
-        words.append(said if mm else "")
-    return words
-
-
-def stroke_ends(positions: np.ndarray, strokes: np.ndarray, within: float = 0.01) -> np.ndarray:
-    """Where strokes start and end: (K, 2, 2) of (u, v), the start first.
-
-    The place is in the middle of a path, and where material is taken that is brought elsewhere;
-    without a stroke it is both ends.
-    """
-    taken = carried(positions, strokes, within)
-    start = positions - np.where(taken, 0.0, 0.5)[:, None] * strokes
-    return np.stack([start, start + strokes], 1)
 
 
 def fits(camera: Camera, positions: np.ndarray, roi: tuple[int, int]) -> np.ndarray:

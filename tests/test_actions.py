@@ -8,13 +8,13 @@ import pytest
 from jshape import D435_BAZAR, PAPER_ACTIONS, PAPER_BOX
 from jshape.actions import (
     PAPER_Z,
-    carried,
+    PlacedAction,
     first_pixels,
     fits,
     grid,
+    linked,
     place,
     roi_size,
-    stroke_ends,
 )
 from jshape.errors import BadPosition, UnknownName
 
@@ -73,12 +73,29 @@ def test_positions_outside_are_refused_shifted_or_dropped():
 
 
 def test_strokes_lead_through_the_middle_or_to_the_next_place():
-    positions = np.array([[100.0, 50.0], [40.0, 60.0], [90.5, 20.25], [10.0, 10.0]])
-    strokes = np.array([[30.0, -8.0], [50.5, -39.75], [0.0, 0.0], [6.0, 0.0]], np.float32)
-    np.testing.assert_array_equal(carried(positions, strokes), [False, True, False, False])
-    ends = stroke_ends(positions, strokes)
-    np.testing.assert_allclose(ends[0], [[85, 54], [115, 46]])  # a path
-    np.testing.assert_allclose(ends[1], positions[1:3])  # a carry
-    np.testing.assert_allclose(ends[2], positions[[2, 2]])
-    np.testing.assert_allclose(ends[3], [[7, 10], [13, 10]])  # the last one's is a path
-    assert stroke_ends(positions[:0], strokes[:0]).shape == (0, 2, 2)
+    acts = linked([
+        PlacedAction("sweep", (100.0, 50.0), stroke=(30.0, -8.0)),
+        PlacedAction("scoop", (40.0, 60.0), stroke=(50.5, -39.75)),
+        PlacedAction("pour", (90.5, 20.25)),
+        PlacedAction("sweep", (10.0, 10.0), stroke=(6.0, 0.0)),
+    ])  # fmt: skip
+    assert [act.carries for act in acts] == [False, True, False, False]
+    np.testing.assert_allclose(acts[0].ends, [[85, 54], [115, 46]])  # a path
+    np.testing.assert_allclose(acts[1].ends, [[40, 60], [90.5, 20.25]])  # a carry
+    np.testing.assert_allclose(acts[2].ends, [[90.5, 20.25]] * 2)
+    np.testing.assert_allclose(acts[3].ends, [[7, 10], [13, 10]])  # the last one's is a path
+    near = replace(acts[1], stroke=(50.0, -39.0))
+    assert not linked([near, acts[2]])[0].carries and linked([near, acts[2]], 1.0)[0].carries
+    assert linked([]) == ()
+
+
+def test_an_action_says_what_is_not_as_trained():
+    plain = PlacedAction("press", (91.4, 92.0))
+    assert plain.words(PAPER_BOX) == "press at (91, 92)" and plain.how == {}
+    other = replace(plain, strength=0.5, yaw=np.pi / 6, length=2.0, stroke=(43.3, 0.0))
+    assert other.how == {"strength": 0.5, "yaw": np.pi / 6, "length": 2.0}
+    mm = 43.3 / 433.0 * 1e3 * (0.42 + 0.47) / 2
+    said = f"turned 30°, {mm:.0f} mm long"
+    assert other.words(PAPER_BOX, "(3, 4) mm") == f"press x0.5 at (3, 4) mm, {said}"
+    assert replace(plain, strength=0.999).deep == ""
+    assert replace(plain, strength=0.25).deep == " x0.25"

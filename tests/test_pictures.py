@@ -75,7 +75,7 @@ def test_strengths_and_directions_are_said_and_drawn(plan):
     title = ax.get_title(loc="left")
     (u, v), (x, y) = plan.positions[0], plan.positions[2]
     assert f" 1 press at ({u}, {v})  " in title
-    assert f" 3 press x1.6 at ({x}, {y}) turned 29°" in title
+    assert f" 3 press x1.6 at ({x}, {y}), turned 29°" in title
     drawn = [box for box in ax.patches if isinstance(box, Rectangle)]
     sizes = [(box.get_width(), box.get_height(), round(box.get_angle())) for box in drawn]
     assert sizes[:3] == [(76, 132, 0), (40, 45, 0), (76, 132, 29)]
@@ -109,19 +109,19 @@ def test_strokes_are_arrows_through_the_place_or_to_where_material_goes(moving):
     np.testing.assert_allclose(sweep.get_width(), 60 + np.hypot(98, 53.5) / 2, rtol=1e-5)
     mm = 1e3 * np.hypot(98, 53.5) / 433.0 * (float(PAPER_BOX.z_min) + float(PAPER_BOX.z_max)) / 2
     title = figure.axes[0].get_title(loc="left").split("\n")
-    assert title[1].endswith(f"at (200, 150) turned 29°, {mm:.0f} mm long")
+    assert title[1].endswith(f"at (200, 150), turned 29°, {mm:.0f} mm long")
     assert title[2].endswith("taken 166 mm to the next") and title[3].endswith("(240, 220)")
 
 
 def test_a_notebook_says_lengths_and_strokes_only_where_there_are_any(plan, moving):
     page = moving._repr_html_()
     assert "<th>length</th><th>by (u, v) (mm)</th>" in page
-    assert "<td>2</td><td>(+101, +55)</td>" in page and "<td>1</td><td></td>" in page
+    assert "<td>2.00</td><td>(+101, +55)</td>" in page and "<td>1.00</td><td></td>" in page
     assert "length" not in plan._repr_html_()
 
 
 def test_the_studio_draws_the_same_arrows(moving):
-    drawn = app_pictures.plan_boxes(moving, 0)
+    drawn = app_pictures.boxes(moving, 0)
     assert drawn.count("<polyline") == 2 and drawn.count("<polygon") == 4 + 2
     assert 'points="151.0,123.2 ' in drawn and '<polygon points="249.0,176.8 ' in drawn
     assert (

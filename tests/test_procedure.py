@@ -21,7 +21,7 @@ from jshape.robot.arms.dry_run import DryRun
 from jshape.robot.arms.names import open_arm
 from jshape.robot.arms.simulated import SimulatedArm
 from jshape.robot.cameras.simulated import levelled_world
-from jshape.robot.perform import perform, prepare
+from jshape.robot.perform import perform
 from jshape.robot.procedure import NAMES, ArmLimits, Operation, Procedure, surface_point, turned
 from jshape.robot.procedure_file import load_hand, read_procedure
 from jshape.robot.simulated import SimulatedWorld
@@ -245,8 +245,10 @@ def test_the_simulated_arm_refuses_what_lies_beyond_its_box(hand):
     np.testing.assert_array_equal(opened.arm.world.bed.height, world.bed.height)  # one bed
     for x, y in ((0.29, 0.0), (0.0, -0.24)):
         with pytest.raises(PoseRefused, match="beyond the walls of the simulated box, ±280 and"):
-            prepare(opened.arm, hand, "knock", np.array([x, y, 0.45]), opened.base_camera)
-    prepare(opened.arm, hand, "knock", np.array([0.27, 0.22, 0.45]), opened.base_camera)
+            perform(opened.arm, hand, "knock", np.array([x, y, 0.45]), opened.base_camera)
+    there = np.array([0.27, 0.22, 0.45])
+    assert not perform(opened.arm, hand, "knock", there, opened.base_camera, only_check=True)
+    np.testing.assert_array_equal(opened.arm.world.bed.height, world.bed.height)  # none moved it
 
 
 @pytest.fixture

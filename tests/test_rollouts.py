@@ -8,6 +8,7 @@ import pytest
 
 import jshape
 from jshape import JShapeError, Status, plan, rollout
+from jshape.actions import PlacedAction
 from jshape.errors import BadBank, BadImage, BadPosition, UnknownName
 from jshape.models.bank import Bank
 from jshape.models.base import Predictor
@@ -36,6 +37,10 @@ def test_a_plan_given_back_is_predicted_as_it_was(bank, molded):
     np.testing.assert_array_equal(again.images, found.images)
     np.testing.assert_array_equal(again.distances, found.distances)
     np.testing.assert_array_equal(again.positions, found.positions)
+    np.testing.assert_array_equal(rollout(now, goal, found, bank=bank).images, found.images)
+    assert [act.action for act in found] == list(found.actions) and found[1] == list(found)[1]
+    assert found[0].position == tuple(found.positions[0].tolist())
+    assert found[0].roi == bank.roi(found[0].action)
     shorter = rollout(now, goal, found.actions[1:], found.positions[1:], bank=bank)
     assert shorter.status is Status.PLAN_ENDED
     assert len(shorter) == 2 and shorter.distances[-1] > found.distances[-1]
@@ -84,6 +89,9 @@ def test_a_hand_that_cannot_turn_is_not_turned(molded):
         ({"strengths": [0.0]}, JShapeError, "above 0"),
         ({"strengths": [1.0, 2.0]}, JShapeError, "1 numbers"),
         ({"yaws": [np.inf]}, JShapeError, "radians"),
+        ({"positions": None}, BadPosition, "0 positions for 1 actions"),
+        ({"actions": [PlacedAction("knock", (9, 9))]}, JShapeError, "go with names of actions"),
+        ({"actions": [PlacedAction("knock", (480, 5))], "positions": None}, BadPosition, "outside"),
         ({"I0": np.zeros((3, 3), np.float32)}, BadImage, "I0"),
     ],
 )

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, JShapeError
+from jshape.actions import PlacedAction
 from jshape.errors import BadCamera, BadFile, MissingDepth
 from jshape.io import journal, runs
 from jshape.planning.options import StopCriteria
@@ -718,7 +719,8 @@ def test_a_killed_process_leaves_a_run_that_goes_on(tmp_path, bank, molded, even
 
 def test_what_an_action_touched_may_change(rng):
     before = 0.45 + 0.0001 * rng.standard_normal((395, 480)).astype(np.float32)
-    after, touched = before.copy(), touched_by(PAPER_BOX, (240, 197), (100, 80))
+    touched = touched_by(PAPER_BOX, PlacedAction("knock", (240, 197), roi=(100, 80)))
+    after = before.copy()
     after[touched] += 0.02
     check_still(before, after, touched)
     with pytest.raises(BedMoved, match="1.5 mm"):

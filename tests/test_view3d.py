@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from jshape import PAPER_BOX, metric, plan
+from jshape.actions import PlacedAction
 from jshape.app import pictures
-from jshape.app.view.episode import Episode, EpisodeAction, EpisodeStep
+from jshape.app.view.episode import Episode, EpisodeStep
 from jshape.app.view.read import read_episode
 from jshape.app.view.recording import DEPTH_UNIT, write_recording
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError
@@ -61,7 +62,7 @@ def test_a_plan_foretells(planned, tmp_path):
         assert episode.steps[0].predicted is None and episode.steps[0].action is None
         np.testing.assert_allclose(episode.steps[0].seen, depth_of(planned.images[0]), atol=1e-6)
         for k, shown in enumerate(episode.steps[1:]):
-            assert shown.seen is None and shown.action.name == planned.actions[k]
+            assert shown.seen is None and shown.action == planned[k]
             np.testing.assert_allclose(shown.predicted, depth_of(planned.images[k + 1]), atol=1e-6)
             assert shown.before_mm == planned.distances_mm[k]
             assert shown.predicted_mm == planned.distances_mm[k + 1]
@@ -78,12 +79,12 @@ def test_a_run_of_a_robot_tells_what_was_seen_and_predicted(session, bank, molde
         for name in parts:
             (folder / name).unlink(missing_ok=True)
         episode = read_episode(folder)
-        assert sorted(act[:1] + act.position for _, act in episode.actions()) == sorted(applied)
+        assert sorted((act.action, *act.position) for act in episode.actions()) == sorted(applied)
         assert len(episode) == 3 and episode.is_run
         for k, (shown, step) in enumerate(zip(episode.steps[1:], summary["steps"], strict=True)):
             seen = runs.Run.open(folder).depth(k)
             np.testing.assert_array_equal(shown.seen, seen)
-            assert shown.action.roi == bank.roi(shown.action.name)
+            assert shown.action.roi == bank.roi(shown.action.action)
             # The stage's bed becomes what the bank predicts: both agree, wherever it was from.
             assert 1000 * np.abs(shown.predicted - seen).max() < MM
             assert shown.seen_mm == step["obtained_mm"] and shown.effort_nm == 0.0
@@ -169,7 +170,7 @@ def test_a_run_whose_bank_is_gone_is_shown_as_far_as_it_goes(session, bank, mold
         read_episode(folder)
     episode = read_episode(folder, camera=PAPER_BOX)
     assert len(episode) == 3 and episode.steps[1].predicted is None
-    assert episode.box(1) is None and episode.actions()[0][1].outline is None
+    assert episode.box(1) is None and episode.actions()[0].roi is None
     with pytest.raises(BadImage, match="480x395"):
         (folder / "goal.npy").unlink()
         read_episode(folder, camera=PAPER_BOX.crop(0, 0, 100, 100))
@@ -203,7 +204,7 @@ def _episode(depth, acts=(), goal=None):
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 def test_a_box_holds_the_material_of_its_roi_and_projects_to_its_outline(rng, yaw):
     depth = (0.45 + 0.002 * rng.standard_normal(PAPER_BOX.shape)).astype(np.float32)
-    act = EpisodeAction("knock", (300.0, 150.0), 1.0, yaw, (100, 60))
+    act = PlacedAction("knock", (300.0, 150.0), yaw=yaw, roi=(100, 60))
     episode = _episode(depth, [act])
     box, corners = episode.box(1), act.outline
     assert len({tuple(c) for c in np.round(box, 9)}) == 8
@@ -219,15 +220,19 @@ def test_a_box_holds_the_material_of_its_roi_and_projects_to_its_outline(rng, ya
 
 def test_an_episode_says_and_ends_its_strokes(rng):
     depth = np.full(PAPER_BOX.shape, 0.45, np.float32)
-    sweep = EpisodeAction("sweep", (100.0, 150.0), 1.0, 0.0, (100, 60), (60.0, -20.0))
-    scoop = EpisodeAction("scoop", (200.0, 150.0), 1.0, 0.0, (60, 60), (99.6, 70.4))
-    pour = EpisodeAction("pour", (300.0, 220.0), 1.0, 0.0, (60, 60))
-    assert str(sweep) == "sweep x1.00 at (100, 150), by (+60, -20)" and "by" not in str(pour)
-    ends = _episode(depth, [sweep, scoop, pour]).ends
+    sweep = PlacedAction("sweep", (100.0, 150.0), yaw=0.5, stroke=(60.0, -20.0))
+    scoop = PlacedAction("scoop", (200.0, 150.0), 0.8, stroke=(99.6, 70.4))
+    pour = PlacedAction("pour", (300.0, 220.0))
+    episode = _episode(depth, [sweep, scoop, pour])
+    assert episode.words(1) == "sweep at (100, 150), turned 29°, 65 mm long: not looked at"
+    assert episode.words(2).startswith("scoop x0.8 at (200, 150), taken 125 mm to the next: ")
+    assert episode.words(3) == "pour at (300, 220): not looked at"
+    assert episode.actions(2) == episode.actions()[:2] and len(episode.actions()) == 3
+    ends = [act.ends for act in episode.actions()]
     np.testing.assert_allclose(ends[0], [(70, 160), (130, 140)])
     np.testing.assert_allclose(ends[1], [(200, 150), (299.6, 220.4)])  # places of runs are rounded
     np.testing.assert_allclose(ends[2], [(300, 220)] * 2)
-    assert _episode(depth).ends.shape == (0, 2, 2)
+    assert _episode(depth).actions() == ()
 
 
 def test_colours_say_which_is_higher():

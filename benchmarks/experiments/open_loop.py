@@ -78,10 +78,8 @@ class Outcome:
             "places": method.where,
             "applied": ", ".join(said(a.action, a.position, a.strength) for a in self.applied),
             "planned": ", ".join(
-                said(name, at, float(strength))
-                for name, at, strength in zip(
-                    plan.actions, plan.positions.tolist(), plan.strengths, strict=True
-                )
+                said(act.action, at, act.strength)
+                for act, at in zip(plan, plan.positions.tolist(), strict=True)
             ),
             "actions": len(plan),
             "before_mm": float(self.distances_mm[0]),
@@ -125,12 +123,8 @@ def told(
     )
     made = plan(start, goal, **search)
     images = [start]
-    steps = zip(
-        made.actions, made.exact_positions.tolist(), made.strengths.tolist(), made.yaws.tolist(),
-        made.lengths.tolist(), strict=True,
-    )  # fmt: skip
-    for action, (u, v), *how in steps:
-        world.act(action, (u, v), *how)
+    for act in made:
+        world.act(act.action, act.position, **act.how)
         images.append(seen(world))
     distances = [metric.to_mm(metric.distance(image, goal), camera) for image in images]
     return Outcome(

@@ -293,10 +293,8 @@ def _gains(
 def _planned(first: Plan) -> dict[str, Any]:
     """What is written of a plan."""
     actions = [
-        {"action": name, "position": place.tolist(), "strength": float(s), "yaw": float(yaw)}
-        for name, place, s, yaw in zip(
-            first.actions, first.exact_positions, first.strengths, first.yaws, strict=True
-        )
+        {"action": a.action, "position": a.position, "strength": a.strength, "yaw": a.yaw}
+        for a in first
     ]
     return {
         "plan": actions,

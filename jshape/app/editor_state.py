@@ -5,10 +5,11 @@ No browser here: the page calls these methods and draws what they leave.
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from jshape.actions import PlacedAction
 from jshape.app.goal_state import GoalState
 from jshape.app.plan_job import PlanJob
 from jshape.camera import Camera, check_camera, differing
@@ -36,17 +37,6 @@ DEPTH_UNIT = 0.0001
 """Metres per count of a goal that is written."""
 CONTENTS = ("now.png", "goal.png", "camera.json", "plan.json")
 """What `EditorState.save` writes."""
-
-
-class _Planned(NamedTuple):
-    """One action of the plan."""
-
-    action: str
-    position: Any
-    """(u, v), pixels."""
-    strength: float
-    yaw: float
-    length: float = 1.0
 
 
 @dataclass
@@ -232,8 +222,8 @@ class EditorState(GoalState):
         actions = self._actions(step)
         if "position" in fields:
             most = self.camera.width - 1, self.camera.height - 1
-            fields["position"] = np.clip(fields["position"], 0.0, most)
-        actions[step] = actions[step]._replace(**fields)
+            fields["position"] = tuple(np.clip(fields["position"], 0.0, most).tolist())
+        actions[step] = replace(actions[step], **fields)
         self._predict(actions, select=step + 1)
 
     def select(self, done: int) -> None:
@@ -256,25 +246,17 @@ class EditorState(GoalState):
         self.plan, self.selected = ahead, min(1, len(ahead))
         self.version += 1
 
-    def _actions(self, step: int | None = None) -> list[_Planned]:
+    def _actions(self, step: int | None = None) -> list[PlacedAction]:
         """The plan's actions, to be changed; `step` must be one of them."""
         self.check_free()
-        actions = []
-        if (plan := self.plan) is not None:
-            how = (of.tolist() for of in (plan.strengths, plan.yaws, plan.lengths))
-            rows = zip(plan.actions, plan.exact_positions, *how, strict=True)
-            actions = [_Planned(*row) for row in rows]
+        actions = list(self.plan or ())
         if step is not None and not 0 <= step < len(actions):
             raise JShapeError(f"there is no action {step + 1} of a plan of {len(actions)}")
         return actions
 
-    def _predict(self, actions: list[_Planned], *, select: int) -> None:
+    def _predict(self, actions: list[PlacedAction], *, select: int) -> None:
         """The plan is these actions, with what they are predicted to bring."""
-        bed, goal = self.both()
-        columns = zip(*actions, strict=True) if actions else [()] * len(_Planned._fields)
-        names, positions, strengths, yaws, lengths = columns
-        how: dict[str, Any] = {"strengths": strengths, "yaws": yaws, "lengths": lengths}
-        self._keep(rollout(bed, goal, names, positions, bank=self.bank, **how))
+        self._keep(rollout(*self.both(), actions, bank=self.bank))
         self.selected = select
 
     def _keep(self, found: Plan) -> None:

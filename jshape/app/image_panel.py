@@ -100,7 +100,7 @@ class ImagePanel:
 
     def _boxes(self) -> str:
         plan = self._editor.plan
-        return "" if plan is None else pictures.plan_boxes(plan, self._editor.selected - 1)
+        return "" if plan is None else pictures.boxes(plan, self._editor.selected - 1)
 
     def _shown(self) -> np.ndarray | None:
         """The image I that is looked at; `difference` is that of the predicted one to the goal."""

@@ -9,9 +9,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_hex
 
-from jshape._typing import ArrayLike, Float, Num
-from jshape.actions import stroke_ends
-from jshape.planning.plan import Plan
+from jshape._typing import Float, Num
+from jshape.actions import PlacedAction
 from jshape.viz.overlay import COLOURS
 
 HEIGHTS, DIFFERENCES = "cividis", "RdBu_r"
@@ -84,39 +83,25 @@ def data_url(rgb: Num[np.ndarray, "H W 3"]) -> str:
     return "data:image/png;base64," + base64.b64encode(content.tobytes()).decode()
 
 
-def outline(position: ArrayLike, roi: ArrayLike, yaw: float) -> Float[np.ndarray, "4 2"]:
-    """Corners (u, v) of the turned ROI (w, h) of an action on the image."""
-    half = np.asarray(roi) * [[-1, -1], [1, -1], [1, 1], [-1, 1]] / 2
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return half @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(position)
+def boxes(actions: Iterable[PlacedAction], chosen: int | None) -> str:
+    """Numbered boxes of actions, the one `chosen` thick, and arrows along their strokes.
 
-
-def boxes(actions: Iterable[tuple[str, np.ndarray, np.ndarray]], chosen: int | None) -> str:
-    """Numbered boxes of actions, the one `chosen` thick.
-
-    Each is its name, corners (4, 2) of (u, v), and where its stroke starts and ends (2, 2): an
-    arrow, unless they are one place.
+    One whose ROI is not known keeps its number, and is not drawn.
     """
     drawn = []
-    for k, (name, corners, ends) in enumerate(actions):
-        colour, width = colour_of(name), 3.0 if k == chosen else 1.2
-        u, v = corners.mean(0)
+    for k, action in enumerate(actions):
+        if action.roi is None:
+            continue
+        colour, width = colour_of(action.action), 3.0 if k == chosen else 1.2
+        (u, v), corners = action.position, action.outline
         drawn.append(
             f'<polygon points="{_path(corners)}" fill="none" stroke="{colour}" '
-            f'stroke-width="{width}"/>{_arrow(ends, np.array((u, v)), colour, 1.5 * width)}'
+            f'stroke-width="{width}"/>{_arrow(action.ends, corners.mean(0), colour, 1.5 * width)}'
             f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{NUMBER}" fill="{colour}" stroke="white"/>'
             f'<text x="{u:.1f}" y="{v + 4:.1f}" font-size="12" text-anchor="middle" '
             f'fill="white" font-weight="bold">{k + 1}</text>'
         )
     return "".join(drawn)
-
-
-def plan_boxes(plan: Plan, chosen: int | None) -> str:
-    """Those of a plan's actions."""
-    places = zip(plan.exact_positions, plan.rois, plan.yaws.tolist(), strict=True)
-    outlines = (outline(*place) for place in places)
-    ends = stroke_ends(plan.exact_positions, plan.strokes)
-    return boxes(zip(plan.actions, outlines, ends, strict=True), chosen)
 
 
 def _arrow(

@@ -3,10 +3,8 @@
 from collections.abc import Callable
 from functools import partial
 
-import numpy as np
 from nicegui import events, ui
 
-from jshape.actions import stroke_words
 from jshape.app.advice import why_empty
 from jshape.app.context import AppContext
 from jshape.app.editor_state import EditorState
@@ -109,12 +107,8 @@ class PlanPanel:
         self._said.text = f"{len(plan)} actions, {way}: {plan.status.meaning}"
         with self._steps:
             self._row(0, "before all of them", d[0])
-            ways = stroke_words(plan.camera, plan.exact_positions, plan.strokes)
-            for k, name in enumerate(plan.actions):
-                (u, v), yaw = plan.exact_positions[k], np.degrees(plan.yaws[k])
-                turned = f" {yaw:.0f}°" if yaw else ""
-                words = f"{k + 1}. {name} ({u:.0f}, {v:.0f}) px{turned}{ways[k]}"
-                self._row(k + 1, words, d[k + 1])
+            for k, act in enumerate(plan, 1):
+                self._row(k, f"{k}. {act.words(plan.camera)}", d[k])
 
     def _row(self, done: int, words: str, mm: float) -> None:
         """The line of the image after `done` actions, with the buttons of the last of them."""
@@ -130,7 +124,7 @@ class PlanPanel:
     def _build_edits(self, done: int) -> None:
         editor, k = self._editor, done - 1
         assert editor.plan is not None
-        deep = ui.number(value=round(float(editor.plan.strengths[k]), 2), min=0.1, step=0.1)
+        deep = ui.number(value=round(editor.plan[k].strength, 2), min=0.1, step=0.1)
         deep.props(f'borderless prefix="x" aria-label="strength of {done}"')
         deep.style("width: 3.8em; margin: -6px 0").tooltip("Times as deep as the trained action")
         deep.on("change", lambda: self._edit(editor.change, k, strength=float(deep.value or 0)))

@@ -11,7 +11,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from jshape.actions import stroke_words
 from jshape.data.simulate import bed_of_depth
 from jshape.data.view import image_of_depth
 from jshape.errors import JShapeError, one_line
@@ -173,14 +172,8 @@ class RunController:
             return bool(self._answer)
 
     def _ask_about(self, ahead: Plan) -> bool:
-        (u, v), d = ahead.exact_positions[0], ahead.distances_mm
-        turned = f", turned {np.degrees(ahead.yaws[0]):.0f}°" if ahead.yaws[0] else ""
-        turned += stroke_words(ahead.camera, ahead.exact_positions, ahead.strokes)[0]
-        return self._ask(
-            f"{ahead.actions[0]} x{ahead.strengths[0]:.2f} at ({u:.0f}, {v:.0f}) px{turned}: "
-            f"{d[0]:.3f} -> {d[1]:.3f} mm from the goal. Act?",
-            ahead,
-        )
+        d, doing = ahead.distances_mm, ahead[0].words(ahead.camera)
+        return self._ask(f"{doing}: {d[0]:.3f} -> {d[1]:.3f} mm from the goal. Act?", ahead)
 
     def _look(self, depth: np.ndarray) -> None:
         camera = self._bank.camera

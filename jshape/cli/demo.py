@@ -1,6 +1,6 @@
 """`jshape demo`: a bed, a goal made from a copy of it, and the closed loop between, simulated."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -73,7 +73,7 @@ def demo(*, options: DemoOptions = DemoOptions()) -> dict[str, Any]:
     say(HEAD)
 
     def report(step: Step, depth: np.ndarray) -> None:
-        run.append(step._asdict(), depth)
+        run.append(asdict(step), depth)
         say(step.line(len(run)))
 
     result = mold(world, goal, bank, replan=replan, on_step=report, **search)
@@ -82,7 +82,7 @@ def demo(*, options: DemoOptions = DemoOptions()) -> dict[str, Any]:
         "before_mm": float(measured[0]),
         "predicted_mm": float(result.first_plan.distances_mm[-1]),
         "obtained_mm": float(measured[-1]),
-        "steps": [step._asdict() for step in result.steps],
+        "steps": [asdict(step) for step in result.steps],
         "stop": result.stop.name,
         "goal": made,
         "bank": bank_name,

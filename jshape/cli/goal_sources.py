@@ -3,15 +3,16 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
 from jshape import metric
+from jshape.actions import PlacedAction
 from jshape.camera import check_same_camera, differing, window_of
 from jshape.cli.goal_frame import GoalFrame
 from jshape.cli.goal_options import GoalOptions
@@ -168,7 +169,7 @@ def _actions(text: str, where: str, bed: BedMap, now: GoalFrame, bank: Bank) -> 
     own = not view.above or now.view is not None
     first = image_of_depth(bed.frame, bank.camera, view=view, where=where).image
     acts = _acts(text, bank, lambda at: view.positions(now.places(at), bed.level))
-    then = rollout(first, first, **acts, bank=bank).images[-1]
+    then = rollout(first, first, acts, bank=bank).images[-1]
     before, after = (
         np.asarray(bank.camera.depth(metric.unweigh(image, bank.camera))) for image in (first, then)
     )
@@ -179,36 +180,33 @@ def _actions(text: str, where: str, bed: BedMap, now: GoalFrame, bank: Bank) -> 
     cells = np.meshgrid(rows, columns, indexing="ij")
     change = ndimage.map_coordinates(change, cells, order=1, mode="constant")
     said = [] if own else ["the bank's camera is another one: the bed is seen from above"]
-    count = len(acts["actions"])
+    count = len(acts)
     name = f"{count} action{'s' * (count > 1)}"
     return Wanted(name, change.astype(np.float32), said, stands=True)
 
 
-def _acts(text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
-    """Actions of the command line, or of a plan's file, as `rollout` takes them."""
+def _acts(
+    text: str, bank: Bank, in_bank: Callable[[np.ndarray], np.ndarray]
+) -> Sequence[PlacedAction]:
+    """Actions of the command line, or of a plan's file, in the bank's image."""
     if Path(text).suffix.lower() == ".json":
         found = Plan.from_json(text)
         check_same_camera(bank.camera, found.camera, "the plan's")
-        how = {"strengths": found.strengths, "yaws": found.yaws, "lengths": found.lengths}
-        return {"actions": list(found.actions), "positions": found.exact_positions, **how}
+        return list(found)
     acts = [_spoken(part.strip()) for part in text.split(";") if part.strip()]
     if not acts:
         raise BadPosition("no action is given; expected some like 'knock 240,197; press 91,92x1.5'")
-    names, places, strengths, turns = zip(*acts, strict=True)
-    return {
-        "actions": list(names),
-        "positions": in_bank(np.array(places)),
-        "strengths": np.array(strengths),
-        "yaws": np.radians(turns),
-    }
+    places = in_bank(np.array([act.position for act in acts])).tolist()
+    return [replace(act, position=(u, v)) for act, (u, v) in zip(acts, places, strict=True)]
 
 
-def _spoken(text: str) -> tuple[str, tuple[float, float], float, float]:
-    """Name, place (u, v), strength and turn in degrees of an action like "grasp 312,91x1.5@30"."""
+def _spoken(text: str) -> PlacedAction:
+    """An action like "grasp 312,91x1.5@30", its turn in degrees."""
     found = _ACTION.fullmatch(text)
     try:
         name, u, v, strength, turn = found.groups() if found else []
-        return name, (float(u), float(v)), float(strength or 1), float(turn or 0)
+        how = float(strength or 1), math.radians(float(turn or 0))
+        return PlacedAction(name, (float(u), float(v)), *how)
     except ValueError:
         raise BadPosition(
             f"{quoted(text)} is not an action like 'knock 240,197' or 'grasp 312,91x1.5@30' "

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from jshape.actions import by_mm, strokes_mm
 from jshape.cli.names import Preset, Uses
 from jshape.cli.options import CameraFile, Part, Positive, Writes, spelled
 from jshape.cli.reachable import base_of, reachable
@@ -18,7 +17,6 @@ from jshape.cli.tables import print_table, warn, write_pictures
 from jshape.data.missing import said as said_of
 from jshape.data.view import View
 from jshape.errors import BadFile, JShapeError
-from jshape.height_map import places_on
 from jshape.io import banks, folders, formats
 from jshape.io.frames import frame_of, goal_source, part_of, source_of
 from jshape.io.maps import SUFFIX, read_map
@@ -165,25 +163,8 @@ def _draw(figure: str, found: Plan, **how: Any) -> Any:
 
 
 def _print(found: Plan, planner: str) -> None:
-    """A row for each action; a column that would hold zeros or ones only is left out."""
-    d, on_map = found.distances_mm, found.view is None and found.camera.orthographic
-    u, v = found.camera_positions.T
-    columns: dict[str, Any] = {"action": found.actions, "u": u, "v": v}
-    along, axes = strokes_mm(found.camera, found.strokes), "(u, v)"
-    if on_map:
-        at = 1e3 * places_on(found.camera, found.exact_positions)
-        ends = 1e3 * places_on(found.camera, found.exact_positions + found.strokes)
-        columns |= {f"{axis} (mm)": [f"{x:.1f}" for x in at[:, k]] for k, axis in enumerate("xy")}
-        along, axes = ends - at, "(x, y)"
-    columns["strength"] = [f"{strength:.2f}" for strength in found.strengths]
-    if found.yaws.any():
-        columns["yaw (°)"] = [f"{yaw:.0f}" for yaw in np.degrees(found.yaws)]
-    if (found.lengths != 1).any():
-        columns["length"] = [f"{length:.2f}" for length in found.lengths]
-    if found.strokes.any():
-        columns[f"by {axes} (mm)"] = [by_mm(one) for one in along]
-    columns["to the goal (mm)"] = [f"{mm:.3f}" for mm in d[1:]]
-    columns["gain (mm)"] = [f"{mm:.3f}" for mm in d[:-1] - d[1:]]
+    """A row for each action."""
+    columns, d = found.columns(), found.distances_mm
     start = ("", "start", *("" for _ in range(len(columns) - 3)), f"{d[0]:.3f}", "")
     rows = [(k + 1, *row) for k, row in enumerate(zip(*columns.values(), strict=True))]
     print_table(("step", *columns), [start, *rows])

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from jshape.actions import stroke_words
 from jshape.cli.camera import CAMERA_HELP, Camera, Looks, every
 from jshape.cli.names import Simulates
 from jshape.cli.options import File, PositiveCount, Writes
@@ -206,14 +205,8 @@ def asking(options: Runs) -> Callable[[Plan], bool] | None:
         nonlocal all_of_them
         if all_of_them:
             return True
-        u, v = (round(float(x)) for x in ahead.exact_positions[0])
-        d = ahead.distances_mm
-        way = stroke_words(ahead.camera, ahead.exact_positions, ahead.strokes)[0]
-        print(
-            f"next: {ahead.actions[0]} x{float(ahead.strengths[0]):.2f} at ({u}, {v}), "
-            f"{np.degrees(float(ahead.yaws[0])):.0f}°{way}: {d[0]:.3f} -> {d[1]:.3f} mm",
-            file=sys.stderr,
-        )
+        d, doing = ahead.distances_mm, ahead[0].words(ahead.camera)
+        print(f"next: {doing}: {d[0]:.3f} -> {d[1]:.3f} mm", file=sys.stderr)
         answer = _asked("act? [y]es, [a]ll, [N]o: ")
         all_of_them = answer in ALL
         return answer in (*YES, *ALL)

@@ -38,7 +38,7 @@ def view(run: Path, /, options: ViewOptions = ViewOptions()) -> dict[str, Any]:
     print("\n".join([episode.title, *episode.notes]), flush=True)
     result = {
         "title": episode.title,
-        "steps": [step.words for step in episode.steps],
+        "steps": [episode.words(k) for k in range(len(episode.steps))],
         "notes": list(episode.notes),
     }
     if options.save is None:

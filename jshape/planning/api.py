@@ -5,7 +5,7 @@ read its answer.  Nothing is compiled anew for another image, goal, least gain o
 other positions, strengths or reachable masks that fit into the same storage (`evaluate.PLACES`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from jshape._typing import ArrayLike, Bool
+from jshape.actions import PlacedAction
 from jshape.camera import Camera, unmasked
 from jshape.data.depth import check_unit, to_metres
 from jshape.data.view import View, image_of_depth, known_in_both
@@ -35,7 +36,7 @@ from jshape.planning.options import (
     hinted,
 )
 from jshape.planning.plan import Plan
-from jshape.planning.rollout import PlacedAction, placed_actions, predict_sequence
+from jshape.planning.rollout import placed_actions, predict_sequence
 from jshape.planning.search import PLANNERS
 from jshape.planning.search.base import SearchProblem, SearchResult, Status
 from jshape.planning.state import on_images
@@ -159,14 +160,14 @@ def plan_images(
     spent = problem.budget.elapsed
     # The search's own distances are sums of changes, which drift by rounding, and on the ground.
     planned = predict_sequence(
-        bank, first, goal, _acts(found, problem), Status(int(found.status)),
+        bank, first, goal, _acts(found, problem, bank), Status(int(found.status)),
         float(limits.tolerance), int(found.evaluations), seen, pairs,
     )  # fmt: skip
     notes = () if seen is None else outside_domain(first, goal, bank.camera, seen)
     return replace(planned, seconds=spent, notes=notes)
 
 
-def _acts(found: SearchResult, problem: SearchProblem) -> list[PlacedAction]:
+def _acts(found: SearchResult, problem: SearchProblem, bank: Bank) -> list[PlacedAction]:
     """The moves that a search found, at their exact places."""
     candidates, acts = problem.candidates, []
     first, pixels = np.asarray(candidates.first), np.asarray(candidates.pixels)
@@ -180,23 +181,17 @@ def _acts(found: SearchResult, problem: SearchProblem) -> list[PlacedAction]:
         same = np.flatnonzero((known == found.node[k]).all(1))
         if same.size:  # a given place, not the node beside it
             exact = pixels[mine[number]][same[0]]
-        acts.append(
-            PlacedAction(
-                move.action,
-                np.asarray(exact),
-                found.strength[k],
-                float(move.yaw),
-                float(move.length),
-            )
-        )
+        u, v = np.asarray(exact).tolist()
+        how = float(found.strength[k]), float(move.yaw), float(move.length)
+        acts.append(PlacedAction(bank.actions[move.action], (u, v), *how))
     return acts
 
 
 def rollout(
     I0: ArrayLike,
     Istar: ArrayLike,
-    actions: Sequence[str],
-    positions: ArrayLike,
+    actions: Iterable[str] | Iterable[PlacedAction],
+    positions: ArrayLike | None = None,
     *,
     strengths: ArrayLike | None = None,
     yaws: ArrayLike | None = None,
@@ -209,7 +204,8 @@ def rollout(
     Args:
       I0: (H, W) weighed image I of the bed now, floats in [0, 1].
       Istar: (H, W) the image wanted.
-      actions: K names, in their order.
+      actions: K names, in their order; or K `PlacedAction`s, such as a plan, which say their
+        positions, strengths, yaws and lengths themselves.
       positions: (K, 2) of (u, v), pixels, fractions allowed; a ROI that leaves the image is moved
         inwards, the place stays.
       strengths: (K,) how many times as deep as trained; None is 1.

@@ -11,10 +11,11 @@ import numpy as np
 
 from jshape import actions as places
 from jshape import metric
+from jshape.actions import PlacedAction, linked
 from jshape.camera import Camera, matrix
 from jshape.data.view import View
 from jshape.errors import JShapeError
-from jshape.height_map import HeightMap, map_of
+from jshape.height_map import HeightMap, map_of, places_on
 from jshape.planning import plan_file
 from jshape.planning.search.base import Status
 
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
-    """Which actions to apply, where, in which order, and what is predicted to come out."""
+    """Which actions to apply, where, in which order, and what is predicted to come out.
+
+    A sequence of `PlacedAction`s: `plan[k]` is the k-th action with all that is said of it.
+    """
 
     camera: Camera
     """The camera of the images."""
@@ -84,6 +88,47 @@ class Plan:
 
     def __len__(self) -> int:
         return len(self.actions)
+
+    def __getitem__(self, k: int) -> PlacedAction:
+        return self._placed[k]
+
+    def __iter__(self) -> Iterator[PlacedAction]:
+        return iter(self._placed)
+
+    @cached_property
+    def _placed(self) -> tuple[PlacedAction, ...]:
+        how = self.strengths, self.yaws, self.lengths, self.exact_positions, self.strokes
+        rows = zip(self.actions, *(of.tolist() for of in (*how, self.rois)), strict=True)
+        return linked(
+            PlacedAction(action, (u, v), strength, yaw, length, (du, dv), (w, h))
+            for action, strength, yaw, length, (u, v), (du, dv), (w, h) in rows
+        )
+
+    def columns(self) -> dict[str, list[str]]:
+        """A table of the actions, by column; one that would hold zeros or ones only is left out.
+
+        Places are (u, v) pixels of the camera that took the frames; on height maps (x, y) in mm
+        too.
+        """
+        found = {"action": list(self.actions)}
+        found |= {"uv"[axis]: [str(x) for x in self.camera_positions[:, axis]] for axis in (0, 1)}
+        along, axes = [act.stroke_mm(self.camera) for act in self], "(u, v)"
+        if self.view is None and self.camera.orthographic:
+            at = 1e3 * places_on(self.camera, self.exact_positions)
+            ends = 1e3 * places_on(self.camera, self.exact_positions + self.strokes)
+            found |= {f"{'xy'[axis]} (mm)": [f"{x:.1f}" for x in at[:, axis]] for axis in (0, 1)}
+            along, axes = list(ends - at), "(x, y)"
+        found["strength"] = [f"{act.strength:.2f}" for act in self]
+        if self.yaws.any():
+            found["yaw (°)"] = [f"{np.degrees(act.yaw):.0f}" for act in self]
+        if (self.lengths != 1).any():
+            found["length"] = [f"{act.length:.2f}" for act in self]
+        if self.strokes.any():
+            said = ["({:+.0f}, {:+.0f})".format(*mm) if mm.any() else "" for mm in along]
+            found[f"by {axes} (mm)"] = said
+        found["to the goal (mm)"] = [f"{mm:.3f}" for mm in self.distances_mm[1:]]
+        found["gain (mm)"] = [f"{mm:.3f}" for mm in -np.diff(self.distances_mm)]
+        return found
 
     def __repr__(self) -> str:
         actions = "1 action" if len(self) == 1 else f"{len(self)} actions"

@@ -42,20 +42,20 @@ def plan_fields(plan: Any) -> dict[str, Any]:
         "status": plan.status.name,
         "steps": [
             {
-                "action": name,
+                "action": act.action,
                 "position": [int(x) for x in plan.positions[k]],
                 "camera_position": [int(x) for x in own[k]],
                 "offset": [float(x) for x in plan.offsets[k]],
-                "roi": [int(x) for x in plan.rois[k]],
-                "strength": float(plan.strengths[k]),
-                "yaw": float(plan.yaws[k]),
-                "length": float(plan.lengths[k]),
-                "stroke": [float(x) for x in plan.strokes[k]],
+                "roi": list(act.roi),
+                "strength": act.strength,
+                "yaw": act.yaw,
+                "length": act.length,
+                "stroke": list(act.stroke),
                 "clipped": float(plan.clipped[k]),
                 "distance_mm": float(distances_mm[k + 1]),
             }
             | ({"map_m": on_map[k]} if plan.camera.orthographic else {})
-            for k, name in enumerate(plan.actions)
+            for k, act in enumerate(plan)
         ],
         "distances": [float(x) for x in plan.distances],
         "distances_mm": [float(x) for x in distances_mm],

@@ -247,15 +247,15 @@ def as_found(plan: Plan, state: SearchState, bank: Bank, max_steps: int) -> Sear
     move, node = np.full(room, -1, np.int32), np.zeros((room, 2), np.float32)
     strength = np.zeros(room, np.float32)
     for k in range(steps):
-        action, yaw = bank.actions.index(plan.actions[k]), float(plan.yaws[k])
-        length = float(plan.lengths[k])
-        mine = [m for m, one in enumerate(state.moves) if one.action == action]
+        act = plan[k]
+        number = bank.actions.index(act.action)
+        mine = [m for m, one in enumerate(state.moves) if one.action == number]
         if not mine:
             return None
-        move[k] = min(mine, key=lambda m: _apart(state.moves[m], yaw, length))
-        exact = plan.positions[k] + plan.offsets[k]
+        move[k] = min(mine, key=lambda m: _apart(state.moves[m], act.yaw, act.length))
+        exact = np.array(act.position)
         node[k] = (exact[::-1] - np.asarray(state.origin)) / np.asarray(state.pitch)
-        strength[k] = plan.strengths[k]
+        strength[k] = act.strength
     return SearchResult(
         steps=np.int32(steps), move=move, node=node, strength=strength,
         distance=np.float32(np.inf), status=np.int32(-1), evaluations=np.int32(0),

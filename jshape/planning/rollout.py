@@ -1,7 +1,6 @@
 """What a sequence of actions brings, predicted: a plan that somebody else made (host)."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
 
 import jax
 import numpy as np
@@ -9,27 +8,13 @@ import numpy as np
 from jshape import actions as rectangles
 from jshape import metric
 from jshape._typing import ArrayLike
+from jshape.actions import PlacedAction
 from jshape.errors import BadBank, BadPosition, JShapeError, UnknownName, quoted
 from jshape.models.bank import Bank
 from jshape.planning.apply import after_action
 from jshape.planning.plan import Plan, successive
 from jshape.planning.problem import DEEPEST
 from jshape.planning.search.base import Status
-
-
-class PlacedAction(NamedTuple):
-    """One action of a sequence."""
-
-    action: int
-    """Number of the action in the bank."""
-    exact: np.ndarray
-    """(2,) the place (u, v), pixels."""
-    strength: float = 1.0
-    """How many times as deep as the trained action."""
-    yaw: float = 0.0
-    """Turn of the hand from u towards v, radians."""
-    length: float = 1.0
-    """How many times as long as the trained action the hand's path is."""
 
 
 def predict_sequence(
@@ -61,12 +46,12 @@ def predict_sequence(
     first, image = image, image.copy()
     centres, rois, offsets, patches, clipped = [], [], [], [], []
     for act in acts:
-        hand = bank.placed(act.action, act.yaw if act.yaw else None, act.length)
+        hand = bank.placed(bank.actions.index(act.action), act.yaw or None, act.length)
         roi = w, h = hand.roi
         low = np.array([w // 2, h // 2])
         room = np.array([bank.camera.width - w, bank.camera.height - h])
-        centre = np.clip(np.rint(act.exact).astype(np.int32), low, low + room)
-        offset = (act.exact - centre).astype(np.float32)
+        centre = np.clip(np.rint(act.position).astype(np.int32), low, low + room)
+        offset = (act.position - centre).astype(np.float32)
         offset[np.abs(offset) < 1e-3] = 0
         left, top = corner = (centre - low).astype(np.int32)
         moved = offset if offset.any() else None
@@ -83,7 +68,7 @@ def predict_sequence(
     distances = np.array([metric.distance(image, goal, seen) for image in images], np.float32)
     return Plan(
         camera=bank.camera,
-        actions=tuple(bank.actions[act.action] for act in acts),
+        actions=tuple(act.action for act in acts),
         positions=positions,
         rois=sizes,
         distances=distances,
@@ -107,25 +92,26 @@ def _strokes(
 ) -> np.ndarray:
     """(K, 2) displacements as `Plan.strokes`."""
     camera, found = bank.camera, np.zeros((len(acts), 2), np.float32)
+    named = [(bank.actions[take], bank.actions[bring]) for take, bring in carries]
     depth = (float(camera.z_min) + float(camera.z_max)) / 2
     scale = np.array([float(f) for f in camera.scale(depth)])
     for k, act in enumerate(acts):
-        path = 1e-3 * bank.predictors[act.action].path_mm * act.length
+        path = 1e-3 * bank.predictor(act.action).path_mm * act.length
         found[k] = path * scale * (np.cos(act.yaw), np.sin(act.yaw))
-        if k + 1 < len(acts) and (act.action, acts[k + 1].action) in carries:
-            found[k] = acts[k + 1].exact - act.exact
+        if k + 1 < len(acts) and (act.action, acts[k + 1].action) in named:
+            found[k] = np.subtract(acts[k + 1].position, act.position)
     return found
 
 
 def placed_actions(
     bank: Bank,
-    actions: Sequence[str],
-    positions: ArrayLike,
+    actions: Iterable[str] | Iterable[PlacedAction],
+    positions: ArrayLike | None = None,
     strengths: ArrayLike | None = None,
     yaws: ArrayLike | None = None,
     lengths: ArrayLike | None = None,
 ) -> list[PlacedAction]:
-    """A sequence as people give it.
+    """A sequence as people give it, by `rollout`'s arguments, checked.
 
     Raises:
       UnknownName: an action that the bank does not have.
@@ -133,41 +119,48 @@ def placed_actions(
       BadBank: a turned hand for a bank whose predictors cannot be turned.
       JShapeError: strengths, yaws or lengths that make no sense.
     """
-    count = len(actions)
-    for name in actions:
+    given = list(actions)
+    if placed := [act for act in given if isinstance(act, PlacedAction)]:
+        if any(more is not None for more in (positions, strengths, yaws, lengths)):
+            raise JShapeError("positions, strengths, yaws and lengths go with names of actions")
+        positions, strengths = [act.position for act in placed], [act.strength for act in placed]
+        yaws, lengths = [act.yaw for act in placed], [act.length for act in placed]
+    names = [act.action if isinstance(act, PlacedAction) else act for act in given]
+    for name in names:
         if name not in bank.actions:
             raise UnknownName("action", name, bank.actions)
-    where = np.asarray(positions, np.float64).reshape(-1, 2) if count else np.zeros((0, 2))
+    count = len(names)
+    where = np.asarray([] if positions is None else positions, np.float64).reshape(-1, 2)
     if len(where) != count:
         raise BadPosition(f"{len(where)} positions for {count} actions; one (u, v) each is needed")
     height, width = bank.camera.shape
     for u, v in where.tolist():
         if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
             raise BadPosition(f"position ({u:g}, {v:g}) is outside the {width}x{height} image")
-    deep, turns, long = np.ones(count), np.zeros(count), np.ones(count)
-    if strengths is not None:
-        deep = np.asarray(strengths, np.float64).ravel()
-    if yaws is not None:
-        turns = np.asarray(yaws, np.float64).ravel()
-    if lengths is not None:
-        long = np.asarray(lengths, np.float64).ravel()
-    if long.size != count or not ((long > 0) & (long <= DEEPEST)).all():
-        raise JShapeError(
-            f"lengths are {long.tolist()}; {count} numbers above 0, at most {DEEPEST}, are needed"
-        )
-    if deep.size != count or not ((deep > 0) & (deep <= DEEPEST)).all():
-        raise JShapeError(
-            f"strengths are {deep.tolist()}; {count} numbers above 0, at most {DEEPEST}, are needed"
-        )
+    deep, turns, long = (
+        np.full(count, usual) if each is None else np.asarray(each, np.float64).ravel()
+        for each, usual in ((strengths, 1.0), (yaws, 0.0), (lengths, 1.0))
+    )
+    for what, values in (("lengths", long), ("strengths", deep)):
+        if values.size != count or not ((values > 0) & (values <= DEEPEST)).all():
+            raise JShapeError(
+                f"{what} are {values.tolist()}; {count} numbers above 0, at most {DEEPEST}, are "
+                "needed"
+            )
     if turns.size != count or not np.isfinite(turns).all():
         raise JShapeError(f"yaws are {turns.tolist()}; {count} numbers in radians are needed")
     if turns.any() and not bank.turns:
         raise BadBank(f"a bank of kind {quoted(bank.kind)} cannot turn the hand; yaws must be 0")
-    for name, turn, length in zip(actions, turns.tolist(), long.tolist(), strict=True):
-        w, h = bank.placed(bank.actions.index(name), turn if turn else None, length).roi
-        if w > width or h > height:
-            raise BadPosition(f"{name}: ROI {w}x{h} is larger than the {width}x{height} image")
-    return [
-        PlacedAction(bank.actions.index(name), at, *map(float, how))
-        for name, at, *how in zip(actions, where, deep, turns, long, strict=True)
+    placed = [
+        PlacedAction(name, (u, v), *how)
+        for name, (u, v), *how in zip(
+            names, *(of.tolist() for of in (where, deep, turns, long)), strict=True
+        )
     ]
+    for act in placed:
+        w, h = bank.placed(bank.actions.index(act.action), act.yaw or None, act.length).roi
+        if w > width or h > height:
+            raise BadPosition(
+                f"{act.action}: ROI {w}x{h} is larger than the {width}x{height} image"
+            )
+    return placed

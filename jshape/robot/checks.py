@@ -3,6 +3,7 @@
 import numpy as np
 
 from jshape._typing import Bool, Float
+from jshape.actions import PlacedAction
 from jshape.camera import Camera
 from jshape.data.missing import missing
 from jshape.errors import BadImage
@@ -54,10 +55,9 @@ def check_still(
         )
 
 
-def touched_by(
-    camera: Camera, position: tuple[float | int, float | int], roi: tuple[int, int]
-) -> Bool[np.ndarray, "H W"]:
+def touched_by(camera: Camera, action: PlacedAction) -> Bool[np.ndarray, "H W"]:
     """Where an action may have changed the bed: its ROI, and half of it more on all sides."""
-    (u, v), (w, h) = position, roi
+    assert action.roi is not None
+    (u, v), (w, h) = action.position, action.roi
     rows, columns = np.ogrid[: camera.height, : camera.width]
     return (np.abs(columns - u) <= w) & (np.abs(rows - v) <= h)

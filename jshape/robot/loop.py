@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from jshape import actions as places
 from jshape import metric
+from jshape.actions import PlacedAction
 from jshape.camera import Camera, check_same_camera
 from jshape.data.view import above, image_of_depth, known_in_both
 from jshape.errors import JShapeError, quoted
@@ -63,26 +63,16 @@ class Stop(StrEnum):
     DECLINED = "the next action was declined"
 
 
-class Step(NamedTuple):
-    """One action of the loop."""
+@dataclass(frozen=True, kw_only=True)
+class Step(PlacedAction):
+    """One action of the loop, its place rounded to a pixel."""
 
-    action: str
-    position: tuple[int, int]
-    """(u, v) pixels."""
     before_mm: float
     """Distance to the goal before."""
     predicted_mm: float
     """Distance predicted after this action."""
     obtained_mm: float
     """Distance measured after it."""
-    strength: float = 1.0
-    """How many times as deep as the trained action."""
-    yaw: float = 0.0
-    """Turn of the hand from u towards v, radians."""
-    length: float = 1.0
-    """How many times as long as the trained path its own is."""
-    stroke: tuple[float, float] = (0.0, 0.0)
-    """(u, v) pixels from the start of its path to the end, or to where it takes material."""
 
     def line(self, number: int) -> str:
         """A line below `HEAD`."""
@@ -218,7 +208,7 @@ def mold(
         off = metric.distance(now.image, ahead.images[0], both)
         on_start(float(metric.to_mm(off, bank.camera)))
     if afresh:
-        ahead = _seen_anew(ahead, now, bank)
+        ahead = rollout(now.image, now.goal, ahead, bank=bank, seen=now.seen)
     whole = goal if wanted is None else np.where(wanted, goal, now.image)
     run = Molding(whole, ahead, [now.image], [now.depth], [now.seen])
     obtained = float(metric.to_mm(now.distance, bank.camera))
@@ -230,42 +220,35 @@ def mold(
         if confirm is not None and not confirm(ahead):
             run.stop = Stop.DECLINED
             return run
-        action, (u, v) = ahead.actions[0], ahead.exact_positions[0].tolist()
-        how = ahead.strengths, ahead.yaws, ahead.lengths
-        strength, yaw, length = (float(of[0]) for of in how)
-        more = {} if (strength, yaw) == (1.0, 0.0) else {"strength": strength, "yaw": yaw}
-        more |= {} if length == 1.0 else {"length": length}
-        # What is taken out is brought before anything else is planned or judged.
-        carrying = bool(places.carried(ahead.exact_positions, ahead.strokes)[0])
-        world.act(action, (u, v), **more)
+        act = ahead[0]
+        world.act(act.action, act.position, **act.how)
         now = look()
         run.depths.append(now.depth)
         run.images.append(now.image)
         run.seen.append(now.seen)
         before, obtained = obtained, float(metric.to_mm(now.distance, bank.camera))
+        u, v = act.position
+        done: dict[str, Any] = vars(act) | {"position": (round(u), round(v))}
         predicted = float(ahead.distances_mm[1])
-        at = (round(u), round(v))
-        du, dv = ahead.strokes[0].tolist()
-        step = Step(action, at, before, predicted, obtained, strength, yaw, length, (du, dv))
+        step = Step(**done, before_mm=before, predicted_mm=predicted, obtained_mm=obtained)
         run.steps.append(step)
         if on_step is not None:
             on_step(step, now.depth)
         if watch:
-            touched = touched_by(bank.camera, (u, v), tuple(ahead.rois[0].tolist()))
-            check_still(run.depths[-2], now.depth, touched)
-        if not carrying:
+            check_still(run.depths[-2], now.depth, touched_by(bank.camera, act))
+        if not act.carries:  # what is taken out is brought before anything else is judged
             failures = 0 if obtained < judged else failures + 1
             judged = obtained
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
-        if stock is not None and action in moving:
+        if stock is not None and act.action in moving:
             stock = max(stock - float(ahead.volumes_cm3[0]), 0.0)
         ahead = ahead.rest(1)
-        if action in uses:
-            uses[action] -= 1
-        if afresh or replan and carrying:
-            ahead = _seen_anew(ahead, now, bank)
+        if act.action in uses:
+            uses[act.action] -= 1
+        if afresh or replan and act.carries:
+            ahead = rollout(now.image, now.goal, ahead, bank=bank, seen=now.seen)
         elif replan:
             left = stop.max_steps - len(run.steps)
             if left == 0:
@@ -296,10 +279,3 @@ class _Look(NamedTuple):
     def distance(self) -> float:
         """To the goal."""
         return float(metric.distance(self.image, self.goal, self.seen))
-
-
-def _seen_anew(ahead: Plan, now: _Look, bank: Bank) -> Plan:
-    """The same actions, predicted from another look."""
-    how = {"strengths": ahead.strengths, "yaws": ahead.yaws, "lengths": ahead.lengths}
-    given = now.image, now.goal, ahead.actions, ahead.exact_positions
-    return rollout(*given, **how, bank=bank, seen=now.seen)

@@ -38,57 +38,28 @@ def perform(
     length: float = 1.0,
     *,
     on_operation: Callable[[OperationResult], None] = lambda done: None,
+    only_check: bool = False,
 ) -> list[OperationResult]:
-    """Carry an action out at a point of the surface; `on_operation` is called after each operation.
-
-    The point and how the action varies are those of `Procedure.poses`; `base_camera` is the pose of
-    the point's camera in the arm's base frame, metres.
+    """Carry an action out at a point of the surface, once all of it is checked.
 
     Any failure, Ctrl-C included, stops the arm before the error is passed on.
+
+    Args:
+      arm: does it.
+      hand: procedures and limits.
+      action: its name.
+      point: as for `Procedure.poses`, like strength, yaw and length.
+      base_camera: pose of the point's camera in the arm's base frame, metres.
+      strength: a factor on depths.
+      yaw: turn of the hand from u towards v, radians.
+      length: a factor on the path.
+      on_operation: called after each operation.
+      only_check: the arm does not move.
 
     Raises:
       PoseRefused: it leaves the workspace or what the arm can reach; the arm has not moved.
       ArmError: the arm did not do it, touched something in the air, or has no such procedure.
       EffortLimit: the effort rose above the hard limit.
-    """
-    tool, operations = prepare(arm, hand, action, point, base_camera, strength, yaw, length)
-    path = hand.procedures[action].path(length)
-    way = float(path[-1, 0] - path[0, 0]) if len(path) else 0.0
-    camera_base = np.linalg.inv(base_camera)
-    all_done = []
-    try:
-        for operation, poses in operations:
-            arm.begin(Doing(action, operation.name, strength, yaw, length, way), tool)
-            where = f"{action}: {operation.name}"
-            contact, effort = _one(arm, operation, poses, where, hand.limits)
-            x, y, z = ((camera_base @ arm.pose())[:3, 3] * 1000.0).tolist()
-            done = OperationResult(operation.name, contact, effort, (x, y, z))
-            all_done.append(done)
-            on_operation(done)
-    except BaseException:
-        stop_arm(arm)
-        raise
-    return all_done
-
-
-def prepare(
-    arm: Arm,
-    hand: Hand,
-    action: str,
-    point: Float[np.ndarray, "3"],
-    base_camera: Float[np.ndarray, "4 4"],
-    strength: float = 1.0,
-    yaw: float = 0.0,
-    length: float = 1.0,
-) -> tuple[Pose, list[tuple[Operation, list[Pose]]]]:
-    """Check an action as `perform` takes it; the arm does not move.
-
-    Returns:
-      The pose of the tool in the flange's frame, and the operations with the tool's poses in the
-      base frame one after the other, none for one that goes nowhere.
-
-    Raises:
-      PoseRefused, ArmError: as for `perform`.
     """
     if action not in hand.procedures:
         raise ArmError(f"the hand cannot {action}; it can: {', '.join(hand.procedures)}")
@@ -98,7 +69,25 @@ def prepare(
     arm.limit(effort=limits.effort_nm, speed=limits.speed_mm_s / 1000.0)
     every = [pose for _, poses in operations for pose in poses]
     arm.check(every, [one.posture for one, _ in seen if one.posture], procedure.tool)
-    return procedure.tool, operations
+    if only_check:
+        return []
+    path = procedure.path(length)
+    way = float(path[-1, 0] - path[0, 0]) if len(path) else 0.0
+    camera_base = np.linalg.inv(base_camera)
+    all_done = []
+    try:
+        for operation, poses in operations:
+            arm.begin(Doing(action, operation.name, strength, yaw, length, way), procedure.tool)
+            where = f"{action}: {operation.name}"
+            contact, effort = _one(arm, operation, poses, where, limits)
+            x, y, z = ((camera_base @ arm.pose())[:3, 3] * 1000.0).tolist()
+            done = OperationResult(operation.name, contact, effort, (x, y, z))
+            all_done.append(done)
+            on_operation(done)
+    except BaseException:
+        stop_arm(arm)
+        raise
+    return all_done
 
 
 def _one(

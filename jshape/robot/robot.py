@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from typing import Any
 
 import numpy as np
 
 from jshape._typing import Float
+from jshape.actions import Place, PlacedAction
 from jshape.camera import Camera
 from jshape.data.fusion import NOISE, check_poses
 from jshape.data.missing import fill_missing, median_of
@@ -17,7 +17,7 @@ from jshape.robot.arms.guarded import GuardedArm
 from jshape.robot.cameras.base import FRAMES, DepthCamera, look
 from jshape.robot.cameras.guarded import GuardedCamera
 from jshape.robot.checks import check_clear
-from jshape.robot.perform import OperationResult, perform, prepare
+from jshape.robot.perform import OperationResult, perform
 from jshape.robot.procedure import Hand, surface_point
 
 
@@ -121,18 +121,28 @@ class Robot(AbstractContextManager):
     def act(
         self,
         action: str,
-        position: tuple[float | int, float | int],
+        position: Place,
         strength: float = 1.0,
         yaw: float = 0.0,
         length: float = 1.0,
     ) -> None:
         """Carry an action out at pixel (u, v) of the bank's image; ArmError: it did not."""
         self.moved = True
-        given = self._given(action, position, strength, yaw, length)
-        perform(*given, on_operation=self.on_operation)
+        self._perform(action, position, strength, yaw, length)
 
-    def _given(self, action: str, position: tuple[float | int, float | int], *how: float) -> Any:
-        """What `prepare` and `perform` take; `how` is strength, yaw and length."""
+    def check(self, act: PlacedAction) -> None:
+        """Whether it could carry an action out; nothing moves.  Raises as `act`."""
+        how = act.strength, act.yaw, act.length
+        self._perform(act.action, act.position, *how, only_check=True)
+
+    def _perform(
+        self,
+        action: str,
+        position: Place,
+        *how: float,
+        only_check: bool = False,
+    ) -> None:
+        """`how` is strength, yaw and length."""
         if self._seen is None or self.view is None:
             raise JShapeError("look before you act")
         if self._whole is None:  # once a look: a plan's actions are all checked on the first
@@ -141,18 +151,10 @@ class Robot(AbstractContextManager):
         beside = (0.0, 0.0) if procedure is None else procedure.begins(*how[1:])
         point = surface_point(self._whole, self.camera, position, beside=beside)
         base_camera = np.eye(4) if self.base_camera is None else self.base_camera
-        return self.guard, self._hand, action, point, base_camera @ self.view.to_source, *how
-
-    def check(
-        self,
-        action: str,
-        position: tuple[float | int, float | int],
-        strength: float = 1.0,
-        yaw: float = 0.0,
-        length: float = 1.0,
-    ) -> None:
-        """Whether it could carry an action out; nothing moves.  Raises as `act`."""
-        prepare(*self._given(action, position, strength, yaw, length))
+        perform(
+            self.guard, self._hand, action, point, base_camera @ self.view.to_source, *how,
+            on_operation=self.on_operation, only_check=only_check,
+        )  # fmt: skip
 
     def home(self) -> None:
         """Bring the arm out of the camera's view; ArmError: it did not."""

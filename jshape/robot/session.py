@@ -11,7 +11,7 @@ import io
 import shlex
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -181,17 +181,12 @@ class Session:
 
         def ask(ahead: Plan) -> bool:
             nonlocal check
-            places = map(tuple, ahead.exact_positions.tolist())
-            how = (of.tolist() for of in (ahead.strengths, ahead.yaws, ahead.lengths))
-            doing = list(zip(ahead.actions, places, *how, strict=True))
-            for one in doing if check else ():
-                robot.check(*one)
+            for act in ahead if check else ():
+                robot.check(act)
             check = False
-            names = "action", "position", "strength", "yaw", "length"
-            next_ = dict(zip(names, doing[0], strict=True)) | {"stroke": ahead.strokes[0].tolist()}
             before, predicted = ahead.distances_mm[:2].tolist()
             distances = {"before_mm": before, "predicted_mm": predicted}
-            self._note("planned", **next_, **distances, actions=len(ahead))
+            self._note("planned", **asdict(ahead[0]), **distances, actions=len(ahead))
             agreed = confirm is None or confirm(ahead)
             self._note("acting" if agreed else "declined")
             self._operations.clear()
@@ -200,7 +195,7 @@ class Session:
         return ask
 
     def _stepped(self, step: Step, depth: np.ndarray) -> None:
-        self.run.append(step._asdict() | {"operations": list(self._operations)}, depth)
+        self.run.append(asdict(step) | {"operations": list(self._operations)}, depth)
         self._say(step.line(len(self.run)))
 
     def _same_plan(self, plan: Plan) -> None:

@@ -5,6 +5,7 @@ import numpy as np
 
 from jshape import sim
 from jshape._typing import Array, ArrayLike, Float, Key
+from jshape.actions import Place
 from jshape.camera import PAPER_BOX, Camera
 from jshape.data.recording import LEVELLED_STD
 from jshape.data.simulate import look
@@ -125,7 +126,7 @@ class SimulatedWorld:
     def act(
         self,
         action: str,
-        position: tuple[float | int, float | int],
+        position: Place,
         strength: float | int = 1.0,
         yaw: float | int = 0.0,
         length: float | int = 1.0,

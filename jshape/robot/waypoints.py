@@ -121,21 +121,20 @@ def waypoints_of(
             "are the poses of its cameras in that frame already? then leave --base out"
         )
     frame = ("cameras" if on_map else "camera") if base_camera is None else "base"
-    how = (of.astype(float).tolist() for of in (plan.strengths, plan.yaws, plan.lengths))
     actions = []
-    for k, strength, yaw, length in zip(range(len(plan)), *how, strict=True):
-        procedure = hand.procedures[plan.actions[k]]
+    for k, act in enumerate(plan):
+        procedure = hand.procedures[act.action]
         depth = np.asarray(camera.depth(metric.unweigh(plan.images[k], camera)))
-        at = {"place_depth": place_depth, "beside": procedure.begins(yaw, length)}
-        point = surface_point(depth, camera, plan.exact_positions[k], **at)
-        seen = procedure.poses(hand.limits, point, strength, yaw, length)
+        at = {"place_depth": place_depth, "beside": procedure.begins(act.yaw, act.length)}
+        point = surface_point(depth, camera, act.position, **at)
+        seen = procedure.poses(hand.limits, point, act.strength, act.yaw, act.length)
         action = {
             "number": k + 1,
-            "action": plan.actions[k],
-            "position_px": _numbers(plan.exact_positions[k]),
-            "strength": round(strength, 6),
-            "yaw_rad": round(yaw, 6),
-            "length": round(length, 6),
+            "action": act.action,
+            "position_px": _numbers(act.position),
+            "strength": round(act.strength, 6),
+            "yaw_rad": round(act.yaw, 6),
+            "length": round(act.length, 6),
             "surface_m": _numbers(change[:3, :3] @ point + change[:3, 3]),
             "tool_in_flange_m": _numbers(procedure.tool[:3, 3]),
             "predicted_distance_mm": round(float(plan.distances_mm[k + 1]), 6),

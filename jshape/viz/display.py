@@ -4,10 +4,8 @@ import base64
 from functools import partial
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
-from jshape.actions import by_mm, strokes_mm
 from jshape.errors import escaped
 from jshape.viz.overlay import Plan
 from jshape.viz.pictures import plan_figure
@@ -24,27 +22,16 @@ def plan_html(plan: Plan) -> str:
     """
     pictures = drawn({"plan": partial(plan_figure, plan)}, dpi=60) if plan.goal is not None else {}
     figures = (base64.b64encode(data).decode() for data in pictures.values())
-    own, along = plan.camera_positions.tolist(), strokes_mm(plan.camera, plan.strokes)
-    columns = {
-        "": [k + 1 for k in range(len(plan))],
-        "action": plan.actions,
-        "(u, v)": [f"({u:g}, {v:g})" for u, v in own],
-        "strength": [f"{strength:.3g}" for strength in plan.strengths.tolist()],
-        "yaw (°)": [f"{yaw:.0f}" for yaw in np.degrees(plan.yaws).tolist()],
-    }
-    if (plan.lengths != 1).any():
-        columns["length"] = [f"{length:.3g}" for length in plan.lengths.tolist()]
-    if plan.strokes.any():
-        columns["by (u, v) (mm)"] = [by_mm(one) for one in along]
-    columns["distance after (mm)"] = [f"{mm:.3f}" for mm in plan.distances_mm[1:].tolist()]
-    head, rows = tuple(columns), list(zip(*columns.values(), strict=True))[:MAX_ROWS]
+    columns = plan.columns()
+    numbers = range(1, len(plan) + 1)
+    rows = list(zip(numbers, *columns.values(), strict=True))[:MAX_ROWS]
     more = len(plan) - len(rows)
     return "".join(
         (
             f"<div><code>{escaped(repr(plan))}</code></div>",
             *(f'<img alt="plan" src="data:image/png;base64,{data}">' for data in figures),
             "<table>",
-            _row("th", head),
+            _row("th", ("", *columns)),
             *(_row("td", row) for row in rows),
             "</table>",
             f"<div>and {more} more</div>" if more > 0 else "",

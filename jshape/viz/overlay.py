@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from jshape.actions import carried, stroke_ends, stroke_words
 from jshape.height_map import places_on
 
 COLOURS = {
@@ -48,10 +47,8 @@ def in_words(plan: Plan) -> list[str]:
             where += ", and in the camera's own pixels"
             places = [f"{p}, pixel {q}" for p, q in zip(places, pixels, strict=True)]
     many = "1 action" if len(plan) == 1 else f"{len(plan)} actions"
-    steps, ways = [], stroke_words(plan.camera, plan.exact_positions, plan.strokes)
-    for k, place in enumerate(places):
-        turned = f" turned {np.degrees(plan.yaws[k]):.0f}°" if plan.yaws[k] else ""
-        steps.append(f"{k + 1:2d} {doing(plan, k)} at {place}{turned}{ways[k]}")
+    told = (act.words(plan.camera, place) for act, place in zip(plan, places, strict=True))
+    steps = [f"{k:2d} {words}" for k, words in enumerate(told, 1)]
     if len(steps) > 8:
         half = -(-len(steps) // 2)
         wide = max(map(len, steps[:half])) + 3
@@ -60,17 +57,6 @@ def in_words(plan: Plan) -> list[str]:
             for left, right in zip(steps[:half], [*steps[half:], ""], strict=False)
         ]
     return [f"{many}{where}:", *(steps or ["nothing helps"])]
-
-
-def doing(plan: Plan, k: int) -> str:
-    """An action's name and its strength: "press x0.5"."""
-    return plan.actions[k] + _strength(plan, k)
-
-
-def _strength(plan: Plan, k: int) -> str:
-    """How deep an action goes, unless it is as deep as trained: " x0.5"."""
-    rounded = f"{round(float(plan.strengths[k]), 2):g}"
-    return "" if rounded == "1" else f" x{rounded}"
 
 
 def draw_actions(ax: Axes, plan: Plan, rois: Rois | None = None, *, strengths: bool = True) -> None:
@@ -87,23 +73,20 @@ def draw_actions(ax: Axes, plan: Plan, rois: Rois | None = None, *, strengths: b
       rois: trained ROIs: a turned hand's box is its own, turned; else its square.
       strengths: beside the numbers, where they are not 1.
     """
-    places = plan.exact_positions.astype(float).tolist()
     many = len(plan) > 6
     size, width = (7.5, 1.1) if many else (9.0, 1.8)
     if isinstance(ax.figure, Figure):
         ax.figure.draw_without_rendering()  # lays out the axes
     room = _Room(ax, size)
-    ends = stroke_ends(plan.exact_positions, plan.strokes)
-    taken = carried(plan.exact_positions, plan.strokes)
-    for k, name in enumerate(plan.actions):
-        (u, v), (w, h) = places[k], plan.rois[k].tolist()
-        yaw, colour = float(np.degrees(plan.yaws[k])), COLOURS.get(name, "0.5")
+    for act in plan:
+        (u, v), (w, h) = map(float, act.position), act.roi
+        yaw, colour = np.degrees(act.yaw), COLOURS.get(act.action, "0.5")
         left, top = u - w // 2 - 0.5, v - h // 2 - 0.5
         if yaw:
-            if rois and name in rois:
-                w, h = rois[name]
-                if not taken[k]:  # what a longer path adds
-                    w += float(np.hypot(*plan.strokes[k]) * (1 - 1 / plan.lengths[k]))
+            if rois and act.action in rois:
+                w, h = rois[act.action]
+                if not act.carries:  # what a longer path adds
+                    w += np.hypot(*act.stroke) * (1 - 1 / act.length)
             left, top = u - w / 2, v - h / 2
         box = Rectangle(
             (left, top), w, h, angle=yaw, rotation_point=(u, v), fill=False, edgecolor=colour,
@@ -112,14 +95,15 @@ def draw_actions(ax: Axes, plan: Plan, rois: Rois | None = None, *, strengths: b
         ax.add_patch(box)
         ax.plot(u, v, "+", color=colour, markersize=size, markeredgewidth=width)
         room.take(u, v)
-        if plan.strokes[k].any():
-            look = dict(color=colour, linewidth=1.4 * width, linestyle="--" if taken[k] else "-")
+        if any(act.stroke):
+            start, end = act.ends
+            look = dict(color=colour, linewidth=1.4 * width, linestyle="--" if act.carries else "-")
             look |= dict(arrowstyle="-|>", mutation_scale=1.6 * size, shrinkA=0, shrinkB=0)
-            ax.annotate("", ends[k, 1], ends[k, 0], arrowprops=look, annotation_clip=False)
-            room.take(*ends[k, 1])
-    for k, name in enumerate(plan.actions):
-        (u, v), colour = places[k], COLOURS.get(name, "0.5")
-        text = f"{k + 1}" + (_strength(plan, k) if strengths else "")
+            ax.annotate("", end, start, arrowprops=look, annotation_clip=False)
+            room.take(*end)
+    for k, act in enumerate(plan, 1):
+        (u, v), colour = map(float, act.position), COLOURS.get(act.action, "0.5")
+        text = f"{k}" + (act.deep if strengths else "")
         x, y = room.beside(u, v, text)
         ax.plot([u, x], [v, y], color=colour, linewidth=width)
         ax.text(

@@ -15,7 +15,7 @@ from jshape.camera import Camera
 from jshape.errors import JShapeError
 from jshape.height_map import ABOVE
 from jshape.viz.maps import extremes, in_mm, mark_unseen, span
-from jshape.viz.overlay import Plan, Rois, doing, draw_actions, in_words, is_own
+from jshape.viz.overlay import Plan, Rois, draw_actions, in_words, is_own
 from jshape.viz.style import drawn, own_style
 
 
@@ -121,7 +121,7 @@ def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
 @own_style()
 def steps_figure(plan: Plan) -> Figure:
     """The predicted images of a plan side by side, and the goal."""
-    names = ["now", *(f"{k + 1} {doing(plan, k)}" for k in range(len(plan)))]
+    names = ["now", *(f"{k} {act.action}{act.deep}" for k, act in enumerate(plan, 1))]
     images = list(plan.images)
     if plan.goal is not None:
         images, names = [*images, plan.goal], [*names, "goal"]

@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from jshape._typing import Float
-from jshape.actions import stroke_ends
+from jshape.actions import PlacedAction, linked
 from jshape.app import pictures
 from jshape.app.pictures import Scale
 from jshape.camera import Camera
@@ -15,33 +14,6 @@ from jshape.data.missing import missing
 
 MARGIN_MM = 1.0
 """A box reaches so far above and below the surface that it holds."""
-
-
-class EpisodeAction(NamedTuple):
-    """One action."""
-
-    name: str
-    position: tuple[float, float]
-    """(u, v) pixels."""
-    strength: float
-    """How many times as deep as the trained action."""
-    yaw: float
-    """Turn of the hand from u towards v, radians."""
-    roi: tuple[int, int] | None
-    """(w, h) pixels of what it changes, before the turn; None: not known."""
-    stroke: tuple[float, float] = (0.0, 0.0)
-    """(u, v) pixels from the start of its path to the end, or to where it takes material."""
-
-    def __str__(self) -> str:
-        u, v = self.position
-        turned = f", turned {np.degrees(self.yaw):.0f}°" if self.yaw else ""
-        along = ", by ({:+.0f}, {:+.0f})".format(*self.stroke) if any(self.stroke) else ""
-        return f"{self.name} x{self.strength:.2f} at ({u:.0f}, {v:.0f}){turned}{along}"
-
-    @property
-    def outline(self) -> Float[np.ndarray, "4 2"] | None:
-        """Corners (u, v) of what it changes on the image; None if its ROI is not known."""
-        return None if self.roi is None else pictures.outline(self.position, self.roi, self.yaw)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +24,7 @@ class EpisodeStep:
     """(H, W) depth that the camera saw, metres, NaN = no reading; None: it did not look."""
     predicted: np.ndarray | None = None
     """(H, W) depth predicted, metres; None: not known."""
-    action: EpisodeAction | None = None
+    action: PlacedAction | None = None
     """The action before it; None at the start."""
     before_mm: float | None = None
     """Distance to the goal before the action."""
@@ -69,23 +41,6 @@ class EpisodeStep:
     def bed(self) -> np.ndarray | None:
         """(H, W) depth that was seen, or else predicted."""
         return self.predicted if self.seen is None else self.seen
-
-    @property
-    def words(self) -> str:
-        """What happened and what came of it."""
-        acted = self.action is not None
-        numbers = (
-            (self.before_mm if acted else None, "{:.3f} mm before"),
-            (self.predicted_mm, "{:.3f} mm predicted"),
-            (self.seen_mm, "{:.3f} mm obtained" if acted else "{:.3f} mm to the goal"),
-            (self.effort_nm, "at most {:.1f} Nm"),
-            (self.seconds, "after {:.1f} s"),
-        )
-        told = [words.format(number) for number, words in numbers if number is not None]
-        if acted and self.predicted_mm is None and self.seen_mm is None:
-            told.append("not looked at")
-        name = str(self.action) if acted else "the start"
-        return f"{name}: {', '.join(told)}" if told else name
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,18 +59,30 @@ class Episode:
     def __len__(self) -> int:
         return len(self.steps) - 1
 
-    def actions(self, step: int = 0) -> list[tuple[int, EpisodeAction]]:
-        """The actions up to a step with their numbers; at the start, all of them."""
-        steps = enumerate(self.steps[: (step or len(self)) + 1])
-        return [(k, one.action) for k, one in steps if one.action is not None]
-
     @cached_property
-    def ends(self) -> Float[np.ndarray, "K 2 2"]:
-        """Where the strokes of all actions start and end, (u, v); runs round places to a pixel."""
-        actions = [action for _, action in self.actions()]
-        where = np.array([action.position for action in actions]).reshape(-1, 2)
-        strokes = np.array([action.stroke for action in actions]).reshape(-1, 2)
-        return stroke_ends(where, strokes, within=1.01)
+    def _placed(self) -> tuple[PlacedAction, ...]:
+        """All actions; runs round places to a pixel."""
+        return linked((one.action for one in self.steps if one.action is not None), within=1.01)
+
+    def actions(self, step: int = 0) -> tuple[PlacedAction, ...]:
+        """The actions up to a step; at the start, all of them."""
+        return self._placed[: step or len(self)]
+
+    def words(self, step: int) -> str:
+        """What happened at a step and what came of it."""
+        one, acted = self.steps[step], step > 0
+        numbers = (
+            (one.before_mm if acted else None, "{:.3f} mm before"),
+            (one.predicted_mm, "{:.3f} mm predicted"),
+            (one.seen_mm, "{:.3f} mm obtained" if acted else "{:.3f} mm to the goal"),
+            (one.effort_nm, "at most {:.1f} Nm"),
+            (one.seconds, "after {:.1f} s"),
+        )
+        told = [words.format(number) for number, words in numbers if number is not None]
+        if acted and one.predicted_mm is None and one.seen_mm is None:
+            told.append("not looked at")
+        name = self._placed[step - 1].words(self.camera) if acted else "the start"
+        return f"{name}: {', '.join(told)}" if told else name
 
     @property
     def is_run(self) -> bool:
@@ -164,10 +131,9 @@ class Episode:
         They are in the camera's frame, metres; None if the action's ROI is not known.
         """
         action = self.steps[step].action
-        corners = None if action is None else action.outline
-        if action is None or action.roi is None or corners is None:
+        if action is None or action.roi is None:
             return None
-        camera = self.camera
+        camera, corners = self.camera, action.outline
         left, top = np.clip(np.floor(corners.min(0)), 0, [camera.width - 1, camera.height - 1])
         right, bottom = np.clip(np.ceil(corners.max(0)), [left + 1, top + 1], camera.shape[::-1])
         window = np.s_[int(top) : int(bottom), int(left) : int(right)]

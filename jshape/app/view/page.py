@@ -137,7 +137,7 @@ class EpisodePage:
         episode, step = self._episode, self.step
         depth, gap = self._depth(step, str(self._choice.value))
         known = "" if depth is not None else "; not known at this step"
-        self._words.text = f"step {step} of {len(episode)}: {episode.steps[step].words}{known}"
+        self._words.text = f"step {step} of {len(episode)}: {episode.words(step)}{known}"
         if gap is not None:
             scale = episode.differences
             rgb = pictures.differing(gap, scale)
@@ -148,11 +148,9 @@ class EpisodePage:
             rgb = pictures.shaded(episode.heights_mm(shown), scale)
             said = f"dark to bright: {scale.low:+.1f} to {scale.high:+.1f} mm from the bed's level"
         self._under.text = said
-        actions = episode.actions(step) if self._boxes.value else []
-        outlines = ((action.name, action.outline, episode.ends[k - 1]) for k, action in actions)
-        flat = [(name, corners, ends) for name, corners, ends in outlines if corners is not None]
+        actions = episode.actions(step) if self._boxes.value else ()
         self._image.set_source(pictures.data_url(rgb))
-        self._image.content = pictures.boxes(flat, step - 1 if step else None)
+        self._image.content = pictures.boxes(actions, step - 1 if step else None)
         goal = episode.goal if self._over.value else None
         self._scene.show(
             depth,
@@ -160,7 +158,11 @@ class EpisodePage:
             level=episode.level,
             exaggeration=float(self._tall.value or 1),
             goal=None if goal is None else np.where(goal > 0, goal - GOAL_ABOVE, np.nan),
-            boxes=[box for k, action in actions for box in self._solid(k, action.name, k == step)],
+            boxes=[
+                box
+                for k, act in enumerate(actions, 1)
+                for box in self._solid(k, act.action, k == step)
+            ],
         )
         for chart, values in self._charts:
             chart.show(values, step)

@@ -1,13 +1,14 @@
 """Episodes from disk: a plan's file or folder, a run of `jshape demo`, `mold` or `execute`."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jshape import metric
-from jshape.app.view.episode import Episode, EpisodeAction, EpisodeStep
+from jshape.app.view.episode import Episode, EpisodeStep
 from jshape.app.view.records import ActionRecord, begun, near, same
 from jshape.camera import Camera
 from jshape.data.view import above, image_of_depth
@@ -56,13 +57,9 @@ def episode_of_plan(plan: Plan, where: str = "plan") -> Episode:
         raise JShapeError(f"{where}: the plan was stored without its images")
     _check_count(len(plan), where)
     depths = [_depth(image, plan.camera) for image in plan.images]
-    d_mm, places = plan.distances_mm.tolist(), plan.exact_positions.tolist()
+    d_mm = plan.distances_mm.tolist()
     steps = [EpisodeStep(seen=depths[0], seen_mm=d_mm[0])]
-    for k, name in enumerate(plan.actions):
-        (u, v), (w, h) = places[k], plan.rois[k].tolist()
-        strength, yaw = float(plan.strengths[k]), float(plan.yaws[k])
-        du, dv = plan.strokes[k].tolist()
-        action = EpisodeAction(name, (u, v), strength, yaw, (w, h), (du, dv))
+    for k, action in enumerate(plan):
         steps.append(EpisodeStep(None, depths[k + 1], action, d_mm[k], d_mm[k + 1]))
     title = f"plan, {_many(len(plan))}: {d_mm[0]:.3f} mm now, {d_mm[-1]:.3f} mm predicted"
     goal = None if plan.goal is None else _depth(plan.goal, plan.camera)
@@ -112,8 +109,7 @@ class _Reader:
         return Episode(self._title(steps), self._camera, goal, tuple(steps), tuple(self._notes))
 
     def _step(self, done: ActionRecord, before: EpisodeStep, depth: Any) -> EpisodeStep:
-        how = done.strength, done.yaw, self._roi(done), done.stroke
-        action = EpisodeAction(done.action, done.position, *how)
+        action = replace(done.placed, roi=self._roi(done))
         numbers = done.before_mm, done.predicted_mm, done.obtained_mm, done.effort_nm, done.seconds
         return EpisodeStep(depth, self._predicted(done, before), action, *numbers)
 
@@ -133,27 +129,23 @@ class _Reader:
         """
         plan = self._plan
         if plan is not None and plan.initial is not None:
-            for k, name in enumerate(plan.actions):
-                there = near(plan.exact_positions[k], done.position)
-                predicted_mm = float(plan.distances_mm[k + 1])
-                if there and name == done.action and same(predicted_mm, done.predicted_mm):
-                    return _depth(plan.images[k + 1], plan.camera)
+            for k, act in enumerate(plan, 1):
+                there = act.action == done.action and near(act.position, done.position)
+                if there and same(float(plan.distances_mm[k]), done.predicted_mm):
+                    return _depth(plan.images[k], plan.camera)
         bank, goal = self._bank, self._goal
         if before.seen is None or not same(before.seen_mm, done.before_mm):
             return None
         if bank is None or goal is None or done.action not in bank.actions:
             return None
         image = image_of_depth(before.seen, bank.camera, max_missing=1.0).image
-        how: dict[str, Any] = {"strengths": [done.strength], "yaws": [done.yaw]}
-        how["lengths"] = [done.length]
         goal = np.where(np.isfinite(goal), goal, image)
-        ahead = rollout(image, goal, [done.action], np.array([done.position]), bank=bank, **how)
+        ahead = rollout(image, goal, [done.placed], bank=bank)
         return _depth(ahead.images[1], bank.camera)
 
     def _roi(self, done: ActionRecord) -> tuple[int, int] | None:
         if done.action not in self._rois and self._plan is not None:
-            planned = zip(self._plan.actions, self._plan.rois.tolist(), strict=True)
-            self._rois |= {name: (w, h) for name, (w, h) in planned if name not in self._rois}
+            self._rois = {act.action: act.roi for act in self._plan if act.roi} | self._rois
         return self._rois.get(done.action)
 
     def _find_bank(self) -> Bank | None:

@@ -116,7 +116,7 @@ def _at(rr: Any, recording: Any, episode: Episode, step: int, one: EpisodeStep) 
     for where, value in numbers.items():
         if value is not None:
             recording.log(where, rr.Scalars(value))
-    recording.log("log", rr.TextLog(one.words, level="INFO"))
+    recording.log("log", rr.TextLog(episode.words(step), level="INFO"))
 
 
 def _depth(rr: Any, episode: Episode, depth: np.ndarray) -> Any:
@@ -133,13 +133,13 @@ def _picture(rr: Any, episode: Episode, gap_mm: np.ndarray) -> Any:
 
 def _log_boxes(rr: Any, recording: Any, episode: Episode, step: int) -> None:
     """Numbered boxes of the actions so far, the last one thick; at the start, of all of them."""
-    known = [(k, action, episode.box(k)) for k, action in episode.actions(step)]
+    known = [(k, action, episode.box(k)) for k, action in enumerate(episode.actions(step), 1)]
     rows = [(k, action, box) for k, action, box in known if box is not None]
     if not rows:
         return
     boxes, thick = [box for *_, box in rows], np.array([k == step for k, *_ in rows])
-    colours = [int(colour_of(action.name)[1:] + "ff", 16) for _, action, _ in rows]
-    names = [f"{k} {action.name}" for k, action, _ in rows]
+    colours = [int(colour_of(action.action)[1:] + "ff", 16) for _, action, _ in rows]
+    names = [f"{k} {action.action}" for k, action, _ in rows]
     look = {"colors": np.array(colours, np.uint32), "labels": names, "show_labels": True}
     radii = np.where(thick, 0.0012, 0.0005)
     solid = rr.LineStrips3D([box[AROUND] for box in boxes], radii=radii, **look)
@@ -147,7 +147,7 @@ def _log_boxes(rr: Any, recording: Any, episode: Episode, step: int) -> None:
     corners = np.array([action.outline for _, action, _ in rows])
     low, size = corners.min(1), np.ptp(corners, axis=1)
     flat = rr.Boxes2D(mins=low, sizes=size, radii=np.where(thick, 1.6, 0.8), **look)
-    ends = episode.ends[[k - 1 for k, *_ in rows]]
+    ends = np.array([action.ends for _, action, _ in rows])
     arrows = rr.Arrows2D(
         origins=ends[:, 0], vectors=ends[:, 1] - ends[:, 0], radii=2.0, colors=look["colors"]
     )

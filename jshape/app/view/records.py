@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from jshape.actions import Place, PlacedAction
 from jshape.io import journal
 from jshape.io.records import OneLine, Range, read_record
 from jshape.robot.session import AT_THE_BED
@@ -40,6 +41,12 @@ class ActionRecord:
     """From the beginning of the run to the look after it; None: nobody looked, or noted when."""
 
     @property
+    def placed(self) -> PlacedAction:
+        """What was done, and where."""
+        how = self.strength, self.yaw, self.length, self.stroke
+        return PlacedAction(self.action, self.position, *how)
+
+    @property
     def effort_nm(self) -> float | None:
         """The greatest effort of its operations."""
         said = (row.get("effort_nm") for row in self.operations)
@@ -60,7 +67,7 @@ class ActionRecord:
         )
 
 
-def near(one: tuple[float, float] | np.ndarray, other: tuple[float, float]) -> bool:
+def near(one: Place, other: Place) -> bool:
     """Two places are one, rounded to a pixel or not."""
     return bool(np.abs(np.subtract(one, other)).max() <= 0.51)
 

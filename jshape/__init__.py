@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
     from jshape.models.bank import Bank
     from jshape.planning.api import plan, plan_depth, rollout
+    from jshape.planning.limit import Limit, limit
     from jshape.planning.options import (
         PAPER,
         Constraints,
@@ -43,6 +44,7 @@ __all__ = [
     "Constraints",
     "HeightMap",
     "JShapeError",
+    "Limit",
     "Pairs",
     "Plan",
     "SearchBudget",
@@ -53,6 +55,7 @@ __all__ = [
     "fit",
     "grid",
     "heightmap",
+    "limit",
     "list_banks",
     "load_bank",
     "load_pairs",
@@ -80,6 +83,7 @@ _HOMES = {
     "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
     "jshape.planning.search.base": ("Status",),
     "jshape.planning.api": ("plan", "plan_depth", "rollout"),
+    "jshape.planning.limit": ("Limit", "limit"),
     "jshape.planning.options": (
         "PAPER",
         "Constraints",

@@ -52,6 +52,7 @@ QUICK_NETWORKS = "--width 4 --epochs 1 --partitions 1"
 SLOW = {
     "jshape plan now.png wanted.png --positions paper": "",
     "jshape plan now.png wanted.png --planner refine": "",
+    "jshape limit now.png wanted.png --max-steps": "",
     "jshape plan now.png wanted.png --bank moving-flour-robot": "",
     "jshape plan my-goal/now.png my-goal/goal.png": "",
     "jshape plan now.npz wanted.npz": "",

@@ -9,6 +9,7 @@ COMMANDS = {
     "demo": "simulate a bed and a goal, plan, act in closed loop, write pictures and a report",
     "samples": "make the files that the documentation's commands name: try them without a camera",
     "plan": "which actions mold the bed of INITIAL into DESIRED, where and in which order",
+    "limit": "how near to WANTED any plan can bring the bed of NOW, where it cannot, and why",
     "heightmap": "the bed from straight above, as cameras that stand anywhere see it",
     "goal": "make a desired depth image for BED that the material can become",
     "mold": "look, plan, act and look again until the bed is as in DESIRED",

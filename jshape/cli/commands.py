@@ -18,7 +18,7 @@ NO_SETTINGS = ("json", "config")
 OWN_TABLE = ("dataset", "train", "evaluate")
 """Commands about data and measurements, which a camera and a bank for molding must not change: keys
 outside of their own table do not reach them."""
-OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "goal", "heightmap")
+OF_A_CAMERA, FROM_FILES = ("window", "depth-range"), ("plan", "limit", "goal", "heightmap")
 """Options that say how to look through a camera, and commands that take frames which may be cut
 already: they read these only from tables of their own."""
 

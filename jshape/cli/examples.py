@@ -16,6 +16,8 @@ jshape plan now.png wanted.ply --stride 8 --error-margin 0.5  # places 8 pixels 
 jshape plan now.png wanted.png --planner refine --stride 4 --seconds 5s  # search 5 s
 jshape plan a.npy b.npy --camera-file camera.json  # another camera, from anywhere
 jshape plan bed.npz wanted.npz --out my-plan  # on height maps: any camera, any tilt
+jshape limit now.png wanted.png --out limit.png  # 16 actions of the bundled hand
+jshape limit now.png wanted.png --bank moving-flour-robot --stock-cm3 200  # with a stock
 jshape heightmap look.png --out bed.npz  # a tilted camera: its plane is found
 jshape heightmap recording --out bed.npz  # the mean of all frames
 jshape heightmap left.png right.png --camera-file left.json right.json \

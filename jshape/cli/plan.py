@@ -5,18 +5,19 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from jshape.cli.names import Preset, Uses
-from jshape.cli.options import CameraFile, Part, Positive, Writes, spelled
+from jshape.cli.options import CameraFile, Common, Part, Positive, Writes, spelled
 from jshape.cli.reachable import base_of, reachable
 from jshape.cli.search_options import Searches, search_of
 from jshape.cli.tables import print_table, warn, write_pictures
 from jshape.data.missing import said as said_of
 from jshape.data.view import View
 from jshape.errors import BadFile, JShapeError
+from jshape.height_map import HeightMap
 from jshape.io import banks, folders, formats
 from jshape.io.frames import frame_of, goal_source, part_of, source_of
 from jshape.io.maps import SUFFIX, read_map
@@ -57,7 +58,7 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
       initial: Depth image now: 16-bit PNG, TIFF, NPY; or a height map (NPZ).
       desired: The same wanted, or a point cloud (PLY, PCD).
     """
-    read = _of_maps if _are_maps(initial, desired, options) else _of_frames
+    read = _of_maps if are_maps(initial, desired, options) else _of_frames
     search = search_of(options)  # first of all: it chooses JAX's devices, and a bank starts JAX
     bank_name = str(options.bank or DEFAULT_BANK)
     bank = banks.load_bank(bank_name)
@@ -85,7 +86,7 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
     return result
 
 
-def _are_maps(initial: Path, desired: Path, options: PlanOptions) -> bool:
+def are_maps(initial: Path, desired: Path, options: Common) -> bool:
     """Whether both are height maps, by their names."""
     first, second = (path.suffix.lower() == SUFFIX for path in (initial, desired))
     if first != second:
@@ -105,9 +106,25 @@ Planned = tuple[Plan, dict[str, Any], str]
 """A plan, what its JSON holds beside it, and what is said of how it was made."""
 
 
-def _of_frames(
-    initial: Path, desired: Path, options: PlanOptions, bank: Bank, search: dict[str, Any]
-) -> Planned:
+class Beds(NamedTuple):
+    """Two frames, ready to plan on."""
+
+    bank: Bank
+    """For the view."""
+    frames: tuple[np.ndarray, np.ndarray]
+    """Depths, metres."""
+    views: tuple[View, View]
+    names: tuple[str, str]
+    mask: np.ndarray | None
+    """Where the hand may be placed."""
+    cameras: tuple[str, str]
+    """How each is known to be seen."""
+    left_out: tuple[Counter[str], Counter[str]]
+    """Pixels without depth, and why."""
+
+
+def beds_of(initial: Path, desired: Path, options: Any, bank: Bank) -> Beds:
+    """Read two frames, as the options say."""
     raw = formats.read_array(initial)
     source = source_of(initial, raw.shape, options.camera_file, bank, options.depth_unit)
     if raw.dtype == np.uint8:
@@ -124,34 +141,51 @@ def _of_frames(
         if wanted.camera == source.camera:  # of another one it is elsewhere
             goal = part_of(goal, *part, wanted.camera)
     names, cameras = (str(initial), str(desired)), (source.camera, wanted.camera)
-    view, beside, bank = over_beds(bank, cameras, (first, goal), names, again=any(part))
-    surface = partial(view.depth, first, names[0])
-    mask = reachable(options.reachable, view, surface, base_of(source.camera))
-    how = keywords(search, reachable=mask)
-    found = api.plan_views(bank, (first, goal), (view, beside), names, **how)
-    said, own = {"source": source.said, "left_out": left_out}, ""
-    if wanted.said != source.said:
-        said["goal_source"], own = wanted.said, f"; of the goal: {wanted.said}"
-    now, later = (f"{n}{said_of(why)}" for n, why in zip(found.filled, left_out, strict=True))
-    beyond = f"beyond the depth range: {found.clamped[0]} now, {found.clamped[1]} in the goal"
-    gaps = f"pixels without depth, filled: {now} now, {later} in the goal; {beyond}"
-    return found, said, f"camera: {source.said}{own}\n{gaps}"
+    *views, bank = over_beds(bank, cameras, (first, goal), names, again=any(part))
+    surface = partial(views[0].depth, first, names[0])
+    mask = reachable(options.reachable, views[0], surface, base_of(source.camera))
+    said = source.said, wanted.said
+    return Beds(bank, (first, goal), (views[0], views[1]), names, mask, said, left_out)
 
 
-def _of_maps(
-    initial: Path, desired: Path, options: PlanOptions, bank: Bank, search: dict[str, Any]
-) -> Planned:
+def maps_of(
+    initial: Path, desired: Path, options: Any
+) -> tuple[HeightMap, HeightMap, np.ndarray | None]:
+    """Read two height maps, and where the hand may be placed."""
     now, wanted = read_map(initial), read_map(desired)
     how = f"jshape heightmap FRAME --like {shlex.quote(str(initial))}"
     check_frames(now, wanted, f"{initial} and {desired}", how)
     above = now.camera()
     base, surface = base_of(above) if now.frame else None, partial(now.depth, above)
     mask = reachable(options.reachable, View(above, above, (0, 0)), surface, base)
-    found = api.plan(now, wanted, bank=bank, **keywords(search, reachable=mask))
-    known = 1.0 if found.seen is None else float(found.seen.mean())
     frameless = [path for path, one in ((initial, now), (desired, wanted)) if one.frame is None]
     if len(frameless) == 1:
         warn(f"{frameless[0]}: has no frame; that of the other map is taken for its own")
+    return now, wanted, mask
+
+
+def _of_frames(
+    initial: Path, desired: Path, options: PlanOptions, bank: Bank, search: dict[str, Any]
+) -> Planned:
+    beds = beds_of(initial, desired, options, bank)
+    how = keywords(search, reachable=beds.mask)
+    found = api.plan_views(beds.bank, beds.frames, beds.views, beds.names, **how)
+    source, wanted = beds.cameras
+    said, own = {"source": source, "left_out": beds.left_out}, ""
+    if wanted != source:
+        said["goal_source"], own = wanted, f"; of the goal: {wanted}"
+    now, later = (f"{n}{said_of(y)}" for n, y in zip(found.filled, beds.left_out, strict=True))
+    beyond = f"beyond the depth range: {found.clamped[0]} now, {found.clamped[1]} in the goal"
+    gaps = f"pixels without depth, filled: {now} now, {later} in the goal; {beyond}"
+    return found, said, f"camera: {source}{own}\n{gaps}"
+
+
+def _of_maps(
+    initial: Path, desired: Path, options: PlanOptions, bank: Bank, search: dict[str, Any]
+) -> Planned:
+    now, wanted, mask = maps_of(initial, desired, options)
+    found = api.plan(now, wanted, bank=bank, **keywords(search, reachable=mask))
+    known = 1.0 if found.seen is None else float(found.seen.mean())
     told = f"on height maps: {initial}, {known:.1%} of it known in both"
     return found, {"source": str(initial), "known": known}, told
 

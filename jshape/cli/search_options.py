@@ -35,13 +35,9 @@ from jshape.planning.search import PLANNERS
 
 
 @dataclass(frozen=True, kw_only=True)
-class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
-    """The fields of the records of `jshape.plan`, as the command line reads them."""
+class Tries(Common, SearchSpace, Constraints):
+    """What plans may try and must keep to, as the command line reads it."""
 
-    planner: Annotated[str, Parameter(choices=tuple(PLANNERS), metavar="NAME")] = "greedy"
-    """Search to plan with; greedy is the quickest."""
-    devices: Devices | None = None
-    """CPU devices that share the work (default: one per core, at most 8)."""
     positions: Annotated[str | None, Parameter(metavar="CxR|FILE")] = None
     """Positions to try: a grid such as 21x15 for each action, paper (the paper's 15) or a JSON file
     (default: every `--stride` pixels)."""
@@ -65,6 +61,18 @@ class Searches(Common, SearchSpace, Constraints, StopCriteria, SearchBudget):
     stock_cm3: Nonnegative | None = None
     max_missing: Share = Constraints.max_missing
     max_steps: Count = StopCriteria.max_steps
+    """Most actions in the plan."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Searches(Tries, StopCriteria, SearchBudget):
+    """The fields of the records of `jshape.plan`."""
+
+    planner: Annotated[str, Parameter(choices=tuple(PLANNERS), metavar="NAME")] = "greedy"
+    """Search to plan with; greedy is the quickest."""
+    devices: Devices | None = None
+    """CPU devices that share the work (default: one per core, at most 8)."""
+    max_steps: Count = StopCriteria.max_steps
     min_gain_mm: Nonnegative = StopCriteria.min_gain_mm
     tolerance_mm: Nonnegative = StopCriteria.tolerance_mm
     error_margin: Nonnegative | None = None
@@ -81,6 +89,14 @@ KEPT = ("planner", *FIELDS)
 
 def search_of(given: Searches) -> dict[str, Any]:
     """Keywords of `jshape.plan` from the options, but the reachable mask."""
+    found = tries_of(given)
+    if "planner" in given.given:
+        found["planner"] = given.planner
+    return options(None, execution=over_devices(given.devices), **found)
+
+
+def tries_of(given: Tries) -> dict[str, Any]:
+    """Fields of the records of `jshape.plan` that were given, but the reachable mask."""
     found = {name: getattr(given, name) for name in FIELDS if name in given.given}
     found.pop("reachable", None)
     if "positions" in found:
@@ -88,9 +104,7 @@ def search_of(given: Searches) -> dict[str, Any]:
     for name in ("max_uses", "carries"):
         if name in found:
             found[name] = dict(found[name])
-    if "planner" in given.given:
-        found["planner"] = given.planner
-    return options(None, execution=over_devices(given.devices), **found)
+    return found
 
 
 def kept_of(given: Searches) -> dict[str, Any]:

@@ -15,19 +15,18 @@ import numpy as np
 
 from jshape._typing import ArrayLike, Bool
 from jshape.actions import PlacedAction
-from jshape.camera import Camera, unmasked
+from jshape.camera import Camera
 from jshape.data.depth import check_unit, to_metres
-from jshape.data.view import View, image_of_depth, known_in_both
-from jshape.errors import BadBank, BadCamera, BadImage, JShapeError, UnknownName, quoted
+from jshape.data.view import View
+from jshape.errors import BadCamera, JShapeError, UnknownName, quoted
 from jshape.height_map import HeightMap
 from jshape.models.bank import Bank
 from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
-from jshape.planning.evaluate import ONE_BY_ONE, Execution, candidates_at
-from jshape.planning.kernels import prepared
+from jshape.planning.evaluate import ONE_BY_ONE, Execution
+from jshape.planning.inputs import as_bank, check_image, pose, weighed
 from jshape.planning.maps import on_maps, outside_domain, over_beds
 from jshape.planning.options import (
-    DEFAULT_BANK,
     GROUPS,
     Constraints,
     SearchBudget,
@@ -39,7 +38,6 @@ from jshape.planning.plan import Plan
 from jshape.planning.rollout import placed_actions, predict_sequence
 from jshape.planning.search import PLANNERS
 from jshape.planning.search.base import SearchProblem, SearchResult, Status
-from jshape.planning.state import on_images
 
 
 @hinted
@@ -84,7 +82,7 @@ def plan(
       BadOption: a keyword that there is not.
       JShapeError: a number that makes no sense.
     """
-    bank, seen = _as_bank(bank), None
+    bank, seen = as_bank(bank), None
     if isinstance(I0, HeightMap) or isinstance(Istar, HeightMap):
         bank, first, goal, seen = on_maps(I0, Istar, bank)
     else:
@@ -119,36 +117,15 @@ def plan_images(
     for (name, kind), record in zip(GROUPS.items(), records, strict=True):
         if not isinstance(record, kind):
             raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
-    constraints.refuse(["max_missing"], "plan takes weighed images; plan_depth reads depth")
-    pairs = tasks.carries(bank, space.carries)
-    limits = tasks.limits(bank, stop, constraints.max_uses, pairs)
+    state, candidates, limits, pairs = pose(bank, first, goal, seen, planner, *records[:3])
     max_steps = int(stop.max_steps)
-    free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
-    moves = prepared(
-        bank,
-        [
-            (action, np.float32(yaw) if yaw else None, length)
-            for action, yaw, length in tasks.directions(bank, space.yaws, space.lengths, pairs)
-        ],
-    )
-    state = on_images(bank, first, goal, *moves, seen)
-    if planner != "greedy" and space.carries:
-        raise JShapeError(f"carries: only greedy tries them, and the planner is {planner}")
-    if planner == "greedy":
-        stocked = constraints.stock_cm3 is not None
-        worth = tasks.price(state) if pairs and not stocked else None
-        state = replace(state, carries=pairs, price=worth)
-    elif start is not None and any(name in start.actions for name in tasks.names(bank, pairs)):
-        start = None  # one half of a carry without the other makes no sense
-    limits = replace(limits, stock=tasks.stock(state, constraints))
+    if start is not None and planner != "greedy":
+        if any(name in start.actions for name in tasks.names(bank, pairs)):
+            start = None  # one half of a carry without the other makes no sense
     stride = places.usual_stride(bank) if space.stride is None else space.stride
-    if space.positions is None:
-        where = tasks.at_nodes(state, bank, places.dense_positions(bank, stride))
-    else:
-        where = places.placed_positions(bank, space.positions, space.out_of_bounds)
     problem = SearchProblem(
         state=state,
-        candidates=candidates_at(state, bank, where, tasks.strengths(space.strengths), free),
+        candidates=candidates,
         limits=limits,
         max_steps=max_steps,
         budget=tasks.budget(budget),
@@ -217,7 +194,7 @@ def rollout(
     Raises:
       BadImage, UnknownName, BadPosition, BadBank, JShapeError: as for `plan`.
     """
-    bank = _as_bank(bank)
+    bank = as_bank(bank)
     first = check_image(I0, bank.camera, "I0")
     goal = check_image(Istar, bank.camera, "Istar")
     acts = placed_actions(bank, actions, positions, strengths, yaws, lengths)
@@ -269,7 +246,7 @@ def plan_depth(
       BadImage: wrong shape or type, or too much of it beyond the camera's depth range.
       JShapeError: as for `plan`.
     """
-    bank, frames, views = _as_bank(bank), [z0, zstar], (None, None)
+    bank, frames, views = as_bank(bank), [z0, zstar], (None, None)
     names = "z0", "zstar"
     if camera is not None:
         pair = camera if isinstance(camera, tuple) else (camera, camera)
@@ -303,63 +280,9 @@ def plan_views(
     **more: Any,
 ) -> Plan:
     """`plan_depth` of two frames whose views (see `over_beds`) and names in errors are known."""
-    now, wanted = (
-        image_of_depth(
-            depth,
-            bank.camera,
-            view=view,
-            depth_unit=depth_unit,
-            max_missing=constraints.max_missing,
-            where=name,
-        )
-        for name, depth, view in zip(names, frames, views, strict=True)
+    now, wanted, seen = weighed(bank, frames, views, names, depth_unit, constraints.max_missing)
+    found = plan_images(
+        bank, now.image, wanted.image, seen, constraints=constraints.of_images(), **more
     )
-    goal, seen, view = wanted.image, None, views[0]
-    if view is not None and view.above:
-        seen = known_in_both(now.known, wanted.known, *names)
-        goal = np.where(seen, goal, now.image)
-    found = plan_images(bank, now.image, goal, seen, constraints=constraints.of_images(), **more)
     filled, clamped = (now.filled, wanted.filled), (now.clamped, wanted.clamped)
-    return replace(found, filled=filled, clamped=clamped, view=view)
-
-
-def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:
-    """`image` as (H, W) float32 if it is a weighed image of the camera (a host check).
-
-    Raises:
-      BadImage: naming what came and what is allowed.
-    """
-    array = np.asarray(unmasked(image))
-    if array.shape != camera.shape and array.dtype.kind in "buif":
-        raise BadImage(
-            f"{where} has shape {array.shape}; the bank's camera makes {camera.shape} "
-            "(rows, columns)"
-        )
-    if array.dtype.kind != "f":
-        raise BadImage(
-            f"{where} has type {array.dtype}; a weighed image I has floats in [0, 1] "
-            "(see jshape.weigh; for raw depth call jshape.plan_depth)"
-        )
-    bad = int(np.count_nonzero(~np.isfinite(array)))
-    if bad:
-        raise BadImage(
-            f"{where} has {bad} pixels that are NaN or infinite; fill them first "
-            "(jshape.plan_depth does)"
-        )
-    low, high = float(array.min()), float(array.max())
-    if low < 0 or high > 1 + 1e-5:
-        raise BadImage(f"{where} has values from {low:g} to {high:g}; a weighed image is in [0, 1]")
-    return np.ascontiguousarray(array, np.float32)
-
-
-def _as_bank(bank: Bank | str | Path | None) -> Bank:
-    if isinstance(bank, Bank):
-        if not bank.actions or len(bank.actions) != len(bank.predictors):
-            raise BadBank(
-                f"the bank has {len(bank.actions)} actions and {len(bank.predictors)} predictors; "
-                "it must have one per action"
-            )
-        return bank
-    from jshape.io.banks import load_bank
-
-    return load_bank(DEFAULT_BANK if bank is None else bank)
+    return replace(found, filled=filled, clamped=clamped, view=views[0])

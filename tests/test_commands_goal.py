@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from jshape import PAPER_BOX, Camera, load_bank, rollout, sim
+from jshape.actions import PlacedAction
 from jshape.cli.main import main
 from jshape.data.view import View, image_of_depth
 from jshape.height_map import ABOVE, as_frame
@@ -191,6 +192,19 @@ def test_actions_are_what_the_bank_predicts(folder, capsys):
     first = change_mm(folder)
     assert made(capsys, "now.png", "--actions", "plan.json")["made_from"] == "2 actions"
     np.testing.assert_allclose(change_mm(folder), first, atol=0.11)
+
+
+@pytest.mark.full
+def test_actions_may_be_longer_than_trained(folder, capsys):
+    bank = "moving-flour-robot"
+    made(capsys, "now.png", "--actions", "sweep 240,197x0.8@90 length 1.4", "--bank", bank)
+    now = image_of_depth(read_depth("now.png", depth_unit=UNIT), PAPER_BOX).image
+    goal = image_of_depth(read_depth("goal/goal.png", depth_unit=UNIT), PAPER_BOX).image
+    off = []
+    for length in (1.0, 1.4):
+        act = PlacedAction("sweep", (240, 197), 0.8, np.pi / 2, length)
+        off.append(np.abs(rollout(now, now, [act], bank=bank).images[-1] - goal).mean())
+    assert off[1] < 0.1 * np.abs(goal - now).mean() and off[1] < 0.3 * off[0]
 
 
 @pytest.mark.full

@@ -1,6 +1,7 @@
 """`jshape heightmap`, and `jshape plan` on its maps: what is said, written and refused."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,6 +92,24 @@ def test_frames_of_a_resting_bed_are_averaged(folder, tilted, capsys, rng):
     spread = [np.nanstd(off(read_map(f"{name}.npz"))) for name in ("one", "all")]
     assert spread[1] < 0.5 * spread[0]
     np.testing.assert_array_equal(read_map("all.npz").heights, read_map("same.npz").heights)
+    assert main(["heightmap", "looks", "--out", "rest.npz"]) == 0
+    assert "resting" not in capsys.readouterr().out
+    dug = depth.copy()
+    dug[45:75, 60:100] += 0.008
+    write_depth_png("looks/8.png", dug, UNIT)
+    assert main(["heightmap", "looks", "--out", "dug.npz"]) == 0
+    said = r"looks and 8 more: (\d+)% of what they show differs between them by more than 2.\d mm"
+    (share,) = re.findall(said, capsys.readouterr().out)
+    assert int(share) == pytest.approx(100 * 1200 / (depth > 0).sum(), abs=2)
+
+
+def test_a_folder_of_recordings_says_what_it_holds(folder, tilted, capsys):
+    for name in ("left", "right"):
+        (folder / "both" / name).mkdir(parents=True)
+        write_camera(f"both/{name}/camera.json", SMALL, UNIT)
+        write_depth_png(f"both/{name}/0.png", tilted[1], UNIT)
+    said = "both: has no camera.json, so it is not a recording; name one that it holds: both/left, "
+    refused(capsys, f"{said}both/right", "heightmap", "both", "--out", "x.npz")
 
 
 def test_what_is_odd_is_named(folder, tilted, capsys):

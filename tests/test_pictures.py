@@ -10,7 +10,7 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.text import Annotation
+from matplotlib.text import Annotation, Text
 
 from jshape import PAPER_BOX, HeightMap, Plan, Status
 from jshape.app import pictures as app_pictures
@@ -111,6 +111,23 @@ def test_strokes_are_arrows_through_the_place_or_to_where_material_goes(moving):
     title = figure.axes[0].get_title(loc="left").split("\n")
     assert title[1].endswith(f"at (200, 150), turned 29°, {mm:.0f} mm long")
     assert title[2].endswith("taken 166 mm to the next") and title[3].endswith("(240, 220)")
+
+
+def test_long_words_stay_inside_the_picture(plan):
+    """In one column where two do not fit, and in smaller letters where one does not."""
+    far = {"strokes": np.full((16, 2), 60.0, np.float32), "actions": 16 * ("press aslant",)}
+    narrow = PAPER_BOX.crop(68, 0, 150, 200)
+    small = {"camera": narrow, "initial": plan.initial[:200, :150], "patches": plan.patches[:0]}
+    for one, size in ((plan, 9), (replace(plan, **far), 9), (replace(plan, **far, **small), 0)):
+        one.__dict__["images"] = one.initial[None]  # the first is all that is drawn
+        figure = pictures.overlay_figure(one)
+        figure.draw_without_rendering()
+        texts = figure.axes[0].findobj(Text)
+        (title,) = (text for text in texts if text.get_text().startswith("16 actions"))
+        extent = title.get_window_extent()
+        assert figure.bbox.x0 < extent.x0 and extent.x1 < figure.bbox.x1
+        assert title.get_fontsize() == size or not size and 4 < title.get_fontsize() < 9
+        assert len(title.get_text().split("\n")) == (9 if one is plan else 17)
 
 
 def test_a_notebook_says_lengths_and_strokes_only_where_there_are_any(plan, moving):

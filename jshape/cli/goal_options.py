@@ -42,8 +42,8 @@ class GoalOptions(Part, Writes):
     frame: Annotated[str | None, File] = None
     """Another depth image of the same camera."""
     actions: Annotated[str | None, Parameter(metavar="LIST")] = None
-    """Actions whose predicted result is the goal: 'knock 240,197; grasp 312,91x1.5@30' (u,v x
-    strength @ degrees), or a plan.json."""
+    """Actions whose predicted result is the goal: 'knock 240,197; grasp 312,91x1.5@30; sweep
+    240,197@90 length 1.2' (u,v x strength @ degrees length times the trained), or a plan.json."""
     out: Path | None = None
     """Folder for goal, bed, camera.json and picture."""
     depth_mm: Millimetres | None = None

@@ -55,6 +55,7 @@ LONGEST_M = 2.0
 
 _ACTION = re.compile(
     r"([\w-]+)\s+([0-9.]+)\s*,\s*([0-9.]+)(?:\s*x\s*([0-9.]+))?(?:\s*@\s*(-?[0-9.]+))?"
+    r"(?:\s*length\s*([0-9.]+))?"
 )
 
 
@@ -201,16 +202,16 @@ def _acts(
 
 
 def _spoken(text: str) -> PlacedAction:
-    """An action like "grasp 312,91x1.5@30", its turn in degrees."""
+    """An action like "sweep 312,91x1.5@30 length 1.2", its turn in degrees."""
     found = _ACTION.fullmatch(text)
     try:
-        name, u, v, strength, turn = found.groups() if found else []
-        how = float(strength or 1), math.radians(float(turn or 0))
+        name, u, v, strength, turn, length = found.groups() if found else []
+        how = float(strength or 1), math.radians(float(turn or 0)), float(length or 1)
         return PlacedAction(name, (float(u), float(v)), *how)
     except ValueError:
         raise BadPosition(
-            f"{quoted(text)} is not an action like 'knock 240,197' or 'grasp 312,91x1.5@30' "
-            "(u,v x strength @ degrees)"
+            f"{quoted(text)} is not an action like 'knock 240,197', 'grasp 312,91x1.5@30' or "
+            "'sweep 312,91x1.5@30 length 1.2' (u,v x strength @ degrees length times the trained)"
         ) from None
 
 

@@ -12,7 +12,7 @@ from jshape.cli.names import Preset
 from jshape.cli.options import File, Positive, Window, Writes
 from jshape.cli.tables import print_table, warn, write_pictures
 from jshape.data.fusion import map_report
-from jshape.data.looks import check_still, taken, together
+from jshape.data.looks import MOST_UNLIKE, check_still, taken, together, unlike
 from jshape.data.set_up import STEEPEST_DEG
 from jshape.errors import BadFile
 from jshape.io.cameras import read_bed
@@ -69,6 +69,12 @@ def heightmap(frame: Path, /, *frames: Path, options: HeightmapOptions) -> dict[
     report = map_report(looks, [len(one.depths) for one in cameras], found, target, each)
     write_map(options.out, found)
     for one, stand in zip(cameras, report.cameras, strict=True):
+        share, far = unlike(one.depths, one.camera)
+        if share > MOST_UNLIKE:
+            warn(
+                f"{one.named}: {share:.0%} of what they show differs between them by more than "
+                f"{far:.1f} mm, and is averaged: are they of one resting bed?"
+            )
         if stand.tilt_deg > STEEPEST_DEG:
             warn(
                 f"{one.named}: the bed is seen {stand.tilt_deg:.0f} degrees from straight above; "

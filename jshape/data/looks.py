@@ -7,7 +7,17 @@ import numpy as np
 from jshape._typing import ArrayLike, Float
 from jshape.camera import Camera, check_camera, check_pose
 from jshape.data.depth import check_shape, check_unit, to_metres
-from jshape.data.fusion import RELIEF, Look, check_poses, points_of, reprojected, seen_from, some_of
+from jshape.data.fusion import (
+    NOISE,
+    RELIEF,
+    Look,
+    check_poses,
+    points_of,
+    reprojected,
+    seen_from,
+    some_of,
+)
+from jshape.data.missing import median_of
 from jshape.data.moved import GRAIN, averaged, moved
 from jshape.data.planes import LEAST_SURFACE, NEAR, bed_in, fit_plane, off_plane
 from jshape.errors import BadCamera, BadImage, JShapeError, quoted
@@ -17,6 +27,10 @@ LEAST_PLANE = 0.5
 """Least share of that surface's readings that lies in the bed's plane."""
 PLANES = (NEAR, 0.03, 0.06)
 """What is so near, metres, lies in the plane: a bed all of hills and hollows is no better one."""
+LEAST_UNLIKE = 2e-3
+"""Metres by which means of blocks of two frames of a resting bed never differ."""
+MOST_UNLIKE = 0.01
+"""Share of such blocks above which frames are not of one resting bed."""
 MOST_NODES = 1024
 """Most nodes along a side of a map: a wider bed has coarser ones."""
 
@@ -130,6 +144,24 @@ def taken(
             depth[outside] = np.nan
         looks.append(Look(depth, camera))
     return looks
+
+
+def unlike(stack: Float[np.ndarray, "T H W"], camera: Camera) -> tuple[float, float]:
+    """How far frames of one camera, metres, are from showing one resting bed.
+
+    Returns:
+      The largest share of blocks of `GRAIN` of a frame that are as far from the first frame as
+      noise never is, and that distance, mm: six times a D435's noise, and `LEAST_UNLIKE`.
+    """
+    z = median_of(np.where(stack[0] > 0, stack[0], np.nan))
+    step = max(1, round(GRAIN * float(camera.scale(z)[0]))) if np.isfinite(z) else 1
+    far = max(6 * NOISE * z**2, LEAST_UNLIKE)
+    first, shares = averaged(stack[0], step), [0.0]
+    for later in stack[1:]:
+        gap = np.abs(averaged(later, step) - first)
+        known = np.isfinite(gap)
+        shares.append(float((gap[known] > far).mean()) if known.any() else 0.0)
+    return max(shares), 1e3 * far
 
 
 def _mean(stack: np.ndarray) -> np.ndarray:

@@ -21,7 +21,10 @@ def folder_of(folder: str | os.PathLike, what: str, *needed: str) -> Path:
         raise BadFile(f"{folder}: {why}")
     for name in needed:
         if not (folder / name).is_file():
-            raise BadFile(f"{folder}: has no {name}, so it is not {what}")
+            inside = sorted(path.parent for path in folder.glob(f"[!.]*/{needed[0]}"))
+            held = ", ".join(str(path) for path in inside[:5]) + ", ..." * (len(inside) > 5)
+            hint = f"; name one that it holds: {held}" if inside else ""
+            raise BadFile(f"{folder}: has no {name}, so it is not {what}{hint}")
     return folder
 
 

@@ -14,6 +14,7 @@ from jshape.data.intrinsics import within
 from jshape.errors import BadCamera, BadImage
 from jshape.io import cameras, formats, images, points
 from jshape.io.cameras import CAMERA, Source, described, described_beside
+from jshape.io.folders import folder_of
 from jshape.io.recordings import open_recording
 from jshape.models.bank import Bank
 
@@ -127,6 +128,8 @@ def read_looks(
         )
     given = [described(one, depth_unit) for one in camera_files]
     for path in () if camera_files else paths:
+        if path.is_dir():
+            folder_of(path, "a recording", CAMERA)
         if (found := described_beside(path, depth_unit)) is None:
             raise BadCamera(
                 f"{path}: no {CAMERA} beside it says which camera took it; write one, or name one "

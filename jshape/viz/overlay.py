@@ -35,8 +35,8 @@ def is_own(plan: Plan) -> bool:
     return np.array_equal(plan.camera_positions, plan.positions)
 
 
-def in_words(plan: Plan) -> list[str]:
-    """A heading, and what to do, line by line; a long list in two columns."""
+def in_words(plan: Plan, most: int) -> list[str]:
+    """A heading, and what to do, line by line; many in two columns if `most` letters hold them."""
     where = "" if is_own(plan) else " in the camera's own pixels"
     places = [f"({u}, {v})" for u, v in plan.camera_positions]
     if plan.camera.orthographic:  # as the axes are
@@ -49,9 +49,9 @@ def in_words(plan: Plan) -> list[str]:
     many = "1 action" if len(plan) == 1 else f"{len(plan)} actions"
     told = (act.words(plan.camera, place) for act, place in zip(plan, places, strict=True))
     steps = [f"{k:2d} {words}" for k, words in enumerate(told, 1)]
-    if len(steps) > 8:
-        half = -(-len(steps) // 2)
-        wide = max(map(len, steps[:half])) + 3
+    half = -(-len(steps) // 2)
+    wide = max(map(len, steps), default=0) + 3
+    if len(steps) > 8 and 2 * wide - 3 <= most:
         steps = [
             left.ljust(wide) + right
             for left, right in zip(steps[:half], [*steps[half:], ""], strict=False)

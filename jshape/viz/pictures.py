@@ -18,6 +18,9 @@ from jshape.viz.maps import extremes, in_mm, mark_unseen, span
 from jshape.viz.overlay import Plan, Rois, draw_actions, in_words, is_own
 from jshape.viz.style import drawn, own_style
 
+LETTER = 9 * 0.602 / 72
+"""Width of a letter of a title of `overlay_figure`, inches: DejaVu Sans Mono's at 9 points."""
+
 
 def height_mm(image: np.ndarray, camera: Camera) -> np.ndarray:
     """Height in mm of a weighed image I above what `_above` says."""
@@ -97,7 +100,10 @@ def plan_figure(
 @own_style()
 def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
     """I0 alone, with the actions as numbered boxes: what to do where, in which order."""
-    camera, (heading, *lines) = plan.camera, in_words(plan)
+    camera = plan.camera
+    room = int((camera.width / 60 + 0.8) / LETTER)
+    heading, *lines = in_words(plan, room)
+    small = min(1.0, room / max(map(len, [heading, *lines])))
     size = camera.width / 60 + 1.6, camera.height / 60 + 0.8 + 0.16 * len(lines)
     figure = Figure(figsize=size, layout="constrained")
     ax = figure.subplots()
@@ -113,7 +119,7 @@ def overlay_figure(plan: Plan, *, rois: Rois | None = None) -> Figure:
         whose = "" if is_own(plan) else ", bank's image"
         ax.set(xlabel=f"u (pixels{whose})", ylabel=f"v (pixels{whose})")
     text = "\n".join([heading, *lines])
-    ax.set_title(text, fontsize=9, family="monospace", loc="left")
+    ax.set_title(text, fontsize=9 * small, family="monospace", loc="left")
     draw_actions(ax, plan, rois)
     return figure
 

@@ -13,7 +13,7 @@ from jshape.models.bank import Bank
 from jshape.models.difference import Difference
 from jshape.planning.candidates import dense_positions
 from jshape.planning.evaluate import candidates_at, empty_cache, evaluate, refresh, sweep
-from jshape.planning.search import PLANNERS, improve, refine
+from jshape.planning.search import PLANNERS, refine
 from jshape.planning.search.base import (
     UNLIMITED,
     Budget,
@@ -23,7 +23,8 @@ from jshape.planning.search.base import (
     empty_result,
 )
 from jshape.planning.search.local import begin_local, local_work, next_local
-from jshape.planning.search.sequence import least_and_most, measured, without
+from jshape.planning.search.sequence import bounds, measured, numbers_of, pruned, without
+from jshape.planning.search.step import resume
 from jshape.planning.state import search_state
 
 CAMERA = Camera(48, 40, 60.0, 60.0, 24.0, 20.0, 0.42, 0.47)
@@ -91,11 +92,11 @@ def made_problem(seed=0, count=5):
     reach[:, :WALL] = False
     where = dense_within(reach)
     candidates = candidates_at(state, BANK, where, STRENGTHS, reach)
-    low, high = (np.asarray(bound) for bound in least_and_most(state, candidates))
+    low, high = (np.asarray(bound) for bound in bounds(state, candidates))
     own = sequence(
         state,
         [
-            (move, rng.uniform(low[move], high[move]), rng.uniform(0.7, 1.3))
+            (move, rng.uniform(low[move, :2], high[move, :2]), rng.uniform(0.7, 1.3))
             for move in rng.integers(3, size=count)
         ],
     )
@@ -107,16 +108,13 @@ def check(problem, found):
     """What holds of whatever any search finds."""
     steps = int(found.steps)
     assert 0 <= steps <= problem.max_steps
-    move, node, strength = (np.asarray(a) for a in (found.move, found.node, found.strength))
+    move, node = np.asarray(found.move), np.asarray(found.node)
     assert (move[:steps] >= 0).all() and (move[steps:] == -1).all()
-    move, node, strength = move[:steps], node[:steps], strength[:steps]
+    move, node = move[:steps], node[:steps]
     if steps:
-        low, high = (
-            np.asarray(bound)[move] for bound in least_and_most(problem.state, problem.candidates)
-        )
-        assert (node >= low).all() and (node <= high).all()
-        known = np.asarray(problem.candidates.strengths)
-        assert (strength >= known.min()).all() and (strength <= known.max()).all()
+        low, high = (np.asarray(bound)[move] for bound in bounds(problem.state, problem.candidates))
+        values = np.asarray(numbers_of(found))[:steps]
+        assert (values >= low).all() and (values <= high).all()
         row, column = np.rint(node).astype(int).T
         assert np.asarray(problem.candidates.reachable)[row, column].all()
     used = np.bincount([problem.state.moves[m].action for m in move], minlength=3)
@@ -303,21 +301,35 @@ def test_a_known_sequence_is_begun_with(name):
     assert float(search("greedy", problem).distance) > 1e-3  # which is why it helps
 
 
+def test_what_others_made_superfluous_is_taken_out():
+    problem, own = made_problem(3, count=3)
+    goal = measured(problem.state, own)[1]
+    problem = replace(problem, state=replace(problem.state, goal=goal))
+    steps = [(int(own.move[k]), own.node[k], float(own.strength[k])) for k in range(3)]
+    # The first is done twice as weakly as well, which leaves less to the goal than it takes away.
+    more = sequence(problem.state, [(steps[0][0], steps[0][1], 0.5), *steps])
+    more = measured(problem.state, more)[0]
+    left = pruned(problem, more)
+    assert int(left.steps) == 3 and float(left.distance) < 1e-5 < float(more.distance)
+    np.testing.assert_array_equal(left.move, own.move)
+    np.testing.assert_allclose(numbers_of(left), numbers_of(own), atol=1e-6)
+
+
 @pytest.mark.full
 def test_what_is_known_of_another_map_is_used_where_they_are_equal():
     problem, own = made_problem(4)
     state, candidates = problem.state, problem.candidates
     cache, _ = refresh(state, state.now, candidates, empty_cache(candidates))
     one, now, _ = measured(state, sequence(state, [(0, own.node[0], 1.0)]))
-    carry = improve.at_map(state, candidates, one, now, cache, state.now)
+    progress = resume(state, candidates, one, now, cache, state.now)
     true = sweep(replace(state, now=now), candidates)
     for number, change in enumerate(true):
-        stale = candidates.of_move(number, carry.cache.stale)
+        stale = candidates.of_move(number, progress.cache.stale)
         assert 0 < int(stale.sum()) < len(stale)
-        known = candidates.of_move(number, carry.cache.changes)[:, : len(STRENGTHS)]
+        known = candidates.of_move(number, progress.cache.changes)[:, : len(STRENGTHS)]
         np.testing.assert_allclose(known[~stale], np.asarray(change)[~stale], atol=1e-7)
         assert np.abs(known - change)[stale].max() > 1e-5
-    assert carry.used.tolist() == [1, 0, 0] and int(carry.result.status) == -1
+    assert progress.used.tolist() == [1, 0, 0] and int(progress.result.status) == -1
 
 
 @pytest.mark.full

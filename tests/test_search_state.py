@@ -21,7 +21,7 @@ from jshape.planning.candidates import placed_positions
 from jshape.planning.evaluate import candidates_at, sweep
 from jshape.planning.search import greedy, refine
 from jshape.planning.search.base import SearchLimits, SearchProblem
-from jshape.planning.search.sequence import act_between, measured
+from jshape.planning.search.sequence import Pose, act_between, measured
 from jshape.planning.state import search_state
 
 CAMERA = Camera(24, 18, 30.0, 30.0, 12.0, 9.0, 0.42, 0.47)
@@ -214,10 +214,13 @@ def test_a_hand_turned_on_the_ground_is_the_ground_turned_below_it(pressed):
     np.testing.assert_allclose(turned, np.rot90(below, -1), atol=2e-6)
 
 
-def between(state, now, node, strength):
-    """The map after the first move at a place between nodes."""
-    kernel = state.kernels[0]
-    return act_between(state, kernel, kernel.member(0), now, node, strength)
+def between(state, now, node, strength, turn=0.0, stretch=1.0):
+    """The map after the first move at a place, and in a direction and of a length, of one's own."""
+    kernel, move = state.kernels[0], state.moves[0]
+    half = 0.0 if state.node_m is None else move.path_m / 2 / state.node_m
+    numbers = (turn, stretch, move.yaw, half)
+    pose = Pose(node, *(jnp.asarray(number, jnp.float32) for number in numbers))
+    return act_between(state, kernel, kernel.member(0), now, pose, strength)
 
 
 @jax.tree_util.register_dataclass
@@ -292,22 +295,52 @@ def test_half_way_is_the_mean_of_the_neighbours():
 
 
 @pytest.mark.full
-def test_d_has_a_slope_along_places_and_strengths():
+def test_d_has_a_slope_along_all_numbers():
     now = image_of(8)
     state = search_state(differences((7, 6)), now, now)
-    goal = between(state, now, jnp.array([8.3, 10.6]), jnp.float32(0.9))
+    state = replace(state, node_m=jnp.float32(1.0), moves=(replace(state.moves[0], path_m=4.0),))
+    goal = between(state, now, jnp.array([8.3, 10.6]), jnp.float32(0.9), 0.1, 1.1)
     state = replace(state, goal=goal)
 
     def d(values):
-        after = between(state, now, values[:2], values[2])
+        after = between(state, now, values[:2], *values[2:])
         return state.distance_of(after)
 
-    start = jnp.array([8.4, 10.5, 0.95])
+    start = jnp.array([8.4, 10.5, 0.95, 0.05, 1.05])
     slope = jax.grad(d)(start)
-    for k, step in enumerate(np.eye(3, dtype=np.float32) * 1e-3):
+    for k, step in enumerate(np.eye(5, dtype=np.float32) * 1e-3):
         numeric = (d(start + step) - d(start - step)) / 2e-3
         assert float(slope[k]) == pytest.approx(float(numeric), rel=0.05, abs=1e-5)
-    assert float(slope @ jnp.array([0.1, -0.1, 0.05])) > 0  # it leads away from the goal
+    assert (
+        float(slope @ jnp.array([0.1, -0.1, 0.05, -0.05, -0.05])) > 0
+    )  # it leads away from the goal
+
+
+@pytest.mark.parametrize(
+    ("action", "yaw", "turn", "stretch", "share"),
+    [
+        ("sweep", 0.5, 0.25, 1.0, 0.03),
+        ("sweep", 0.5, 0.0, 1.2, 0.06),
+        ("scoop", -2.0, -0.3, 1.0, 0.03),
+    ],
+)
+def test_between_directions_and_lengths_is_what_those_moves_do(
+    beds, action, yaw, turn, stretch, share
+):
+    """Against the hand turned, and its path lengthened, by the predictor itself."""
+    bank = load_bank("moving-flour-robot").seen_by(QUARTER, 0.45)
+    number = bank.actions.index(action)
+    moves = [(number, yaw, 1.0), (number, yaw + turn, stretch)]
+    state = search_state(bank, beds[2], beds[2], moves)
+    node = np.array(state.now.shape) // 2
+    found = between(
+        state, state.now, jnp.asarray(node, jnp.float32), jnp.float32(1.0), turn, stretch
+    )
+    true = state.act(1, state.now, jnp.asarray(node - state.moves[1].middle, jnp.int32), 1.0)
+    near = state.act(0, state.now, jnp.asarray(node - state.moves[0].middle, jnp.int32), 1.0)
+    change = np.abs(true - state.now).sum()
+    assert np.abs(found - true).sum() < share * change
+    assert np.abs(near - true).sum() > 4 * np.abs(found - true).sum()
 
 
 @pytest.mark.full

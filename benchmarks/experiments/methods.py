@@ -40,6 +40,7 @@ METHODS: dict[str, Method] = {
     "f_D-dense": {"bank": "flour-robot", "stride": 12},
     "greedy": DENSE,
     "moving": MOVING,
+    "moving-refine": MOVING | {"planner": "refine"},
     "moving-stock": MOVING | {"stock_cm3": 500.0},
     "random": FLOOR | {"planner": "random"},
     "surplus": FLOOR | {"planner": "surplus"},

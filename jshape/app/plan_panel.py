@@ -1,6 +1,7 @@
 """Bank, planner, and the plan's actions, each to be moved, changed or dropped."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from nicegui import events, ui
@@ -42,7 +43,7 @@ class PlanPanel:
             self._yaws.tooltip("Of the hand, over half a turn: 4 are 0°, 45°, 90° and 135°")
             self._planner = ui.select(list(PLANNERS), label="planner")
             self._planner.on_value_change(self._set("planner", str))
-            self._planner.tooltip("greedy is the quickest, and carries; the others look farther")
+            self._planner.tooltip("greedy is the quickest; the others go on from its plan")
             names = sorted({*banks.list_banks(), editor.bank_name})
             self._bank = ui.select(names, label="bank", on_change=self._banked).classes("grow")
             self._bank.tooltip("What is known of material and hand")
@@ -108,7 +109,8 @@ class PlanPanel:
         with self._steps:
             self._row(0, "before all of them", d[0])
             for k, act in enumerate(plan, 1):
-                self._row(k, f"{k}. {act.words(plan.camera)}", d[k])
+                placed = replace(act, strength=1.0)  # the field beside it says how deep
+                self._row(k, f"{k}. {placed.words(plan.camera)}", d[k])
 
     def _row(self, done: int, words: str, mm: float) -> None:
         """The line of the image after `done` actions, with the buttons of the last of them."""

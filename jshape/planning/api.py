@@ -69,8 +69,8 @@ def plan(
       constraints: what is allowed; `max_missing` is for `plan_depth`.
       stop: when the sequence ends.
       budget: what the search may spend.
-      start: an earlier plan for about the same images, which `refine` and `improve` begin with if
-        it is better than greedy's.
+      start: an earlier plan for about the same images, which `refine` and `improve` begin with
+        instead of a search of greedy's own.
       execution: chunks and devices to evaluate candidates with; changes no result.
 
     Raises:
@@ -119,9 +119,6 @@ def plan_images(
             raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
     state, candidates, limits, pairs = pose(bank, first, goal, seen, planner, *records[:3])
     max_steps = int(stop.max_steps)
-    if start is not None and planner != "greedy":
-        if any(name in start.actions for name in tasks.names(bank, pairs)):
-            start = None  # one half of a carry without the other makes no sense
     stride = places.usual_stride(bank) if space.stride is None else space.stride
     problem = SearchProblem(
         state=state,
@@ -159,7 +156,8 @@ def _acts(found: SearchResult, problem: SearchProblem, bank: Bank) -> list[Place
         if same.size:  # a given place, not the node beside it
             exact = pixels[mine[number]][same[0]]
         u, v = np.asarray(exact).tolist()
-        how = float(found.strength[k]), float(move.yaw), float(move.length)
+        yaw = tasks.half_turn(float(move.yaw) + float(found.turn[k]))
+        how = float(found.strength[k]), yaw, float(move.length) * float(found.stretch[k])
         acts.append(PlacedAction(bank.actions[move.action], (u, v), *how))
     return acts
 

@@ -116,12 +116,11 @@ def pose(
         ],
     )
     state = on_images(bank, first, goal, *moves, seen)
-    if planner != "greedy" and space.carries:
-        raise JShapeError(f"carries: only greedy tries them, and the planner is {planner}")
-    if planner == "greedy":
-        stocked = constraints.stock_cm3 is not None
-        worth = tasks.price(state) if pairs and not stocked else None
-        state = replace(state, carries=pairs, price=worth)
+    stocked = constraints.stock_cm3 is not None
+    if planner != "greedy" and stocked:
+        raise JShapeError(f"stock_cm3: only greedy uses a stock, and the planner is {planner}")
+    worth = tasks.price(state) if pairs and not stocked else None
+    state = replace(state, carries=pairs, price=worth)
     limits = replace(limits, stock=tasks.stock(state, constraints))
     if space.positions is None:
         stride = places.usual_stride(bank) if space.stride is None else space.stride

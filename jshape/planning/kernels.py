@@ -34,6 +34,8 @@ class Move:
     """Turn of the hand from u towards v, radians."""
     length: float | Array | np.floating
     """How many times as long as the trained action the hand's path is."""
+    path_m: float | Array | np.floating
+    """From end to end of that path, metres; 0 without one."""
     action: int = field(metadata=STATIC)
     """Number of the action in the bank."""
     shape: tuple[int, int] = field(metadata=STATIC)
@@ -119,6 +121,7 @@ def prepared(
             Move(
                 yaw=0.0 if yaw is None else yaw,
                 length=np.float32(length),
+                path_m=np.float32(1e-3 * bank.predictors[action].path_mm * length),
                 action=action,
                 shape=shape,
                 roi=hand.roi,

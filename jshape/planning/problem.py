@@ -204,10 +204,7 @@ def stock(state: SearchState, constraints: Constraints) -> float:
     if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
         raise JShapeError(f"stock_cm3 is {quoted(value)}; it must be a number from 0")
     if not state.carries:
-        raise JShapeError(
-            "stock_cm3 has no effect: the bank has no actions that take and bring, or the planner "
-            "is not greedy"
-        )
+        raise JShapeError("stock_cm3 has no effect: the bank has no actions that take and bring")
     if state.node_m is None:
         raise BadBank("stock_cm3 is for banks that work in metres, of kind 'P'")
     return float(value) * 1e-6 / float(state.node_m) ** 2
@@ -245,24 +242,30 @@ def as_found(plan: Plan, state: SearchState, bank: Bank, max_steps: int) -> Sear
         return None
     room = room_for(max_steps)
     move, node = np.full(room, -1, np.int32), np.zeros((room, 2), np.float32)
-    strength = np.zeros(room, np.float32)
+    strength, turn, stretch = (np.full(room, no, np.float32) for no in (0.0, 0.0, 1.0))
     for k in range(steps):
         act = plan[k]
         number = bank.actions.index(act.action)
         mine = [m for m, one in enumerate(state.moves) if one.action == number]
         if not mine:
             return None
-        move[k] = min(mine, key=lambda m: _apart(state.moves[m], act.yaw, act.length))
+        move[k] = nearest = min(mine, key=lambda m: _apart(state.moves[m], act.yaw, act.length))
+        turn[k] = half_turn(act.yaw - float(state.moves[nearest].yaw))
+        stretch[k] = act.length / float(state.moves[nearest].length)
         exact = np.array(act.position)
         node[k] = (exact[::-1] - np.asarray(state.origin)) / np.asarray(state.pitch)
         strength[k] = act.strength
     return SearchResult(
-        steps=np.int32(steps), move=move, node=node, strength=strength,
-        distance=np.float32(np.inf), status=np.int32(-1), evaluations=np.int32(0),
+        steps=np.int32(steps), move=move, node=node, strength=strength, turn=turn,
+        stretch=stretch, distance=np.float32(np.inf), status=np.int32(-1), evaluations=np.int32(0),
     )  # fmt: skip
+
+
+def half_turn(angle: float) -> float:
+    """The same angle from -pi up to pi, radians."""
+    return -((math.pi - angle) % (2 * math.pi) - math.pi) if abs(angle) > math.pi else angle
 
 
 def _apart(move: Move, yaw: float, length: float) -> tuple[float, float]:
     """How far a move's length and yaw are from others."""
-    turn = abs(float(move.yaw) - yaw)
-    return abs(float(move.length) - length), min(turn, 2 * math.pi - turn)
+    return abs(float(move.length) - length), abs(half_turn(yaw - float(move.yaw)))

@@ -99,6 +99,10 @@ class SearchResult:
     """Nodes (v, u) of the map: whole ones, or between them after a refinement."""
     strength: Float[Any, "*B K"]
     """How many times as deep as the trained action."""
+    turn: Float[Any, "*B K"]
+    """Turn of the hand beyond the move's own, radians: 0 before a refinement."""
+    stretch: Float[Any, "*B K"]
+    """Its path's length as a multiple of the move's own: 1 before a refinement."""
     distance: Float[Any, "*B"]
     """The distance d after the last action, on the map."""
     status: Int[Any, "*B"]
@@ -115,6 +119,8 @@ def empty_result(state: SearchState, max_steps: int) -> SearchResult:
         move=jnp.full(room, -1, jnp.int32),
         node=jnp.zeros((room, 2), jnp.float32),
         strength=jnp.zeros(room, jnp.float32),
+        turn=jnp.zeros(room, jnp.float32),
+        stretch=jnp.ones(room, jnp.float32),
         distance=state.distance,
         status=jnp.int32(-1),
         evaluations=jnp.int32(0),
@@ -239,6 +245,13 @@ class SearchProblem:
     def __post_init__(self) -> None:
         limits = replace(self.limits, max_steps=self.max_steps)
         object.__setattr__(self, "limits", limits)
+
+    @property
+    def unpriced(self) -> "SearchProblem":
+        """The same where material costs nothing: what is there is shaped."""
+        if self.state.price is None:
+            return self
+        return replace(self, state=replace(self.state, price=jnp.zeros((), jnp.float32)))
 
 
 def better(one: SearchResult, other: SearchResult) -> SearchResult:

@@ -15,6 +15,7 @@ from jshape.planning.devices import cores
 from jshape.planning.evaluate import (
     MANY,
     ONE_BY_ONE,
+    CandidateCache,
     Candidates,
     Execution,
     Work,
@@ -28,8 +29,10 @@ from jshape.planning.search.base import (
     SearchResult,
     Status,
     compiled,
+    ended,
 )
 from jshape.planning.search.local import no_local
+from jshape.planning.search.sequence import measured, pruned, warm_start
 from jshape.planning.search.step import (
     NextBatch,
     SearchProgress,
@@ -37,6 +40,7 @@ from jshape.planning.search.step import (
     empty_batch,
     last,
     next_batch,
+    resume,
     step,
 )
 from jshape.planning.state import SearchState
@@ -47,16 +51,43 @@ SIDE_BY_SIDE = 4
 
 def search(problem: SearchProblem) -> SearchResult:
     """Greedy forward search within a budget.  See `run`."""
+    return _priced(problem, begin(problem.state, problem.candidates, problem.max_steps))
+
+
+def searched_on(problem: SearchProblem) -> SearchResult:
+    """What the problem is to begin with, and greedy's actions after it; without it greedy's own."""
+    start = warm_start(problem)
+    if start is None:
+        return search(problem)
+    state, candidates, budget = problem.state, problem.candidates, problem.budget
+    start, now, _ = budget.call(measured, state, pruned(problem, start))
+    if int(start.steps) >= problem.max_steps:
+        return ended(problem, start, Status.MAX_STEPS)
+    given = state, candidates, start, now, empty_cache(candidates), state.now
+    found = _priced(problem, budget.call(resume, *given))
+    return budget.call(measured, state, found)[0]
+
+
+def _priced(problem: SearchProblem, progress: SearchProgress) -> SearchResult:
+    """The actions that gain at the price of material, and then those that gain at none."""
     state = problem.state
-    progress = _searched(problem, begin(state, problem.candidates, problem.max_steps))
+    progress = _searched(problem, progress)
     priced = state.price is not None and float(state.price) != 0
     if priced and int(progress.result.status) == Status.NO_IMPROVEMENT:
         # Nothing moves material to where it is missing: what is there is shaped at no price.
-        free = replace(problem, state=replace(state, price=np.zeros((), np.float32)))
         again = replace(progress.result, status=jnp.int32(-1))
-        unknown = {"cache": empty_cache(problem.candidates), "local": no_local(state)}
-        progress = _searched(free, replace(progress, **unknown, result=again))
+        cache = empty_cache(problem.candidates)
+        progress = replace(progress, cache=cache, local=no_local(state), result=again)
+        progress = _searched(problem.unpriced, progress)
     return progress.result
+
+
+def continued(
+    problem: SearchProblem, result: SearchResult, now: Array, cache: CandidateCache, seen: Array
+) -> SearchProgress:
+    """Greedy after a sequence that leads to the map `now`; the cache knows the map `seen`."""
+    given = problem.state, problem.candidates, result, now, cache, seen
+    return _searched(problem, problem.budget.call(resume, *given))
 
 
 def _searched(problem: SearchProblem, progress: SearchProgress) -> SearchProgress:

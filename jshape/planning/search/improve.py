@@ -5,18 +5,21 @@ in a row that overlap are also tried in the other order.  Only what lowers d is 
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
-import jax.numpy as jnp
 import numpy as np
 
 from jshape._typing import Array
-from jshape.planning.evaluate import CandidateCache, Candidates, empty_cache, touch
+from jshape.planning.evaluate import CandidateCache, empty_cache
 from jshape.planning.search import greedy
-from jshape.planning.search.base import SearchProblem, SearchResult, Status, better, compiled, ended
-from jshape.planning.search.local import no_local
-from jshape.planning.search.sequence import measured, warm_start, without
-from jshape.planning.search.step import SearchProgress
-from jshape.planning.state import SearchState
+from jshape.planning.search.base import SearchProblem, SearchResult, Status, ended
+from jshape.planning.search.sequence import (
+    measured,
+    numbers_of,
+    units,
+    with_numbers,
+    without,
+)
 
 PASSES = 4
 """Times that the whole sequence is gone through, at most."""
@@ -25,28 +28,26 @@ LEAST = 1e-7
 
 
 def search(problem: SearchProblem) -> SearchResult:
-    """What greedy finds, or what was to begin with, improved; never worse than either."""
-    best = greedy.search(problem)
-    start = warm_start(problem)
-    if start is not None:
-        best = better(best, replace(start, status=best.status))
-    return improved(problem, best)
+    """What greedy finds, or what was to begin with and greedy after it, improved; never worse."""
+    return improved(problem, greedy.searched_on(problem))
 
 
 def improved(problem: SearchProblem, result: SearchResult) -> SearchResult:
     """A sequence after exchanges and swaps until none helps or the budget is spent."""
     if not int(result.steps) or float(result.distance) <= float(problem.limits.tolerance):
         return result
-    cache, seen = empty_cache(problem.candidates), problem.state.now
+    problem, state = problem.unpriced, problem.state
+    cache, seen = empty_cache(problem.candidates), state.now
     for _ in range(PASSES):
         before = float(result.distance)
-        for k in range(int(result.steps) - 2, -1, -1):
-            result = _swapped(problem, result, k)
+        for one, other in pairwise(units(state, result)[::-1]):
+            if one.stop - other.start == 2:  # no carries
+                result = _swapped(problem, result, other.start)
         k = 0
-        while k < int(result.steps):
+        while k < len(every := units(state, result)):
             if problem.budget.over:
                 return ended(problem, result, Status.BUDGET)
-            result, cache, seen, kept = _exchanged(problem, result, k, cache, seen)
+            result, cache, seen, kept = _exchanged(problem, result, every[k], cache, seen)
             # What was exchanged moved to the end: the next one is at the same number.
             k += kept
         if float(result.distance) > before - LEAST:
@@ -55,52 +56,17 @@ def improved(problem: SearchProblem, result: SearchResult) -> SearchResult:
 
 
 def _exchanged(
-    problem: SearchProblem, result: SearchResult, k: int, cache: CandidateCache, seen: Array
+    problem: SearchProblem, result: SearchResult, unit: slice, cache: CandidateCache, seen: Array
 ) -> tuple[SearchResult, CandidateCache, Array, bool]:
-    """The sequence with its k-th action exchanged, if that helps; the cache of the map seen."""
-    fewer, now, _ = problem.budget.call(measured, problem.state, without(result, k))
+    """The sequence with one action or carry exchanged, if it helps; the cache of the map seen."""
+    fewer = without(result, unit.start, unit.stop - unit.start)
+    fewer, now, _ = problem.budget.call(measured, problem.state, fewer)
     problem.budget.spend(int(result.steps))
-    carry = problem.budget.call(at_map, problem.state, problem.candidates, fewer, now, cache, seen)
-    while True:  # greedy from there, in pieces that keep the budget
-        spent = int(carry.result.evaluations)
-        carry = problem.budget.call(
-            greedy.advance, carry, problem.state, problem.candidates, problem.limits,
-            jnp.int32(problem.budget.room()), jnp.int32(problem.budget.left),
-            jnp.int32(problem.fine), execution=problem.execution,
-        )  # fmt: skip
-        problem.budget.spend(int(carry.result.evaluations) - spent)
-        if int(carry.result.status) >= 0 or problem.budget.over:
-            break
-    tried, _, _ = problem.budget.call(measured, problem.state, carry.result)
+    progress = greedy.continued(problem, fewer, now, cache, seen)
+    tried, _, _ = problem.budget.call(measured, problem.state, progress.result)
     kept = float(tried.distance) > float(result.distance) - LEAST
     result = result if kept else replace(tried, status=result.status)
-    return result, carry.cache, carry.now, kept
-
-
-@compiled
-def at_map(
-    state: SearchState,
-    candidates: Candidates,
-    result: SearchResult,
-    now: Array,
-    cache: CandidateCache,
-    seen: Array,
-) -> SearchProgress:
-    """Greedy's carry after a sequence.  In the cache, what lies where the map differs is stale."""
-    apart = jnp.abs(now - seen) > 0
-    rows, columns = apart.any(1), apart.any(0)
-    first = jnp.array([jnp.argmax(rows), jnp.argmax(columns)], jnp.int32)
-    ends = jnp.array([jnp.argmax(rows[::-1]), jnp.argmax(columns[::-1])], jnp.int32)
-    last = jnp.array(apart.shape, jnp.int32) - ends
-    shape = jnp.where(apart.any(), last - first, 0)
-    cache = touch(cache, candidates, state, first, shape)
-    actions = jnp.asarray(state.actions)
-    used = jnp.zeros(1 + max(state.actions), jnp.int32)
-    used = used.at[actions[result.move]].add((result.move >= 0).astype(jnp.int32))
-    status, none = jnp.int32(-1), jnp.int32(0)
-    result = replace(result, status=status, evaluations=none)
-    none = jnp.zeros((), jnp.float32)
-    return SearchProgress(now, cache, used, result, no_local(state), none)
+    return result, progress.cache, progress.now, kept
 
 
 def _swapped(problem: SearchProblem, result: SearchResult, k: int) -> SearchResult:
@@ -111,9 +77,7 @@ def _swapped(problem: SearchProblem, result: SearchResult, k: int) -> SearchResu
         return result
     order = np.arange(len(move))
     order[[k, k + 1]] = k + 1, k
-    other = replace(
-        result, move=result.move[order], node=result.node[order], strength=result.strength[order]
-    )
+    other = with_numbers(replace(result, move=result.move[order]), numbers_of(result)[order])
     other, _, _ = problem.budget.call(measured, problem.state, other)
     problem.budget.spend(int(result.steps))
     return other if float(other.distance) < float(result.distance) - LEAST else result

@@ -1,4 +1,4 @@
-"""All places and strengths of a sequence moved together down the gradient of d.
+"""All places, strengths, directions and lengths of a sequence moved down the gradient of d.
 
 JAX differentiates the distance through every predicted action of the sequence.  d is a sum of
 absolute values, so the step is Adam's and the best sequence on the way is kept.
@@ -18,11 +18,16 @@ from jshape.planning.search.base import (
     SearchProblem,
     SearchResult,
     Status,
-    better,
     compiled,
     ended,
 )
-from jshape.planning.search.sequence import carry_out, least_and_most, warm_start
+from jshape.planning.search.sequence import (
+    bounds,
+    carry_out,
+    numbers_of,
+    pruned,
+    with_numbers,
+)
 from jshape.planning.state import SearchState
 
 ROUNDS = 24
@@ -33,17 +38,17 @@ PLACE = 0.4
 """First step of a place, nodes."""
 STRENGTH = 0.03
 """First step of a strength."""
+TURN = 0.04
+"""First step of a direction, radians: the end of a hand ten nodes long moves as far as a place."""
+STRETCH = 0.03
+"""First step of a path's length."""
 LEAST = 0.001
 """Share of d that a round must gain."""
 
 
 def search(problem: SearchProblem) -> SearchResult:
-    """What greedy finds, or what was to begin with, refined; never worse than either."""
-    best = greedy.search(problem)
-    start = warm_start(problem)
-    if start is not None:
-        best = better(best, replace(start, status=best.status))
-    return refined(problem, best)
+    """What greedy finds, or what was to begin with and greedy after it, refined; never worse."""
+    return pruned(problem, refined(problem, greedy.searched_on(problem)))
 
 
 def refined(problem: SearchProblem, result: SearchResult) -> SearchResult:
@@ -77,31 +82,27 @@ def descend(
     result: SearchResult,
     rate: Array,
 ) -> SearchResult:
-    """`STEPS` steps of Adam on all places and strengths; the best sequence on the way."""
-    low, high = least_and_most(state, candidates)
-    known = candidates.strengths
+    """`STEPS` steps of Adam on all numbers of a sequence; the best sequence on the way."""
+    low, high = bounds(state, candidates)
     used = result.move >= 0
-    scale = jnp.array([PLACE, PLACE, STRENGTH], jnp.float32) * rate
-    start = jnp.column_stack([result.node, result.strength])
-    least = jnp.column_stack([low[result.move], jnp.full(used.shape, known.min())])
-    most = jnp.column_stack([high[result.move], jnp.full(used.shape, known.max())])
+    scale = jnp.array([PLACE, PLACE, STRENGTH, TURN, STRETCH], jnp.float32) * rate
+    start, least, most = numbers_of(result), low[result.move], high[result.move]
 
-    def with_values(values: Array) -> SearchResult:
-        return replace(result, node=values[:, :2], strength=values[:, 2])
+    def distance(values: Array) -> tuple[Array, Array]:
+        _, distances, strengths = carry_out(state, with_numbers(result, values))
+        return distances[-1], strengths
 
-    def distance(values: Array) -> Array:
-        return carry_out(state, with_values(values))[1][-1]
-
-    def reachable(values: Array) -> Array:
+    def allowed(values: Array, strengths: Array) -> Array:
         row, column = jnp.rint(values[:, :2]).astype(jnp.int32).T
-        return (candidates.reachable[row, column] | ~used).all()
+        inside = (strengths >= least[:, 2]) & (strengths <= most[:, 2])
+        return ((candidates.reachable[row, column] & inside) | ~used).all()
 
     optimiser = optax.adam(1.0)
 
     def step(carry, _):
         values, memory, best, least_d = carry
-        d, slope = jax.value_and_grad(distance)(values)
-        nearer = (d < least_d) & reachable(values)
+        (d, strengths), slope = jax.value_and_grad(distance, has_aux=True)(values)
+        nearer = (d < least_d) & allowed(values, strengths)
         best, least_d = jnp.where(nearer, values, best), jnp.where(nearer, d, least_d)
         with jax.numpy_dtype_promotion("standard"):  # optax's Adam counts in int32
             update, memory = optimiser.update(slope, memory)
@@ -110,8 +111,7 @@ def descend(
 
     carry = (start, optimiser.init(start), start, result.distance)
     (values, _, best, least_d), _ = jax.lax.scan(step, carry, None, length=STEPS)
-    d = distance(values)
-    nearer = (d < least_d) & reachable(values)
-    return replace(
-        with_values(jnp.where(nearer, values, best)), distance=jnp.where(nearer, d, least_d)
-    )
+    d, strengths = distance(values)
+    nearer = (d < least_d) & allowed(values, strengths)
+    best = with_numbers(result, jnp.where(nearer, values, best))
+    return replace(best, distance=jnp.where(nearer, d, least_d), strength=carry_out(state, best)[2])

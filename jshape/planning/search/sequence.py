@@ -1,7 +1,7 @@
 """A whole sequence carried out on the map, at places between nodes too: differentiable."""
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -9,140 +9,261 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jshape._typing import Array, Float
+from jshape._typing import Array, Bool, Float, Int
 from jshape.planning.evaluate import Candidates
 from jshape.planning.kernels import Kernel
 from jshape.planning.search.base import SearchProblem, SearchResult, compiled, empty_result
 from jshape.planning.state import SearchState
 
+ROOM = 4
+"""Nodes around a hand's window into which its change may reach once it is turned or stretched."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Pose:
+    """Where and how an action is carried out: its entry in a sequence, and its move's own path."""
+
+    node: Float[Array, "*K 2"]
+    turn: Float[Array, "*K"]
+    stretch: Float[Array, "*K"]
+    yaw: Float[Array, "*K"]
+    half: Float[Array, "*K"]
+    """Half of the move's path, nodes."""
+
+    def to_map(self, v: Array, u: Array) -> tuple[Array, Array]:
+        """Nodes (v, u) of the map, of nodes beside the place as the move's own hand has them."""
+        v, u = self._stretched(v, u, self.half, self.stretch)
+        cos, sin = jnp.cos(self.turn), jnp.sin(self.turn)
+        return cos * v + sin * u + self.node[0], cos * u - sin * v + self.node[1]
+
+    def from_map(self, v: Array, u: Array) -> tuple[Array, Array]:
+        """The inverse of `to_map`."""
+        v, u = v - self.node[0], u - self.node[1]
+        cos, sin = jnp.cos(self.turn), jnp.sin(self.turn)
+        v, u = cos * v - sin * u, cos * u + sin * v
+        return self._stretched(v, u, self.half * self.stretch, 1.0 / self.stretch)
+
+    def _stretched(self, v: Array, u: Array, half: Array, by: Array) -> tuple[Array, Array]:
+        """What lies before and behind the path moves with its ends, as in `models.stretch`."""
+        cos, sin = jnp.cos(self.yaw), jnp.sin(self.yaw)
+        more = jnp.clip(cos * u + sin * v, -half, half) * (by - 1.0)
+        return v + sin * more, u + cos * more
+
 
 def act_between(
-    state: SearchState,
-    kernel: Kernel,
-    effect: Any,
-    now: Array,
-    node: Float[Array, "2"],
-    strength: Array,
+    state: SearchState, kernel: Kernel, effect: Any, now: Array, pose: Pose, strength: Array
 ) -> Float[Array, "R C"]:
-    """The map after a move whose place is `node` (v, u), on nodes or between them.
+    """The map after a move whose place, direction and length lie between those tried.
 
-    The bed as seen from the exact place, by bilinear shift, and the change put back the same way;
-    on a node that is `SearchState.act`.
+    The bed as the hand sees it, interpolated bilinearly, and the change put back the same way; on a
+    node, and neither turned nor stretched, that is `SearchState.act`.
     """
-    rows, columns = shape = kernel.shape
-    room = jnp.array(now.shape, jnp.int32) - jnp.array(shape, jnp.int32)
-    middle = jnp.array([rows // 2, columns // 2], jnp.float32)
-    first = jnp.clip(node - middle, 0.0, room.astype(jnp.float32))
-    # At the map's end from the last node but one, with a share of 1.
-    base = jnp.floor(lax.stop_gradient(first)).astype(jnp.int32)
-    base = jnp.clip(base, 0, jnp.maximum(room - 1, 0))
-    down, right = first - base.astype(first.dtype)
-    whole = now
-    if rows == now.shape[0] or columns == now.shape[1]:  # a window as large as the map
-        whole = jnp.pad(now, ((0, 1), (0, 1)), mode="edge")
-    larger = lax.dynamic_slice(whole, base, (rows + 1, columns + 1))
-    seen = _between(_between(larger, down, 0), right, 1)
-    change = state.seen(effect(seen, base[::-1], strength)) - seen
-    for share, axis in ((down, 0), (right, 1)):
-        before, behind = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
-        before[axis], behind[axis] = (0, 1), (1, 0)
-        change = (1 - share) * jnp.pad(change, before) + share * jnp.pad(change, behind)
-    after = lax.dynamic_update_slice(whole, larger + change, base)
-    return after[: now.shape[0], : now.shape[1]]
+    shape = kernel.shape
+    v, u = (jnp.arange(n, dtype=jnp.float32) - n // 2 for n in shape)
+    seen = _between(now, *pose.to_map(v[:, None], u[None]))
+    middle = np.array([n // 2 for n in shape], np.int32)
+    corner = jnp.rint(lax.stop_gradient(pose.node)).astype(jnp.int32) - middle
+    change = state.seen(effect(seen, corner[::-1], strength)) - seen
+    # Put back into a window that has room around the hand's own.
+    window = tuple(min(n + 2 * ROOM, most) for n, most in zip(shape, now.shape, strict=True))
+    most = jnp.array(now.shape, jnp.int32) - jnp.array(window, jnp.int32)
+    first = jnp.clip(corner - ROOM, 0, most)
+    from_first = first.astype(jnp.float32)
+    v, u = (jnp.arange(n, dtype=jnp.float32) + at for n, at in zip(window, from_first, strict=True))
+    v, u = pose.from_map(v[:, None], u[None])
+    framed = jnp.pad(change, 1)  # beyond the hand's window nothing changes
+    put = _between(framed, v + (shape[0] // 2 + 1), u + (shape[1] // 2 + 1))
+    return lax.dynamic_update_slice(now, lax.dynamic_slice(now, first, window) + put, first)
 
 
-def _between(window: Array, share: Array, axis: int) -> Array:
-    """Between the nodes of one axis: one node less."""
-    low = lax.slice_in_dim(window, 0, window.shape[axis] - 1, axis=axis)
-    high = lax.slice_in_dim(window, 1, window.shape[axis], axis=axis)
-    return (1 - share) * low + share * high
+def _between(field: Float[Array, "n m"], v: Array, u: Array) -> Array:
+    """A map between its nodes; beyond its edge as at the edge."""
+    n, m = field.shape
+    v, u = jnp.clip(v, 0.0, n - 1.0), jnp.clip(u, 0.0, m - 1.0)
+    top, left = (
+        jnp.minimum(lax.stop_gradient(x).astype(jnp.int32), most - 2)
+        for x, most in ((v, n), (u, m))
+    )
+    down, right = v - top.astype(v.dtype), u - left.astype(u.dtype)
+    above = (1 - right) * field[top, left] + right * field[top, left + 1]
+    below = (1 - right) * field[top + 1, left] + right * field[top + 1, left + 1]
+    return (1 - down) * above + down * below
 
 
-def carry_out(state: SearchState, result: SearchResult) -> tuple[Array, Array]:
-    """The map after a sequence (R, C), and d before and after each of its K entries (K+1,)."""
+def carry_out(state: SearchState, result: SearchResult) -> tuple[Array, Array, Array]:
+    """A sequence carried out: the second half of a carry brings what the first took out.
 
-    def one(now, entry):
-        move, node, strength = entry
+    Returns:
+      The map after it (R, C); d before and after each of its K entries (K+1,); the strengths (K,).
+    """
+    node_m = jnp.asarray(1.0 if state.node_m is None else state.node_m, jnp.float32)
+    half, move = _numbers(state, "path_m") / (2 * node_m), result.move
+    yaw = _numbers(state, "yaw")
+    poses = Pose(result.node, result.turn, result.stretch, yaw[move], half[move])
 
-        def act(now):
-            def between(kernel, effect, _, now, node, strength):
-                return act_between(state, kernel, effect, now, node, strength)
+    def between(kernel, effect, _, now, pose, strength):
+        return act_between(state, kernel, effect, now, pose, strength)
 
-            return state.with_kernel(move, between, now, node, strength, apply=True)
+    def one(carry, entry):
+        before, taken = carry
+        move, second, strength, pose = entry
 
-        now = lax.cond(move >= 0, act, lambda now: now, now)
-        return now, state.distance_of(now)
+        def act(now: Array, strength: Array) -> Array:
+            return state.with_kernel(move, between, now, pose, strength, apply=True)
 
-    now, distances = lax.scan(one, state.now, (result.move, result.node, result.strength))
-    return now, jnp.concatenate([state.distance[None], distances])
+        def as_much(strength: Array) -> Array:
+            # What it brings is in proportion to its strength.
+            brought = (act(before, strength) - before).sum()
+            return strength * jnp.clip(-taken / jnp.where(brought == 0, 1.0, brought), 0.0, 100.0)
+
+        if state.carries:
+            strength = lax.cond(second, as_much, lambda strength: strength, strength)
+        now = lax.cond(move >= 0, act, lambda now, _: now, before, strength)
+        return (now, (now - before).sum()), (state.distance_of(now), strength)
+
+    start = state.now, jnp.zeros((), state.now.dtype)
+    entries = move, brings(state, move), result.strength, poses
+    (now, _), (distances, strengths) = lax.scan(one, start, entries)
+    return now, jnp.concatenate([state.distance[None], distances]), strengths
+
+
+def brings(state: SearchState, move: Int[Array, "K"]) -> Bool[Array, "K"]:
+    """Which of a sequence's moves bring what the one before them took out."""
+    partner = np.full(1 + state.actions.max(initial=0), -1, np.int32)
+    for take, bring in state.carries:
+        partner[take] = bring
+    action = jnp.where(move < 0, -2, jnp.asarray(state.actions)[move])
+    pairs = jnp.asarray(partner)[action[:-1]] == action[1:]
+    return jnp.concatenate([jnp.zeros(1, bool), pairs & (move[:-1] >= 0)])
+
+
+def _numbers(state: SearchState, name: str) -> Float[Array, "A"]:
+    """One number of each move."""
+    return jnp.stack([jnp.asarray(getattr(move, name), jnp.float32) for move in state.moves])
 
 
 @compiled
 def measured(state: SearchState, result: SearchResult) -> tuple[SearchResult, Array, Array]:
-    """A sequence with its distance, the map after it, and d before and after each entry."""
-    now, distances = carry_out(state, result)
-    return replace(result, distance=distances[-1]), now, distances
+    """A sequence with its distance, the map after it, and d before and after each entry.
+
+    The second half of a carry gets the strength that brings what the first took out.
+    """
+    now, distances, strengths = carry_out(state, result)
+    return replace(result, distance=distances[-1], strength=strengths), now, distances
 
 
 def warm_start(problem: SearchProblem) -> SearchResult | None:
     """The sequence to begin with, measured; None if there is none, or no budget for it (host).
 
-    Its places and strengths are moved into the candidates' bounds.  Left out is what is farther
-    from them than a place may be from its node, out of reach, used too often, or one too many.
+    Its numbers are moved into their bounds.  Left out is what is farther from them than a place may
+    be from its node, out of reach, used too often, one too many, or half of a carry.
     """
     if problem.start is None or problem.budget.over:
         return None
     state, candidates, start = problem.state, problem.candidates, jax.device_get(problem.start)
-    low, high = jax.device_get(least_and_most(state, candidates))
+    low, high = jax.device_get(bounds(state, candidates))
     open_moves = set(np.asarray(candidates.move)[np.asarray(candidates.valid)].tolist())
-    known, most = np.asarray(candidates.strengths), np.asarray(problem.limits.max_uses)
-    moves, nodes, strengths, used = [], [], [], Counter()
-    for move, node, strength in zip(start.move, start.node, start.strength, strict=True):
-        if int(move) not in open_moves or len(moves) == problem.max_steps:
+    limits, found, used = problem.limits, [], Counter()
+    for unit in units(state, start):
+        moves, values = start.move[unit], numbers_of(start)[unit]
+        if not set(moves.tolist()) <= open_moves or len(found) + len(moves) > problem.max_steps:
             continue
-        inside = np.clip(node, low[move], high[move])
-        row, column = np.rint(inside).astype(int)
-        free = bool(candidates.reachable[row, column])
-        action = state.moves[move].action
-        allowed = used[action] < (most[action] if most.ndim else most)
-        if np.abs(inside - node).max() < 0.51 and free and allowed:
-            used[action] += 1
-            moves.append(move)
-            nodes.append(inside)
-            strengths.append(np.clip(strength, known.min(), known.max()))
-    result, steps = empty_result(state, problem.max_steps), len(moves)
+        inside = np.clip(values, low[moves], high[moves])
+        rows, columns = np.rint(inside[:, :2]).astype(int).T
+        free = np.asarray(candidates.reachable)[rows, columns].all()
+        most = np.asarray(limits.max_uses if len(moves) == 1 else limits.carry_uses)
+        actions = [state.moves[move].action for move in moves]
+        allowed = all(used[a] < (most[a] if most.ndim else most) for a in actions)
+        if np.abs(inside - values)[:, :2].max() < 0.51 and free and allowed:
+            used.update(actions)
+            found += zip(moves, inside, strict=True)
+    result, steps = empty_result(state, problem.max_steps), len(found)
     if steps:
-        result = replace(
-            result,
-            steps=jnp.int32(steps),
-            move=result.move.at[:steps].set(np.array(moves, np.int32)),
-            node=result.node.at[:steps].set(np.array(nodes, np.float32)),
-            strength=result.strength.at[:steps].set(np.array(strengths, np.float32)),
-        )
+        moves, values = (np.array(one) for one in zip(*found, strict=True))
+        whole = np.asarray(numbers_of(result)).copy()
+        whole[:steps] = values
+        result = with_numbers(result, jnp.asarray(whole, jnp.float32))
+        move = result.move.at[:steps].set(moves.astype(np.int32))
+        result = replace(result, steps=jnp.int32(steps), move=move)
     problem.budget.spend(steps)
     return problem.budget.call(measured, state, result)[0]
 
 
-def without(result: SearchResult, k: int | Array) -> SearchResult:
-    """A sequence without its k-th action."""
+def pruned(problem: SearchProblem, result: SearchResult) -> SearchResult:
+    """A sequence without actions and carries whose part in it is less than they must gain (host).
+
+    Those after it may have made an action superfluous, or a bed that is not as predicted.
+    """
+    state, strengths = problem.state, jnp.asarray(result.strength)
+    action = jnp.asarray(state.actions)[result.move]
+    needed = np.asarray(problem.limits.needed(action, strengths[:, None]))[:, 0]
+    for unit in units(state, result)[::-1]:
+        if problem.budget.over:
+            break
+        fewer = without(result, unit.start, unit.stop - unit.start)
+        fewer, _, _ = problem.budget.call(measured, state, fewer)
+        problem.budget.spend(int(result.steps))
+        if float(fewer.distance) <= float(result.distance) + float(needed[unit].sum()):
+            result = replace(fewer, status=result.status)
+    return result
+
+
+def units(state: SearchState, result: SearchResult) -> list[slice]:
+    """The sequence cut into what belongs together, actions and carries (host)."""
+    second = np.asarray(brings(state, jnp.asarray(result.move)))
+    steps = int(result.steps)
+    return [
+        slice(k, k + 1 + int(k + 1 < steps and second[k + 1]))
+        for k in range(steps)
+        if not second[k]
+    ]
+
+
+def numbers_of(result: SearchResult) -> Any:
+    """(K, 5) place (v, u), strength, turn and stretch of every entry."""
+    xp = np if isinstance(result.node, np.ndarray) else jnp
+    return xp.column_stack([result.node, result.strength, result.turn, result.stretch])
+
+
+def with_numbers(result: SearchResult, numbers: Float[Array, "K 5"]) -> SearchResult:
+    """A sequence with other numbers; see `numbers_of`."""
+    strength, turn, stretch = numbers[:, 2:].T
+    return replace(result, node=numbers[:, :2], strength=strength, turn=turn, stretch=stretch)
+
+
+def without(result: SearchResult, k: int | Array, count: int = 1) -> SearchResult:
+    """A sequence without `count` actions from the k-th on."""
     order = jnp.arange(result.move.shape[0])
-    source = jnp.where(order < k, order, order + 1)
+    source = jnp.where(order < k, order, order + count)
 
-    def closed(entries, filler):
-        padded = jnp.concatenate([entries, jnp.full_like(entries[:1], filler)])
-        return padded[jnp.minimum(source, entries.shape[0])]
+    def closed(entries: Array, filler: Array | int) -> Array:
+        past = jnp.broadcast_to(jnp.asarray(filler, entries.dtype), (count, *entries.shape[1:]))
+        return jnp.concatenate([entries, past])[source]
 
-    return replace(
-        result,
-        steps=result.steps - 1,
-        move=closed(result.move, -1),
-        node=closed(result.node, 0),
-        strength=closed(result.strength, 0),
-    )
+    none = jnp.array([0.0, 0.0, 0.0, 0.0, 1.0], jnp.float32)
+    left = with_numbers(result, closed(numbers_of(result), none))
+    return replace(left, steps=result.steps - count, move=closed(result.move, -1))
 
 
-def least_and_most(state: SearchState, candidates: Candidates) -> tuple[Array, Array]:
-    """Least and greatest place (v, u) of each move's candidates, (moves, 2) each."""
-    middle = jnp.asarray(state.shapes // 2)
-    low, high = candidates.low, candidates.high
-    return (low + middle).astype(jnp.float32), (high + middle).astype(jnp.float32)
+def bounds(state: SearchState, candidates: Candidates) -> tuple[Array, Array]:
+    """Least and greatest numbers (see `numbers_of`) of each move, (moves, 5) each.
+
+    The hand is turned and its path stretched where several directions and lengths are tried: up to
+    half-way to the next direction, and to the shortest and the longest path.
+    """
+    middle, tried = jnp.asarray(state.shapes // 2), candidates.strengths
+    yaw, path = _numbers(state, "yaw"), _numbers(state, "length")
+    same = jnp.asarray(state.actions[:, None] == state.actions[None])
+    apart = jnp.abs((yaw[:, None] - yaw[None] + np.pi) % (2 * np.pi) - np.pi)
+    next_to = jnp.where(same & (apart > 1e-3), apart, jnp.inf).min(1)
+    turn = jnp.where(jnp.isfinite(next_to), next_to / 2, 0.0)
+    found = []
+    for bound, end, sign, far in (
+        (candidates.low, jnp.min, -1.0, jnp.inf), (candidates.high, jnp.max, 1.0, -jnp.inf)
+    ):  # fmt: skip
+        length = end(jnp.where(same, path[None], far), 1) / path
+        strength, place = jnp.full(len(state.moves), end(tried)), bound + middle
+        place = place.astype(jnp.float32)
+        found.append(jnp.column_stack([place, strength, sign * turn, length]))
+    return found[0], found[1]

@@ -105,10 +105,10 @@ class PlacedAction:
         return "" if rounded == "1" else f" x{rounded}"
 
     def words(self, camera: Camera, at: str = "") -> str:
-        """In one line: "press x0.5 at (312, 91), turned 30°"; `at` says its place otherwise."""
+        """In one line: "press x0.5 (312, 91), yaw 30°"; `at` says its place otherwise."""
         u, v = self.position
-        said = f"{self.action}{self.deep} at {at or f'({u:.0f}, {v:.0f})'}"
-        said += f", turned {np.degrees(self.yaw):.0f}°" if self.yaw else ""
+        said = f"{self.action}{self.deep} {at or f'({u:.0f}, {v:.0f})'}"
+        said += f", yaw {np.degrees(self.yaw):.0f}°" if self.yaw else ""
         mm = float(np.linalg.norm(self.stroke_mm(camera)))
         way = f", taken {mm:.0f} mm to the next" if self.carries else f", {mm:.0f} mm long"
         return said + (way if mm else "")

@@ -91,11 +91,11 @@ def test_strokes_lead_through_the_middle_or_to_the_next_place():
 
 def test_an_action_says_what_is_not_as_trained():
     plain = PlacedAction("press", (91.4, 92.0))
-    assert plain.words(PAPER_BOX) == "press at (91, 92)" and plain.how == {}
+    assert plain.words(PAPER_BOX) == "press (91, 92)" and plain.how == {}
     other = replace(plain, strength=0.5, yaw=np.pi / 6, length=2.0, stroke=(43.3, 0.0))
     assert other.how == {"strength": 0.5, "yaw": np.pi / 6, "length": 2.0}
     mm = 43.3 / 433.0 * 1e3 * (0.42 + 0.47) / 2
-    said = f"turned 30°, {mm:.0f} mm long"
-    assert other.words(PAPER_BOX, "(3, 4) mm") == f"press x0.5 at (3, 4) mm, {said}"
+    said = f"yaw 30°, {mm:.0f} mm long"
+    assert other.words(PAPER_BOX, "(3, 4) mm") == f"press x0.5 (3, 4) mm, {said}"
     assert replace(plain, strength=0.999).deep == ""
     assert replace(plain, strength=0.25).deep == " x0.25"

@@ -74,8 +74,8 @@ def test_strengths_and_directions_are_said_and_drawn(plan):
     assert said[:5] == ["1", "2 x0.25", "3 x1.6", "4 x0.7", "5"]
     title = ax.get_title(loc="left")
     (u, v), (x, y) = plan.positions[0], plan.positions[2]
-    assert f" 1 press at ({u}, {v})  " in title
-    assert f" 3 press x1.6 at ({x}, {y}), turned 29°" in title
+    assert f" 1 press ({u}, {v})  " in title
+    assert f" 3 press x1.6 ({x}, {y}), yaw 29°" in title
     drawn = [box for box in ax.patches if isinstance(box, Rectangle)]
     sizes = [(box.get_width(), box.get_height(), round(box.get_angle())) for box in drawn]
     assert sizes[:3] == [(76, 132, 0), (40, 45, 0), (76, 132, 29)]
@@ -109,13 +109,13 @@ def test_strokes_are_arrows_through_the_place_or_to_where_material_goes(moving):
     np.testing.assert_allclose(sweep.get_width(), 60 + np.hypot(98, 53.5) / 2, rtol=1e-5)
     mm = 1e3 * np.hypot(98, 53.5) / 433.0 * (float(PAPER_BOX.z_min) + float(PAPER_BOX.z_max)) / 2
     title = figure.axes[0].get_title(loc="left").split("\n")
-    assert title[1].endswith(f"at (200, 150), turned 29°, {mm:.0f} mm long")
+    assert title[1].endswith(f" (200, 150), yaw 29°, {mm:.0f} mm long")
     assert title[2].endswith("taken 166 mm to the next") and title[3].endswith("(240, 220)")
 
 
 def test_long_words_stay_inside_the_picture(plan):
     """In one column where two do not fit, and in smaller letters where one does not."""
-    far = {"strokes": np.full((16, 2), 60.0, np.float32), "actions": 16 * ("press aslant",)}
+    far = {"strokes": np.full((16, 2), 60.0, np.float32), "actions": 16 * ("press hard aslant",)}
     narrow = PAPER_BOX.crop(68, 0, 150, 200)
     small = {"camera": narrow, "initial": plan.initial[:200, :150], "patches": plan.patches[:0]}
     for one, size in ((plan, 9), (replace(plan, **far), 9), (replace(plan, **far, **small), 0)):
@@ -179,7 +179,7 @@ def test_places_of_a_map_are_where_its_axes_say(plan):
     (u, v), (a, b) = seen.exact_positions[0], seen.camera_positions[0]
     x, y = -100 + 2 * u, -120 + 2 * (189 - v)
     title = figure.axes[0].get_title(loc="left")
-    assert f" 1 press at ({x:.0f}, {y:.0f}), pixel ({a}, {b})" in title and "pixels:" in title
+    assert f" 1 press ({x:.0f}, {y:.0f}), pixel ({a}, {b})" in title and "pixels:" in title
 
 
 def test_names_in_the_strip(plan):

@@ -224,9 +224,9 @@ def test_an_episode_says_and_ends_its_strokes(rng):
     scoop = PlacedAction("scoop", (200.0, 150.0), 0.8, stroke=(99.6, 70.4))
     pour = PlacedAction("pour", (300.0, 220.0))
     episode = _episode(depth, [sweep, scoop, pour])
-    assert episode.words(1) == "sweep at (100, 150), turned 29°, 65 mm long: not looked at"
-    assert episode.words(2).startswith("scoop x0.8 at (200, 150), taken 125 mm to the next: ")
-    assert episode.words(3) == "pour at (300, 220): not looked at"
+    assert episode.words(1) == "sweep (100, 150), yaw 29°, 65 mm long: not looked at"
+    assert episode.words(2).startswith("scoop x0.8 (200, 150), taken 125 mm to the next: ")
+    assert episode.words(3) == "pour (300, 220): not looked at"
     assert episode.actions(2) == episode.actions()[:2] and len(episode.actions()) == 3
     ends = [act.ends for act in episode.actions()]
     np.testing.assert_allclose(ends[0], [(70, 160), (130, 140)])

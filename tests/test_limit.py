@@ -8,6 +8,8 @@ import cv2
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import jshape
 from jshape import HeightMap, SearchSpace, distance, limit, load_bank
@@ -17,9 +19,10 @@ from jshape.io.maps import write_map
 from jshape.models.bank import Bank
 from jshape.models.difference import Difference
 from jshape.planning import limit as limits
+from jshape.planning.certificate import certified
 from jshape.planning.inputs import pose
 from jshape.planning.options import Constraints, StopCriteria
-from jshape.planning.relaxation import Allowance, LevelChange, certified, level_changes, solved
+from jshape.planning.relaxation import Allowance, LevelChange, level_changes, solved
 from tests.reference import limit as reference
 from tests.test_search_state import CAMERA, QUARTER
 
@@ -91,20 +94,30 @@ def problem_of(bank, now, goal, steps, **how):
 def test_what_is_proven_is_below_the_linear_program_and_near_it(rng, steps, most):
     r, weight, changes, uses = problem_of(SMALL, *hole(rng), steps, max_uses=most)
     found = solved(r, weight, changes, uses)
-    proven = certified(r, weight, changes, uses, found.ratios)
+    proven = certified(r, weight, changes, uses, found.plain, found.beyond)
     exact = reference.relaxed(r, weight, changes, uses)
     start = float((weight * np.abs(r)).sum())
-    left = float((weight * np.abs(found.rest)).sum())
+    left = float((weight * found.left).sum())
     # Rounded over the mean |r|, noise proves little: it is 11 % of this goal.
-    assert exact - 0.13 * start < proven <= exact + 1e-9
-    assert exact - 1e-6 < left < exact + 0.1 * start
+    assert exact - 0.15 * start < proven <= exact + 1e-9
+    assert exact - 0.02 * start < left < exact + 0.1 * start  # u at three levels of r only
 
 
 def test_any_map_proves_something_that_is_true(rng):
     r, weight, changes, uses = problem_of(SMALL, *hole(rng), 4)
     exact = reference.relaxed(r, weight, changes, uses)
-    for ratios in (rng.normal(size=r.shape), np.sign(r), np.full(r.shape, 1e6), 0 * r):
-        assert certified(r, weight, changes, uses, ratios) <= exact + 1e-9
+    maps = [rng.normal(size=r.shape), np.sign(r), np.full(r.shape, 1e6), 0 * r]
+    for plain, beyond in itertools.product(maps, repeat=2):
+        assert certified(r, weight, changes, uses, plain, beyond) <= exact + 1e-9
+    assert certified(r, weight, changes, uses, np.sign(r), 0 * r) < exact
+
+
+@given(st.lists(st.floats(-2, 2), max_size=6), st.floats(-2, 2).filter(lambda r: abs(r) > 1e-3))
+def test_no_order_of_actions_leaves_less_than_the_inequality_says(changes, r):
+    """The one that the relaxation is made of (see its docstring), at one node."""
+    c = np.sign(r) * np.array(changes)
+    useful = np.minimum(np.maximum(c, 0), abs(r)).sum()
+    assert abs(abs(r) - c.sum()) >= abs(r) - 2 * useful + c.sum() - 1e-9
 
 
 def test_carried_material_is_no_more_than_was_taken(rng):
@@ -121,7 +134,7 @@ def test_carried_material_is_no_more_than_was_taken(rng):
     for stock in (0.0, 0.3, 10.0):
         uses = Allowance(6, np.full(2, np.inf), frozenset({0, 1}), stock, 1.0)
         found = solved(r, weight, changes, uses)
-        proven.append(certified(r, weight, changes, uses, found.ratios))
+        proven.append(certified(r, weight, changes, uses, found.plain, found.beyond))
         exact = reference.relaxed(r, weight, changes, uses)
         assert exact - 0.06 * np.abs(r).mean() < proven[-1] <= exact + 1e-9
     assert proven[0] > proven[1] > proven[2]
@@ -188,7 +201,7 @@ def test_a_goal_that_one_action_makes_has_no_limit_above_what_it_leaves(pressed)
     plan = jshape.plan(now, goal, bank=pressed, **jshape.options(max_steps=1))
     assert plan.actions == ("knock",)
     # The place is between two nodes; those of the relaxation are not.
-    assert found.left <= plan.distances[-1] / plan.distances[0] + 0.005
+    assert found.left <= plan.distances[-1] / plan.distances[0] + 0.01
 
 
 def test_more_actions_never_raise_what_one_map_proves_and_limits_fall(rng, pressed):
@@ -198,8 +211,8 @@ def test_more_actions_never_raise_what_one_map_proves_and_limits_fall(rng, press
     lefts = [limit(now, goal, bank=pressed, max_steps=k).left for k in (0, 1, 2, 4)]
     assert lefts[0] == 1.0 and all(np.diff(lefts) < 0.02) and lefts[-1] < lefts[0]
     r, weight, changes, uses = problem_of(pressed, now, goal, 1)
-    ratios = solved(r, weight, changes, uses).ratios
-    proven = [certified(r, weight, changes, uses._replace(steps=k), ratios) for k in range(6)]
+    maps = solved(r, weight, changes, uses)[:2]
+    proven = [certified(r, weight, changes, uses._replace(steps=k), *maps) for k in range(6)]
     assert all(np.diff(proven) <= 1e-12)
 
 

@@ -21,13 +21,13 @@ from jshape.errors import JShapeError
 from jshape.height_map import HeightMap
 from jshape.models.bank import Bank
 from jshape.planning import problem as tasks
+from jshape.planning.certificate import certified
 from jshape.planning.inputs import as_bank, check_image, pose, weighed
 from jshape.planning.maps import on_maps
 from jshape.planning.options import Constraints, SearchSpace, StopCriteria, hinted
 from jshape.planning.relaxation import (
     Allowance,
     LevelChange,
-    certified,
     fft,
     level_changes,
     solved,
@@ -35,8 +35,8 @@ from jshape.planning.relaxation import (
 from jshape.planning.search.base import SearchLimits
 from jshape.planning.state import SearchState
 
-CAUSES = ("needs material", "too steep", "too narrow")
-"""Why something remains, by the numbers 1, 2, 3 of `Limit.causes`."""
+CAUSES = ("needs material", "too few actions", "too steep", "too narrow")
+"""Why something remains, by the numbers 1 to 4 of `Limit.causes`."""
 LEAST_MM = 0.5
 """Less than this remains nowhere: the noise of one frame is 0.45 mm."""
 WALL = 0.01
@@ -97,8 +97,8 @@ class Limit:
 
     @property
     def proves(self) -> bool:
-        """Whether more than half a percent must stay: less may be rounding to the nodes."""
-        return self.left > 0.005
+        """Whether more than one percent must stay: less may be rounding to the nodes."""
+        return self.left > 0.01
 
     @property
     def left_mm(self) -> float:
@@ -112,13 +112,13 @@ class Limit:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Of what remains, the share by each cause that there is, largest first."""
+        """Of what remains, the share by each cause, largest first; none below half a percent."""
         whole = float(np.abs(self.remains_mm[self.mask]).sum()) or 1.0
         each = {
             cause: float(np.abs(self.remains_mm[self.causes == k]).sum()) / whole
             for k, cause in enumerate(CAUSES, 1)
         }
-        return {k: v for k, v in sorted(each.items(), key=lambda one: -one[1]) if v > 0}
+        return {k: v for k, v in sorted(each.items(), key=lambda one: -one[1]) if v >= 0.005}
 
     def efficiency(self, left: float) -> float:
         """Share that a plan which leaves `left` covers of what can be covered at most.
@@ -216,15 +216,16 @@ def limit_images(
     if state.node_m is not None:
         material = _material(state, changes, weight, uses)
         bounds.append(Bound("material", material / apart, _HOLDS["material"]))
-    shape, rest = 0.0, r
+    shape, rest, left, short = 0.0, r, np.abs(r), uses.steps == 0
     if changes and uses.steps and distance:
         few = {tried[0], tried[len(tried) // 2], tried[-1]}
         found = solved(r, weight, [one for one in changes if one.strength in few], uses)
-        shape, rest = certified(r, weight, changes, uses, found.ratios), found.rest
+        shape = certified(r, weight, changes, uses, found.plain, found.beyond)
+        rest, left, short = found.rest, found.left, found.short
     elif distance:
         shape = distance
     bounds.append(Bound("shape", shape / apart, _HOLDS["shape"]))
-    causes = _causes(state, changes, r, rest, uses.lower)
+    causes = _causes(state, changes, r, rest, uses.lower, short)
     unit = 1e3 if state.node_m is not None else float(metric.to_mm(1.0, bank.camera))
     v, u = np.indices(bank.camera.shape)
     at = state.node(np.stack([v, u], -1).reshape(-1, 2))
@@ -238,7 +239,7 @@ def limit_images(
         bounds=tuple(replace(one, left=float(np.clip(one.left, 0.0, 1.0))) for one in bounds),
         max_steps=uses.steps,
         distance_mm=float(metric.to_mm(distance, bank.camera)),
-        fractions=float((weight * np.abs(rest)).sum() / apart),
+        fractions=float((weight * left).sum() / apart),
         wanted_mm=on_pixels(unit * uses.lower * r).astype(np.float32),
         remains_mm=on_pixels(unit * uses.lower * rest).astype(np.float32),
         causes=on_pixels(causes),
@@ -307,6 +308,7 @@ def _causes(
     r: np.ndarray,
     rest: np.ndarray,
     lower: float,
+    short: bool,
 ) -> Int[np.ndarray, "R C"]:
     """Why something remains at each node, as a number of `CAUSES`; 0: nothing does."""
     unit = 1e3 if state.node_m is not None else 1.0
@@ -317,7 +319,8 @@ def _causes(
     around = WALL / float(state.node_m) if state.node_m is not None else 5.0
     far = np.asarray(ndimage.distance_transform_edt(~walls))
     near = (far <= around) & walls.any()
-    found = np.where(near, 2, 3)
+    found = np.where(near, 3, 4)
+    found[(rest * np.sign(r) > np.abs(r) / 4) & short] = 2
     found[(lower * rest < 0) & (lower * r < 0)] = 1
     return np.where(remains, found, 0).astype(np.int8)
 

@@ -1,20 +1,21 @@
 """The convex relaxation of a plan: fractions of actions, all places at once (host).
 
-On a level bed an action does the same at every place.  If it did so on every bed, K actions could
-change the bed by Σ x·c at most, where c is the change by one action with one direction, length and
-strength at one place, x >= 0 is how much of it is done, and Σ x <= K: fractions of actions are more
-than any plan has.  With r the change wanted, its least distance
+On a level bed an action does the same at every place, c.  If it did so on every bed, K actions
+would change the bed by Σ c.  With r the change wanted, let u = Σ min(c, r) where r > 0: what of
+each is useful by itself.  However many there are, and in whatever order, what stays at a node is
 
-    min over x of  Σ weight·|r - Σ x·c|
+    |r - Σ c|  >=  max(|r - Σ c|, r - 2·u + Σ c)
 
-is below that of every plan.  It is not computed to the end: by duality any map y with |y| <= weight
-gives a number that is below it too,
+(with the signs of r and c changed where r < 0): if those that lower by P, and raise by N, have P <=
+r, then u = P and the second is r - P - N; else u >= r and it is P - N - r at most.  It keeps one
+deep action from counting as many shallow ones.  The right side is convex, so that fractions x >= 0
+with Σ x <= K leave no more than the best K actions do.  It is not computed to the end: by duality,
+maps t and q with |t| + q <= 1 prove that at least
 
-    <r, y> - K·max(0, max over c of <c, y>),
+    Σ weight·(t·r + q·|r|) - K·max(0, max over c of Σ weight·(t·c + q·(2·min(c, r) - c)))
 
-and all <c, y> of one kind of action are one correlation.  So `solved` looks for a good y on a
-coarse map by accelerated projected gradient steps, and `certified` computes what that y proves,
-with all nodes as places, in double precision.
+is left, and what one kind of action has in the last sum at all places is a few correlations.
+`solved` looks for good t and q on a coarse map; `certificate` computes what they prove.
 """
 
 from collections.abc import Sequence
@@ -35,16 +36,16 @@ fft: Any = scipy.fft
 """Type checkers are told that its functions return tuples."""
 SIDE = 80
 """Squares along the longer side of the coarse map: 8 mm in the paper's box."""
-STEPS, WORK = 500, 30_000
-"""Of the search for y, and steps times kinds of changes, at most: 4 s on two cores.  A ridge: 13 %
-after 120 steps, 15 % after 300, 16 % after 700."""
+STEPS, WORK = 250, 15_000
+"""Of the search, and steps times kinds of changes, at most: 4 s on two cores."""
+LEVELS = 0.1, 0.25, 0.45, 0.7, 0.95
+"""Sizes of r at which min(c, r) is computed, shares of the largest; below the first q is 0."""
+SIGNS = 1, -1
+"""Of r."""
+RARE = 0.05
+"""Where r has a sign with less than this share of the distance, q is 0."""
 SOFT = 1.0, 4.0
 """Over which |r - Σ x·c| is rounded in the end and at first, times the mean |r|."""
-SHIFTS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.55, 0.75, 1.0)
-"""Shares of weight that is taken off y: actions pack material away, so that all of them gain less
-by it.  A ridge: without, -4 % are proven instead of 15."""
-PRICES = 24
-"""Prices of carried material that are tried."""
 
 
 class LevelChange(NamedTuple):
@@ -76,12 +77,18 @@ class Allowance(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """The best fractions that were found."""
+    """The best fractions that were found, and what they prove something by."""
 
-    ratios: Float[np.ndarray, "R C"]
-    """Y / weight, in [-1, 1]."""
+    plain: Float[np.ndarray, "R C"]
+    """T, in [-1, 1]."""
+    beyond: Float[np.ndarray, "R C"]
+    """Q, from 0 to 1 - |t|."""
     rest: Float[np.ndarray, "R C"]
-    """R - Σ x·c: of the map's unit."""
+    """R - Σ x·c, of the map's unit."""
+    left: Float[np.ndarray, "R C"]
+    """What the relaxation counts of that: as much or more, of the map's unit."""
+    short: bool
+    """Whether more actions would have been used: they have a price in the end."""
 
 
 @jax.jit
@@ -126,7 +133,7 @@ def solved(
     changes: Sequence[LevelChange],
     uses: Allowance,
 ) -> Solution:
-    """Fractions of actions that come near the change wanted, and the y of what they leave.
+    """Fractions of actions that come near the change wanted, and multipliers of what they leave.
 
     FISTA on the coarse map; the prices of actions and of carried material follow by dual ascent.
     """
@@ -137,48 +144,74 @@ def solved(
     total = float((w * np.abs(r)).sum())
     kinds = [_coarse(one, side, w.shape) for one in changes]
     size = [fft.next_fast_len(n, real=True) for n in w.shape]
+    w, r = (np.pad(a, [(0, s - n) for s, n in zip(size, a.shape, strict=True)]) for a in (w, r))
+    levels = levels_of(wanted, weight)
+    few = levels[::2]
+    cases = [  # the sign of r, a level, and how much of it each square has
+        (s, level, hat.astype("f4"))
+        for s in SIGNS
+        if (w * np.maximum(s * r, 0)).sum() > RARE * total
+        for level, hat in zip(few, _hats(s * r, few), strict=True)
+    ]
+    hats = np.array([hat for _, _, hat in cases], "f4")
     norms = np.array([np.sqrt((c**2).sum() * w.max()) for c, _, _ in kinds]) + 1e-30
-    spectra = np.stack([fft.rfft2(c.astype("f4"), size) for c, _, _ in kinds])
-    spectra /= norms[:, None, None].astype("f4")
+    parts = [
+        [one.change, *(np.clip(s * one.change, 0, level) for s, level, _ in cases)]
+        for one in changes
+    ]
+    spectra = np.stack(
+        [
+            [fft.rfft2(_blocks(part, side, part.shape).astype("f4"), size) for part in each]
+            for each in zip(*parts, strict=True)
+        ]
+    )
+    spectra /= (side**2 * norms[:, None, None]).astype("f4")
     free = np.zeros((len(kinds), *size), bool)
     for mask, one, (_, places, (v, u)) in zip(free, changes, kinds, strict=True):
         mask[v : v + places.shape[0], u : u + places.shape[1]] = places & (
             uses.most[one.action] > 0
         )
-    w, r = (np.pad(a, [(0, s - n) for s, n in zip(size, a.shape, strict=True)]) for a in (w, r))
     w, r = w.astype("f4"), r.astype("f4")
+    sign, truncated = np.sign(r), hats.sum(0) > 0
 
-    def changed(x: np.ndarray) -> np.ndarray:
-        return fft.irfft2((fft.rfft2(x, size) * spectra).sum(0), size)
+    def changed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Σ x·c and Σ x·min(c, r)."""
+        parts = fft.irfft2((fft.rfft2(x, size)[None] * spectra).sum(1), size)
+        return parts[0], (hats * parts[1:]).sum(0)
 
-    def felt(y: np.ndarray) -> np.ndarray:
-        return fft.irfft2(fft.rfft2(y, size)[None] * spectra.conj(), size)
+    def felt(y: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """<y, c> + <a, min(c, r)> of every place."""
+        fields = fft.rfft2(np.concatenate([y[None], hats * a]), size)
+        return fft.irfft2((fields[:, None] * spectra.conj()).sum(0), size)
 
     x = free.astype("f4")
     for _ in range(8):  # the greatest eigenvalue
-        x = felt(w * changed(x)) * free
+        v, u = changed(x)
+        over = w * truncated * (sign * v - 2 * u)
+        x = felt(w * v + sign * over, -2 * over) * free
         steep = float(np.linalg.norm(x))
         x /= max(steep, 1e-30)
     x[:] = 0
     ahead, momentum = x, 1.0
     unit = (1.0 / norms).astype("f4")
     actions = np.array([one.action for one in changes])
-    brought = np.array([-uses.lower * one.change.sum() for one in changes])
-    brought = np.where(np.isin(actions, list(uses.carried)), brought, 0.0)
+    brought = brought_by(changes, uses)
     handful = max(float(np.abs(brought).max(initial=0)), 1e-30)
     step, each, price = 0.0, np.zeros(len(uses.most)), 0.0
     # No action is worth more than the best one at first, nor all together more than the distance.
-    best = float(((felt(w * np.sign(r)) * free).max((1, 2)) * norms).max())
+    best = float(((felt(w * sign, 0 * w) * free).max((1, 2)) * norms).max())
     most = np.minimum(uses.most, uses.steps)
     last, first = (soft * total / max(float(w.sum()), 1e-30) for soft in SOFT)
-    ratios = mean = np.zeros_like(r)
+    plain = beyond = np.zeros_like(r)
     for n in range(min(STEPS, max(WORK // len(kinds), 60))):
         soft = max(first * 0.985**n, last, 1e-30)
-        ratios = np.clip((r - changed(ahead)) / soft, -1, 1)
-        mean = 0.95 * mean + 0.05 * ratios
+        v, u = changed(ahead)
+        t, q = _multipliers((r - v) / soft, truncated * (np.abs(r) - 2 * u + sign * v) / soft)
+        plain, beyond = 0.95 * plain + 0.05 * t, 0.95 * beyond + 0.05 * q
         rate = np.float32(1.05 * steep / soft)
         cost = ((step + each[actions] + price * brought) * unit).astype("f4")
-        new = np.maximum(ahead + (felt(w * ratios) - cost[:, None, None]) / rate, 0) * free
+        worth = felt(w * (t - q * sign), 2 * w * q)
+        new = np.maximum(ahead + (worth - cost[:, None, None]) / rate, 0) * free
         done = (new.sum((1, 2)) * unit).astype(float)
         step = _ascent(step, done.sum() / uses.steps - 1, min(total / uses.steps, best))
         of = np.bincount(actions, done, len(each))
@@ -195,13 +228,41 @@ def solved(
     of = np.bincount(actions, used, len(each))
     fit = np.minimum(1.0, np.divide(most, of, out=np.ones_like(of), where=of > 0))[actions]
     fit *= min(1.0, uses.steps / max(float((used * fit).sum()), 1e-30))
-    rest = r - changed(x * fit[:, None, None].astype("f4"))
-    return Solution(*(_fine(a, side, shape) for a in (mean, rest)))
+    v, u = changed(x * fit[:, None, None].astype("f4"))
+    left = np.maximum(np.abs(r - v), truncated * (np.abs(r) - 2 * u + sign * v))
+    maps = (_fine(a, side, shape) for a in (plain, beyond, r - v, left))
+    return Solution(*maps, short=bool(step > 0))
+
+
+def levels_of(wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Sizes of the change wanted at which what is useful of an action is computed."""
+    return np.array(LEVELS) * max(float(np.percentile(np.abs(wanted[weight > 0]), 99)), 1e-30)
+
+
+def _hats(r: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """(L, R, C) weights with which values at the levels give those at r; 0 below the first."""
+    found = np.stack([np.interp(r, levels, one, left=0.0) for one in np.eye(len(levels))])
+    return found * (r >= levels[0])
+
+
+def _multipliers(far: np.ndarray, beyond: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of |r - v| (signed) and of |r| - 2u + v: (|far|, beyond), projected to a sum of 1 at most."""
+    p, q = np.abs(far), np.maximum(beyond, 0)
+    more = np.maximum(p + q - 1, 0) / 2
+    p, q = p - more, q - more
+    q, p = np.clip(q + np.minimum(p, 0), 0, 1), np.clip(p + np.minimum(q, 0), 0, 1)
+    return np.sign(far) * p, q
 
 
 def _ascent(price: float, over: float, scale: float) -> float:
     """A price after a step: up where more is used than allowed (`over` > 0), slowly down else."""
     return max(price + (0.02 if over > 0 else 0.005) * min(over, 1.0) * scale, 0.0)
+
+
+def brought_by(changes: Sequence[LevelChange], uses: Allowance) -> Float[np.ndarray, "G"]:
+    """What carried actions bring, in units of Σ map; below 0: what they take.  0 of others."""
+    brought = np.array([-uses.lower * one.change.sum() for one in changes])
+    return np.where([one.action in uses.carried for one in changes], brought, 0.0)
 
 
 def _blocks(field: np.ndarray, side: int, shape: tuple[int, int]) -> np.ndarray:
@@ -228,61 +289,3 @@ def _fine(coarse: np.ndarray, side: int, shape: tuple[int, int]) -> np.ndarray:
     """Values of squares on the nodes, smoothed over one square."""
     fine = coarse.repeat(side, 0).repeat(side, 1).astype(np.float64)
     return uniform_filter(fine, side, mode="nearest")[: shape[0], : shape[1]]
-
-
-def certified(
-    wanted: Float[np.ndarray, "R C"],
-    weight: Float[np.ndarray, "R C"],
-    changes: Sequence[LevelChange],
-    uses: Allowance,
-    ratios: Float[np.ndarray, "R C"],
-) -> float:
-    """The distance that y = ratios·weight proves to be left, at least; below 0: nothing."""
-    y = np.clip(ratios, -1, 1) * weight
-    size = [fft.next_fast_len(n, real=True) for n in y.shape]
-    spectra = [fft.rfft2(field, size) for field in (y, uses.lower * weight)]
-    shifts = np.array(SHIFTS)
-    gains = np.full((len(changes), len(shifts)), -np.inf)
-    for row, one in zip(gains, changes, strict=True):
-        kernel = fft.rfft2(one.change, size).conj()
-        (v, u), (p, q) = one.low, one.places.shape
-        near, packed = (
-            fft.irfft2(spectrum * kernel, size)[v : v + p, u : u + q][one.places]
-            for spectrum in spectra
-        )
-        row[:] = [((1 - s) * near - s * packed).max(initial=-np.inf) for s in shifts]
-    worth = (1 - shifts) * (wanted * y).sum() - shifts * uses.lower * (wanted * weight).sum()
-    return float(
-        max(
-            value - most_gain(changes, uses, mine)
-            for value, mine in zip(worth, gains.T, strict=True)
-        )
-    )
-
-
-def most_gain(
-    changes: Sequence[LevelChange], uses: Allowance, gains: Float[np.ndarray, "G"]
-) -> float:
-    """What actions gain at most if one of each kind gains at most so much.
-
-    The actions that gain most are used as often as is allowed.  Carried material costs a price, so
-    that what is brought must be taken; each price proves something, and the best is returned.
-    """
-    actions = np.array([one.action for one in changes])
-    brought = np.array([-uses.lower * one.change.sum() for one in changes])
-    brought = np.where(np.isin(actions, list(uses.carried)), brought, 0.0)
-
-    def at(price: float) -> float:
-        best = np.zeros(len(uses.most))
-        np.maximum.at(best, actions, gains - price * brought)
-        left, found = float(uses.steps), price * uses.stock
-        for action in np.argsort(-best):
-            count = min(float(uses.most[action]), left)
-            found, left = found + count * float(best[action]), left - count
-        return found
-
-    bringing = brought > 0
-    if not bringing.any():
-        return at(0.0)
-    most = float((gains[bringing] / brought[bringing]).max())
-    return min(at(float(price)) for price in np.linspace(0, max(most, 0.0), PRICES))

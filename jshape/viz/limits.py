@@ -12,7 +12,12 @@ from scipy.ndimage import gaussian_filter
 from jshape.viz.maps import in_mm, mark_unseen
 from jshape.viz.style import own_style
 
-COLOURS = {"needs material": "tab:blue", "too steep": "tab:orange", "too narrow": "tab:red"}
+COLOURS = {
+    "needs material": "tab:blue",
+    "too few actions": "tab:green",
+    "too steep": "tab:orange",
+    "too narrow": "tab:red",
+}
 """Of causes."""
 BLUR = 3.0
 """Pixels over which the outline of what is wanted is blurred: noise has none."""

@@ -21,9 +21,15 @@ def columns(changes, shape):
 
 
 def relaxed(wanted, weight, changes, uses):
-    """Least Σ weight·|wanted - Σ x·c|: x >= 0, Σ x <= steps, of each action at most `most`."""
+    """Least Σ weight·max(|r - Σ x·c|, |r| - 2·Σ x·min(c, r) + Σ x·c), in the direction of r.
+
+    With x >= 0, Σ x <= steps, of each action at most `most`, and no more brought than taken.
+    """
     c, of = columns(changes, wanted.shape)
     nodes, count = c.shape
+    r = wanted.ravel()
+    sign = np.sign(r)[:, None]
+    useful = np.minimum(np.maximum(sign * c, 0), np.abs(r)[:, None])
     actions = np.array([changes[k].action for k in of])
     one, none = np.eye(nodes), np.zeros
     rows = [np.ones(count), *(actions == a for a in range(len(uses.most)))]
@@ -32,11 +38,16 @@ def relaxed(wanted, weight, changes, uses):
     rows.append(np.where(np.isin(actions, list(uses.carried)), brought, 0.0))
     most.append(uses.stock)
     found = linprog(
-        np.concatenate([none(count), weight.ravel(), weight.ravel()]),
-        A_ub=np.hstack([np.array(rows, float), none((len(rows), 2 * nodes))]),
-        b_ub=most,
-        A_eq=np.hstack([c, one, -one]),
-        b_eq=wanted.ravel(),
+        np.concatenate([none(count), weight.ravel()]),
+        A_ub=np.block(
+            [
+                [np.array(rows, float), none((len(rows), nodes))],
+                [-c, -one],
+                [c, -one],
+                [sign * c - 2 * useful, -one],
+            ]
+        ),
+        b_ub=np.concatenate([most, -r, r, -np.abs(r)]),
     )
     assert found.status == 0, found.message
     return found.fun

@@ -250,8 +250,8 @@ def limit_images(
 _HOLDS = {
     "material": "if no action raises the bed as a whole by more than it does to a level one, and "
     "no material comes from beyond the view",
-    "shape": "if each action changes the bed as it would change a level one, with a strength that "
-    "is tried or in the middle between two",
+    "shape": "if each action changes the bed as it would change a level one, in a direction and "
+    "length that is tried, with a strength that is tried or in the middle between two",
 }
 
 

@@ -306,8 +306,8 @@ def test_what_others_made_superfluous_is_taken_out():
     goal = measured(problem.state, own)[1]
     problem = replace(problem, state=replace(problem.state, goal=goal))
     steps = [(int(own.move[k]), own.node[k], float(own.strength[k])) for k in range(3)]
-    # The first is done twice as weakly as well, which leaves less to the goal than it takes away.
-    more = sequence(problem.state, [(steps[0][0], steps[0][1], 0.5), *steps])
+    # A weak one before it makes the first too deep.
+    more = sequence(problem.state, [(steps[0][0], steps[0][1], 0.2), *steps])
     more = measured(problem.state, more)[0]
     left = pruned(problem, more)
     assert int(left.steps) == 3 and float(left.distance) < 1e-5 < float(more.distance)

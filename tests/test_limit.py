@@ -226,6 +226,19 @@ def test_where_no_hand_may_go_everything_stays(pressed):
     assert found.by == "window" and found.left == pytest.approx(1.0, abs=1e-6)
 
 
+def test_where_nothing_is_allowed_all_stays(pressed):
+    """Also where the coarse map of the relaxation has no place left."""
+    now = np.full(QUARTER.shape, 0.5, np.float32)
+    goal = now.copy()
+    goal[30:60, 40:70] -= 0.1
+    none = jshape.options(max_uses=dict.fromkeys(pressed.actions, 0))
+    found = limit(now, goal, bank=pressed, max_steps=4, **none)
+    assert found.left == 1.0 and found.fractions == pytest.approx(1.0)
+    one = jshape.options(positions={pressed.actions[0]: [(60, 49)]}, strengths=(1.0,), yaws=1)
+    found = limit(now, goal, bank=pressed, max_steps=4, **one)
+    assert 0 <= found.left <= found.fractions <= 1 + 1e-6
+
+
 def test_equal_images_and_height_maps(pressed):
     now, _ = metres(np.zeros(QUARTER.shape, np.float32))
     same = limit(now, now, bank=pressed)
@@ -262,7 +275,7 @@ def test_the_command_says_draws_and_tells_programs_the_limit(folder, capsys):
     words = ["limit", "now.npz", "wanted.npz", "--max-steps", "4"]
     assert main([*words, "--out", "limit.png"]) == 0
     said = capsys.readouterr().out
-    assert "at most 4 actions" in said and "no plan can leave less than" in said
+    assert "at most 4 actions" in said and "no plan leaves less than" in said
     assert "needs material" in said and "picture: limit.png" in said
     assert cv2.imread("limit.png").shape[0] > 300
     assert main([*words, "--json"]) == 0

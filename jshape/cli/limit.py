@@ -83,7 +83,8 @@ def _print(found: limits.Limit, bank: str) -> None:
     rows = [(one.name, f"{one.left:.1%}", one.holds) for one in found.bounds]
     print_table(("bound", "left at least", "holds"), rows)
     if found.proves:
-        print(f"no plan can leave less than {found.left:.1%} ({found.left_mm:.3f} mm): {found.by}")
+        most = f"{found.left:.1%} ({found.left_mm:.3f} mm)"
+        print(f"no plan leaves less than {most}: {found.by}, {found.strongest.holds}")
     else:
         print("nothing is proven: no bound keeps a plan from the goal")
     print(f"fractions of actions would leave {found.fractions:.1%}", end="")

@@ -97,8 +97,8 @@ class Limit:
 
     @property
     def proves(self) -> bool:
-        """Whether more than one percent must stay: less may be rounding to the nodes."""
-        return self.left > 0.01
+        """Whether more than 1 % and 2 µm must stay: less may be rounding to the nodes."""
+        return self.left > 0.01 and self.left_mm > 0.002
 
     @property
     def left_mm(self) -> float:
@@ -203,6 +203,7 @@ def limit_images(
     between = [(a + b) / 2 for a, b in zip(tried[:-1], tried[1:], strict=True)]
     changes = level_changes(state, candidates, sorted({*tried, *between}))
     uses = _allowance(state, limits, int(stop.max_steps))
+    changes = [one for one in changes if one.places.any() and uses.most[one.action] > 0]
     r = np.asarray(state.goal, np.float64) - np.asarray(state.now, np.float64)
     weight = np.full(r.shape, 1.0 / r.size)
     if state.weight is not None:
@@ -248,10 +249,12 @@ def limit_images(
 
 
 _HOLDS = {
-    "material": "if no action raises the bed as a whole by more than it does to a level one, and "
-    "no material comes from beyond the view",
-    "shape": "if each action changes the bed as it would change a level one, in a direction and "
-    "length that is tried, with a strength that is tried or in the middle between two",
+    "material": "if no action raises the bed as a whole by more than it does to a level one, "
+    "nothing is cut off at the far end of the camera's range, and no material comes from beyond "
+    "the view",
+    "shape": "if each action changes the bed as it would change a level one, nothing of it is cut "
+    "off at the far end of the camera's range, in a direction and length that is tried, with a "
+    "strength that is tried or in the middle between two",
 }
 
 

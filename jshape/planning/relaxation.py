@@ -80,11 +80,11 @@ class Solution(NamedTuple):
     """The best fractions that were found, and what they prove something by."""
 
     plain: Float[np.ndarray, "R C"]
-    """T, in [-1, 1]."""
+    """The multipliers t of what is left, in [-1, 1]."""
     beyond: Float[np.ndarray, "R C"]
-    """Q, from 0 to 1 - |t|."""
+    """And q of what is useful by itself, from 0 to 1 - |t|."""
     rest: Float[np.ndarray, "R C"]
-    """R - Σ x·c, of the map's unit."""
+    """What the fractions leave, r - Σ x·c, of the map's unit."""
     left: Float[np.ndarray, "R C"]
     """What the relaxation counts of that: as much or more, of the map's unit."""
     short: bool
@@ -191,6 +191,9 @@ def solved(
         x = felt(w * v + sign * over, -2 * over) * free
         steep = float(np.linalg.norm(x))
         x /= max(steep, 1e-30)
+    if steep == 0:  # the coarse map has no place
+        none = np.zeros(shape)
+        return Solution(none, none, wanted, np.abs(wanted), short=True)
     x[:] = 0
     ahead, momentum = x, 1.0
     unit = (1.0 / norms).astype("f4")

@@ -46,8 +46,9 @@ def limit_figure(found: Any) -> Figure:
             in_mm(ax, found.camera)
         else:
             ax.set(xlabel="u", ylabel="v")
-    proven = f"no plan of {found.max_steps} actions leaves less than {found.left:.0%}: {found.by}"
-    none = f"nothing is proven of plans of {found.max_steps} actions"
+    plans = f"plans of {found.max_steps} actions"
+    proven = f"{plans} leave {found.left:.0%} or more, if the bound {found.by!r} holds"
+    none = f"nothing is proven of {plans}"
     figure.suptitle(proven if found.proves else none, fontsize=12)
     return figure
 

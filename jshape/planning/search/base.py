@@ -254,11 +254,6 @@ class SearchProblem:
         return replace(self, state=replace(self.state, price=jnp.zeros((), jnp.float32)))
 
 
-def better(one: SearchResult, other: SearchResult) -> SearchResult:
-    """The sequence that ends nearer to the goal; of equals the first."""
-    return other if float(other.distance) < float(one.distance) else one
-
-
 def ended(problem: SearchProblem, result: SearchResult, status: Status | None) -> SearchResult:
     """What a search gives back: with all that was spent, and why it ended if that is new."""
     result = replace(result, evaluations=jnp.int32(min(problem.budget.spent, UNLIMITED)))

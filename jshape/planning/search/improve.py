@@ -15,10 +15,10 @@ from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchProblem, SearchResult, Status, ended
 from jshape.planning.search.sequence import (
     measured,
+    measured_without,
     numbers_of,
     units,
     with_numbers,
-    without,
 )
 
 PASSES = 4
@@ -40,9 +40,9 @@ def improved(problem: SearchProblem, result: SearchResult) -> SearchResult:
     cache, seen = empty_cache(problem.candidates), state.now
     for _ in range(PASSES):
         before = float(result.distance)
-        for one, other in pairwise(units(state, result)[::-1]):
-            if one.stop - other.start == 2:  # no carries
-                result = _swapped(problem, result, other.start)
+        for later, earlier in pairwise(units(state, result)[::-1]):
+            if later.stop - earlier.start == 2:  # two actions; a carry is two by itself
+                result = _swapped(problem, result, earlier.start)
         k = 0
         while k < len(every := units(state, result)):
             if problem.budget.over:
@@ -59,8 +59,8 @@ def _exchanged(
     problem: SearchProblem, result: SearchResult, unit: slice, cache: CandidateCache, seen: Array
 ) -> tuple[SearchResult, CandidateCache, Array, bool]:
     """The sequence with one action or carry exchanged, if it helps; the cache of the map seen."""
-    fewer = without(result, unit.start, unit.stop - unit.start)
-    fewer, now, _ = problem.budget.call(measured, problem.state, fewer)
+    given, count = (problem.state, result, unit.start), unit.stop - unit.start
+    fewer, now, _ = problem.budget.call(measured_without, *given, count=count)
     problem.budget.spend(int(result.steps))
     progress = greedy.continued(problem, fewer, now, cache, seen)
     tried, _, _ = problem.budget.call(measured, problem.state, progress.result)

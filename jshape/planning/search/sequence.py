@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -10,9 +11,17 @@ import numpy as np
 from jax import lax
 
 from jshape._typing import Array, Bool, Float, Int
+from jshape.camera import namespace
 from jshape.planning.evaluate import Candidates
 from jshape.planning.kernels import Kernel
-from jshape.planning.search.base import SearchProblem, SearchResult, compiled, empty_result
+from jshape.planning.search.base import (
+    SearchProblem,
+    SearchResult,
+    Status,
+    compiled,
+    empty_result,
+    ended,
+)
 from jshape.planning.state import SearchState
 
 ROOM = 4
@@ -128,14 +137,15 @@ def carry_out(state: SearchState, result: SearchResult) -> tuple[Array, Array, A
     return now, jnp.concatenate([state.distance[None], distances]), strengths
 
 
-def brings(state: SearchState, move: Int[Array, "K"]) -> Bool[Array, "K"]:
+def brings(state: SearchState, move: Int[Any, "K"]) -> Bool[Any, "K"]:
     """Which of a sequence's moves bring what the one before them took out."""
+    xp = namespace(move)
     partner = np.full(1 + state.actions.max(initial=0), -1, np.int32)
     for take, bring in state.carries:
         partner[take] = bring
-    action = jnp.where(move < 0, -2, jnp.asarray(state.actions)[move])
-    pairs = jnp.asarray(partner)[action[:-1]] == action[1:]
-    return jnp.concatenate([jnp.zeros(1, bool), pairs & (move[:-1] >= 0)])
+    action = xp.where(move < 0, -2, xp.asarray(state.actions)[move])
+    pairs = xp.asarray(partner)[xp.maximum(action[:-1], 0)] == action[1:]
+    return xp.concatenate([np.zeros(1, bool), pairs & (move[:-1] >= 0)])
 
 
 def _numbers(state: SearchState, name: str) -> Float[Array, "A"]:
@@ -196,21 +206,30 @@ def pruned(problem: SearchProblem, result: SearchResult) -> SearchResult:
     Those after it may have made an action superfluous, or a bed that is not as predicted.  Without
     the margin for errors: with it a bowl's plan lost a ninth, and 4 points.
     """
-    state, least = problem.state, float(problem.limits.min_gain)
+    state, least, before = problem.state, float(problem.limits.min_gain), int(result.steps)
     for unit in units(state, result)[::-1]:
         if problem.budget.over:
             break
-        fewer = without(result, unit.start, unit.stop - unit.start)
-        fewer, _, _ = problem.budget.call(measured, state, fewer)
+        count = unit.stop - unit.start
+        fewer, _, _ = problem.budget.call(measured_without, state, result, unit.start, count=count)
         problem.budget.spend(int(result.steps))
-        if float(fewer.distance) <= float(result.distance) + least * (unit.stop - unit.start):
+        if float(fewer.distance) <= float(result.distance) + least * count:
             result = replace(fewer, status=result.status)
-    return result
+    full = int(result.steps) < before and int(result.status) == Status.MAX_STEPS
+    return ended(problem, result, Status.NO_IMPROVEMENT if full else None)
+
+
+@partial(compiled, static=("count",))
+def measured_without(
+    state: SearchState, result: SearchResult, k: int | Array, *, count: int
+) -> tuple[SearchResult, Array, Array]:
+    """`measured` of a sequence without `count` actions from the k-th on."""
+    return measured(state, without(result, k, count))
 
 
 def units(state: SearchState, result: SearchResult) -> list[slice]:
     """The sequence cut into what belongs together, actions and carries (host)."""
-    second = np.asarray(brings(state, jnp.asarray(result.move)))
+    second = brings(state, np.asarray(result.move))
     steps = int(result.steps)
     return [
         slice(k, k + 1 + int(k + 1 < steps and second[k + 1]))

@@ -418,7 +418,7 @@ def test_descent_keeps_the_best_on_the_way():
     problem, own = made_problem(4)
     start = measured(problem.state, own)[0]
     # From the goal itself every step leads away.
-    again = refine.descend(problem.state, problem.candidates, FREE, start, jnp.float32(1.0))
+    again = refine.descend(problem.state, problem.candidates, start, jnp.float32(1.0))
     np.testing.assert_array_equal(again.node, start.node)
     assert float(again.distance) <= float(start.distance)
 

@@ -14,7 +14,6 @@ from jshape._typing import Array
 from jshape.planning.evaluate import Candidates
 from jshape.planning.search import greedy
 from jshape.planning.search.base import (
-    SearchLimits,
     SearchProblem,
     SearchResult,
     Status,
@@ -63,7 +62,7 @@ def refined(problem: SearchProblem, result: SearchResult) -> SearchResult:
             return ended(problem, result, Status.BUDGET)
         before, began = float(result.distance), problem.budget.elapsed
         result = problem.budget.call(
-            descend, problem.state, problem.candidates, problem.limits, result, jnp.float32(rate)
+            descend, problem.state, problem.candidates, result, jnp.float32(rate)
         )
         problem.budget.spend(work)
         took = problem.budget.elapsed - began
@@ -78,7 +77,6 @@ def refined(problem: SearchProblem, result: SearchResult) -> SearchResult:
 def descend(
     state: SearchState,
     candidates: Candidates,
-    limits: SearchLimits,
     result: SearchResult,
     rate: Array,
 ) -> SearchResult:

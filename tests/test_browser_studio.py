@@ -120,8 +120,11 @@ class Page:
         field = f"//input[@aria-label='{label}']/ancestor::label"
         self.browser.find_element(self._xpath, field).click()
         path = f"//*[@role='option'][normalize-space(.)='{option}']"
-        shown = until(lambda: self.browser.find_elements(self._xpath, path), "the options")
-        shown[0].click()
+
+        def shown():  # a list that is still unfolding has its options, but none can be clicked
+            return [e for e in self.browser.find_elements(self._xpath, path) if e.is_displayed()]
+
+        until(shown, "the options")[0].click()
 
     def field(self, label):
         """Where something is typed."""

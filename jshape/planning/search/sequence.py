@@ -82,17 +82,21 @@ def act_between(
     v, u = (jnp.arange(n, dtype=jnp.float32) + at for n, at in zip(window, from_first, strict=True))
     v, u = pose.from_map(v[:, None], u[None])
     framed = jnp.pad(change, 1)  # beyond the hand's window nothing changes
-    put = _between(framed, v + (shape[0] // 2 + 1), u + (shape[1] // 2 + 1))
+    put = _between(framed, v + (shape[0] // 2 + 1), u + (shape[1] // 2 + 1), ahead=False)
     return lax.dynamic_update_slice(now, lax.dynamic_slice(now, first, window) + put, first)
 
 
-def _between(field: Float[Array, "n m"], v: Array, u: Array) -> Array:
-    """A map between its nodes; beyond its edge as at the edge."""
+def _between(field: Float[Array, "n m"], v: Array, u: Array, *, ahead: bool = True) -> Array:
+    """A map between its nodes; beyond its edge as at the edge.
+
+    On a node it has the slope of the cell ahead, or behind: a change put back moves against its
+    window, and both must tell the slope towards the same side.
+    """
     n, m = field.shape
     v, u = jnp.clip(v, 0.0, n - 1.0), jnp.clip(u, 0.0, m - 1.0)
     top, left = (
-        jnp.minimum(lax.stop_gradient(x).astype(jnp.int32), most - 2)
-        for x, most in ((v, n), (u, m))
+        jnp.clip(jnp.floor(x) if ahead else jnp.ceil(x) - 1, 0, most - 2).astype(jnp.int32)
+        for x, most in ((lax.stop_gradient(v), n), (lax.stop_gradient(u), m))
     )
     down, right = v - top.astype(v.dtype), u - left.astype(u.dtype)
     above = (1 - right) * field[top, left] + right * field[top, left + 1]

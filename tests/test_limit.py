@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from dataclasses import replace
 
 import cv2
 import jax.numpy as jnp
@@ -12,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jshape
-from jshape import HeightMap, SearchSpace, distance, limit, load_bank
+from jshape import HeightMap, SearchSpace, distance, limit
 from jshape.cli.main import main
 from jshape.errors import BadOption, JShapeError
 from jshape.io.maps import write_map
@@ -20,11 +19,11 @@ from jshape.models.bank import Bank
 from jshape.models.difference import Difference
 from jshape.planning import limit as limits
 from jshape.planning.certificate import certified
-from jshape.planning.inputs import pose
+from jshape.planning.inputs import search_inputs
 from jshape.planning.options import Constraints, StopCriteria
 from jshape.planning.relaxation import Allowance, LevelChange, level_changes, solved
 from tests.reference import limit as reference
-from tests.test_search_state import CAMERA, QUARTER
+from tests.test_search_state import CAMERA, QUARTER, knock_and_poke
 
 ONCE = SearchSpace(stride=1, strengths=(1.0,), yaws=1)
 """Every place, one strength: what brute force can try."""
@@ -81,7 +80,9 @@ def test_no_sequence_of_actions_is_below_the_limit(rng, steps):
 def problem_of(bank, now, goal, steps, **how):
     space = how.pop("space", ONCE)
     constraints, stop = Constraints(**how), StopCriteria(max_steps=steps)
-    state, candidates, limited, _ = pose(bank, now, goal, None, "greedy", space, constraints, stop)
+    state, candidates, limited, _ = search_inputs(
+        bank, now, goal, None, "greedy", space, constraints, stop
+    )
     changes = level_changes(state, candidates, space.strengths)
     r = np.asarray(state.goal, np.float64) - np.asarray(state.now, np.float64)
     weight = np.full(r.shape, 1 / r.size) if state.weight is None else np.asarray(state.weight)
@@ -142,15 +143,7 @@ def test_carried_material_is_no_more_than_was_taken(rng):
 
 @pytest.fixture(scope="module")
 def pressed():
-    """The knock and the poke of the bundled bank, below a quarter of the paper's resolution."""
-    bank = load_bank("pressed-flour-robot").seen_by(QUARTER, 0.45)
-    chosen = [bank.actions.index(name) for name in ("knock", "poke")]
-    return replace(
-        bank,
-        actions=tuple(bank.actions[k] for k in chosen),
-        predictors=tuple(bank.predictors[k] for k in chosen),
-        errors_mm=None,
-    )
+    return knock_and_poke()
 
 
 def metres(change, camera=QUARTER):
@@ -183,7 +176,9 @@ def test_the_material_bound_is_the_least_of_a_linear_program(rng, pressed):
     change[30:60, 40:80] = -0.012
     now, goal = metres(change)
     r, weight, changes, uses = problem_of(pressed, now, goal, 2)
-    state, *_ = pose(pressed, now, goal, None, "greedy", ONCE, Constraints(), StopCriteria())
+    state, *_ = search_inputs(
+        pressed, now, goal, None, "greedy", ONCE, Constraints(), StopCriteria()
+    )
     found = limits._material(state, changes, weight, uses)
     inside = weight > 0
     room = float(state.limits[1]) - np.asarray(state.goal, np.float64)[inside]

@@ -47,9 +47,8 @@ def ground(bank, now, goal):
     return search_state(bank, now, goal)
 
 
-@pytest.fixture(scope="module")
-def pressed():
-    """The bundled hands, two of them, below a camera of a quarter of the paper's resolution."""
+def knock_and_poke():
+    """Two of the bundled hands, below a camera of a quarter of the paper's resolution."""
     bank = load_bank("pressed-flour-robot").seen_by(QUARTER, 0.45)
     chosen = [bank.actions.index(name) for name in ("knock", "poke")]
     return replace(
@@ -58,6 +57,11 @@ def pressed():
         predictors=tuple(bank.predictors[k] for k in chosen),
         errors_mm=None,
     )
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    return knock_and_poke()
 
 
 @pytest.fixture(scope="module")

@@ -24,10 +24,16 @@ from jshape.models.bank import Bank
 from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
 from jshape.planning.evaluate import ONE_BY_ONE, Execution
-from jshape.planning.inputs import as_bank, check_image, pose, weighed
-from jshape.planning.maps import on_maps, outside_domain, over_beds
+from jshape.planning.inputs import (
+    as_bank,
+    check_image,
+    check_records,
+    images_of,
+    search_inputs,
+    weighed,
+)
+from jshape.planning.maps import outside_domain, over_beds
 from jshape.planning.options import (
-    GROUPS,
     Constraints,
     SearchBudget,
     SearchSpace,
@@ -82,12 +88,7 @@ def plan(
       BadOption: a keyword that there is not.
       JShapeError: a number that makes no sense.
     """
-    bank, seen = as_bank(bank), None
-    if isinstance(I0, HeightMap) or isinstance(Istar, HeightMap):
-        bank, first, goal, seen = on_maps(I0, Istar, bank)
-    else:
-        first = check_image(I0, bank.camera, "I0")
-        goal = check_image(Istar, bank.camera, "Istar")
+    bank, first, goal, seen = images_of(as_bank(bank), I0, Istar, ("I0", "Istar"))
     return plan_images(
         bank, first, goal, seen, planner=planner, space=space, constraints=constraints, stop=stop,
         budget=budget, start=start, execution=execution,
@@ -113,11 +114,9 @@ def plan_images(
         raise UnknownName("planner", planner, PLANNERS)
     if start is not None and not isinstance(start, Plan):
         raise JShapeError(f"start is a {type(start).__name__}; it must be a Plan")
-    records = space, constraints, stop, budget
-    for (name, kind), record in zip(GROUPS.items(), records, strict=True):
-        if not isinstance(record, kind):
-            raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
-    state, candidates, limits, pairs = pose(bank, first, goal, seen, planner, *records[:3])
+    check_records(space, constraints, stop, budget)
+    records = space, constraints, stop
+    state, candidates, limits, pairs = search_inputs(bank, first, goal, seen, planner, *records)
     max_steps = int(stop.max_steps)
     stride = places.usual_stride(bank) if space.stride is None else space.stride
     problem = SearchProblem(

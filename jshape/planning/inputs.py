@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,12 +11,14 @@ from jshape._typing import ArrayLike, Bool
 from jshape.camera import Camera, unmasked
 from jshape.data.view import Seen, View, image_of_depth, known_in_both
 from jshape.errors import BadBank, BadImage, JShapeError
+from jshape.height_map import HeightMap
 from jshape.models.bank import Bank
 from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
 from jshape.planning.evaluate import Candidates, candidates_at
 from jshape.planning.kernels import prepared
-from jshape.planning.options import DEFAULT_BANK, Constraints, SearchSpace, StopCriteria
+from jshape.planning.maps import on_maps
+from jshape.planning.options import DEFAULT_BANK, GROUPS, Constraints, SearchSpace, StopCriteria
 from jshape.planning.search.base import SearchLimits
 from jshape.planning.state import SearchState, on_images
 
@@ -36,6 +39,25 @@ def as_bank(bank: Bank | str | Path | None) -> Bank:
     from jshape.io.banks import load_bank
 
     return load_bank(DEFAULT_BANK if bank is None else bank)
+
+
+def images_of(
+    bank: Bank, now: Any, wanted: Any, names: tuple[str, str]
+) -> tuple[Bank, np.ndarray, np.ndarray, Bool[np.ndarray, "H W"] | None]:
+    """Two weighed images or height maps, checked: (bank, now, wanted, pixels that count)."""
+    if isinstance(now, HeightMap) or isinstance(wanted, HeightMap):
+        return on_maps(now, wanted, bank)
+    first, goal = (
+        check_image(i, bank.camera, n) for i, n in zip((now, wanted), names, strict=True)
+    )
+    return bank, first, goal, None
+
+
+def check_records(*records: Any) -> None:
+    """Refuse what is not the option record of its place: space, constraints, stop, budget."""
+    for (name, kind), record in zip(GROUPS.items(), records, strict=False):
+        if not isinstance(record, kind):
+            raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
 
 
 def check_image(image: ArrayLike, camera: Camera, where: str) -> np.ndarray:
@@ -93,7 +115,7 @@ def weighed(
     return now, wanted._replace(image=np.where(seen, wanted.image, now.image)), seen
 
 
-def pose(
+def search_inputs(
     bank: Bank,
     first: np.ndarray,
     goal: np.ndarray,

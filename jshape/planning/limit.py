@@ -17,13 +17,17 @@ from jshape import metric
 from jshape._typing import ArrayLike, Bool, Float, Int
 from jshape.camera import Camera
 from jshape.data.view import View
-from jshape.errors import JShapeError
 from jshape.height_map import HeightMap
 from jshape.models.bank import Bank
 from jshape.planning import problem as tasks
 from jshape.planning.certificate import certified
-from jshape.planning.inputs import as_bank, check_image, pose, weighed
-from jshape.planning.maps import on_maps
+from jshape.planning.inputs import (
+    as_bank,
+    check_records,
+    images_of,
+    search_inputs,
+    weighed,
+)
 from jshape.planning.options import Constraints, SearchSpace, StopCriteria, hinted
 from jshape.planning.relaxation import (
     Allowance,
@@ -153,12 +157,7 @@ def limit(
     Raises:
       JShapeError: as for `jshape.plan`.
     """
-    bank, seen = as_bank(bank), None
-    if isinstance(now, HeightMap) or isinstance(wanted, HeightMap):
-        bank, first, goal, seen = on_maps(now, wanted, bank)
-    else:
-        first = check_image(now, bank.camera, "now")
-        goal = check_image(wanted, bank.camera, "wanted")
+    bank, first, goal, seen = images_of(as_bank(bank), now, wanted, ("now", "wanted"))
     if max_steps is not None:
         stop = replace(stop, max_steps=max_steps)
     return limit_images(bank, first, goal, seen, space=space, constraints=constraints, stop=stop)
@@ -191,14 +190,9 @@ def limit_images(
     stop: StopCriteria = StopCriteria(),
 ) -> Limit:
     """`limit` of images (H, W) that are checked, of which only pixels that were `seen` count."""
-    for name, record, kind in (
-        ("space", space, SearchSpace),
-        ("constraints", constraints, Constraints),
-        ("stop", stop, StopCriteria),
-    ):
-        if not isinstance(record, kind):
-            raise JShapeError(f"{name} is a {type(record).__name__}; it must be {kind.__name__}")
-    state, candidates, limits, _ = pose(bank, first, goal, seen, "greedy", space, constraints, stop)
+    check_records(space, constraints, stop)
+    records = space, constraints, stop
+    state, candidates, limits, _ = search_inputs(bank, first, goal, seen, "greedy", *records)
     tried = tasks.strengths(space.strengths)
     between = [(a + b) / 2 for a, b in zip(tried[:-1], tried[1:], strict=True)]
     changes = level_changes(state, candidates, sorted({*tried, *between}))

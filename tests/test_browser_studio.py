@@ -107,8 +107,16 @@ class Page:
         )
         shown = [e for e in self.browser.find_elements(self._xpath, path) if e.is_displayed()]
         assert shown, f"nothing to press says {words!r}"
-        self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", shown[0])
-        shown[0].click()
+        self.click(shown[0])
+
+    def click(self, element):
+        """In its middle, once it is in view and stands still: else the click may miss it."""
+        self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
+        before = element.rect
+        time.sleep(0.1)
+        while before != (before := element.rect):
+            time.sleep(0.1)
+        element.click()
 
     def type(self, label, words):
         element = self.field(label)
@@ -118,13 +126,19 @@ class Page:
     def choose(self, label, option):
         """One of a list's options."""
         field = f"//input[@aria-label='{label}']/ancestor::label"
-        self.browser.find_element(self._xpath, field).click()
         path = f"//*[@role='option'][normalize-space(.)='{option}']"
 
-        def shown():  # a list that is still unfolding has its options, but none can be clicked
+        def shown():
             return [e for e in self.browser.find_elements(self._xpath, path) if e.is_displayed()]
 
-        until(shown, "the options")[0].click()
+        def opened():  # on a busy machine Quasar now and then leaves a list unplaced and unseen
+            self.click(self.browser.find_element(self._xpath, field))  # which this closes again
+            end = time.monotonic() + 3
+            while time.monotonic() < end and not shown():
+                time.sleep(0.1)
+            return shown()
+
+        until(opened, "the options")[0].click()
 
     def field(self, label):
         """Where something is typed."""
@@ -142,14 +156,18 @@ class Page:
     def drag(self, name, start, end):
         """From one place of an image to another: shares of its width and height."""
         image = self.named(name)
+        self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", image)
         size = np.array([image.size["width"], image.size["height"]])
-        (x0, y0), (x1, y1) = ((np.array(at) - 0.5) * size for at in (start, end))
-        chain = self._chain().move_to_element_with_offset(image, int(x0), int(y0)).click_and_hold()
+        box = "const box = arguments[0].getBoundingClientRect(); return [box.x, box.y]"
+        corner = np.array(self.browser.execute_script(box, image))
+        start, end = (corner + np.array(at) * size for at in (start, end))
+        chain = self._chain()
+        mouse = chain.w3c_actions.pointer_action  # on the screen: the image may be drawn anew
+        mouse.move_to_location(*map(int, start)).pointer_down()
         for share in (0.25, 0.5, 0.75, 1.0):
-            chain.move_to_element_with_offset(
-                image, int(x0 + share * (x1 - x0)), int(y0 + share * (y1 - y0))
-            )
-        chain.release().perform()
+            mouse.move_to_location(*map(int, start + share * (end - start)))
+        mouse.pointer_up()
+        chain.perform()
 
     def selected(self):
         """Which line of the plan is marked, read at once: lines are drawn anew."""
@@ -200,7 +218,7 @@ def test_load_draw_plan_step_edit_and_carry_out(page, folder):
     page.press("start")
     until(lambda: "Act?" in page.text("state"), "the question", 60)
     page.press("act")
-    until(lambda: len(page.text("log").splitlines()) >= 2, "what came out", 60)
+    until(lambda: len(page.text("log").splitlines()) >= 2, "what came out", 180)
     state = until(
         lambda: ("Act?" in page.text("state") or "finished" in page.text("state"))
         and page.text("state"),

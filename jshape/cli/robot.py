@@ -75,6 +75,8 @@ class Runs(Robots, Writes):
     """Act without asking."""
     resume: bool = False
     """Resume the run in --out from what is seen now."""
+    batch: PositiveCount = 1
+    """Most actions between two looks; only actions whose ROIs do not meet are done together."""
 
 
 @contextmanager
@@ -251,7 +253,8 @@ def molded(
     may_move(robot, options)
     say(HEAD)
     draw = molding_pictures(bank.rois)
-    summary = session.mold(robot, bank, blind=options.arm == "dry", draw=draw, **how)
+    how |= {"batch": options.batch, "blind": options.arm == "dry", "draw": draw}
+    summary = session.mold(robot, bank, **how)
     print(f"stopped: {summary['why']}")
     print(
         f"distance to the goal: {summary['before_mm']:.3f} mm before, "

@@ -1,10 +1,10 @@
 """Look, plan, act, look again: the closed loop.
 
-The plan is made anew after every action from what the camera sees, so that what came out
-otherwise than predicted is corrected by the actions that follow.
+The plan is made anew after every action, or a batch of them that do not meet, from what the camera
+sees, so that what came out otherwise than predicted is corrected by the actions that follow.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -18,6 +18,7 @@ from jshape.data.view import above, image_of_depth, known_in_both
 from jshape.errors import JShapeError, quoted
 from jshape.models.bank import Bank
 from jshape.planning.api import Plan, check_image, plan_images, rollout
+from jshape.planning.batch import batched, changed_by
 from jshape.planning.evaluate import ONE_BY_ONE, Execution
 from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria, hinted
 from jshape.planning.problem import carries, names
@@ -126,6 +127,7 @@ def mold(
     budget: SearchBudget = SearchBudget(),
     execution: Execution = ONE_BY_ONE,
     horizon: int | None = None,
+    batch: int = 1,
     patience: int | None = None,
     replan: bool = True,
     first: Plan | None = None,
@@ -135,11 +137,13 @@ def mold(
     on_start: Callable[[float], None] | None = None,
     on_step: Callable[[Step, np.ndarray], None] | None = None,
 ) -> Molding:
-    """Mold the world towards a goal, looking again after every action.
+    """Mold the world towards a goal, looking again after every action or batch of them.
 
     The first plan is for all actions; those after a look are for the ones that are left, at most
     `horizon`, and `refine` and `improve` begin with what is left of the plan before.  Greedy, whose
-    first action does not depend on the later ones, then plans only that.
+    first action does not depend on the later ones, then plans only that; for a batch, twice as many
+    as it holds.  A look after a batch tells what each of its actions did, since their ROIs do not
+    meet: images, depths and steps are by action, as if it had been looked at after each.
 
     Args:
       world: to look at and act in; its camera is the bank's.
@@ -154,7 +158,8 @@ def mold(
       budget: what each search may spend.
       execution: chunks and devices to evaluate candidates with.
       horizon: how many actions ahead a plan after a look is made for; None is all that are left.
-      patience: stop when so many actions one after the other did not lower the distance; None is
+      batch: actions between two looks, at most: those of the plan whose ROIs do not meet.
+      patience: stop when after so many looks one after the other the distance was not lower; None is
         1 where the plan is made anew, and never where it is not.
       replan: False applies the first plan to its end, blindly, as the paper does.
       first: the plan to begin with; None makes one from the first look.
@@ -175,7 +180,7 @@ def mold(
     check_same_camera(bank.camera, world.camera, "the world's")
     wanted = np.isfinite(goal) if above(bank.camera) else None
     goal = check_image(goal if wanted is None else np.where(wanted, goal, 0), bank.camera, "goal")
-    for name, value in (("horizon", horizon), ("patience", patience)):
+    for name, value in (("horizon", horizon), ("batch", batch), ("patience", patience)):
         if value is None:
             continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
@@ -217,36 +222,49 @@ def mold(
         if len(ahead) == 0:
             run.stop = Stop[ahead.status.name] if replan or not run.steps else Stop.PLAN_ENDED
             return run
-        if confirm is not None and not confirm(ahead):
+        ahead, count = batched(ahead, batch, reorder=replan)
+        doing: list[PlacedAction] = []
+        for k in range(count):
+            if confirm is not None and not confirm(ahead.rest(k)):
+                break
+            world.act(ahead[k].action, ahead[k].position, **ahead[k].how)
+            doing.append(ahead[k])
+        declined = len(doing) < count
+        if declined and not doing:
             run.stop = Stop.DECLINED
             return run
-        act = ahead[0]
-        world.act(act.action, act.position, **act.how)
-        now = look()
-        run.depths.append(now.depth)
-        run.images.append(now.image)
-        run.seen.append(now.seen)
-        before, obtained = obtained, float(metric.to_mm(now.distance, bank.camera))
-        u, v = act.position
-        done: dict[str, Any] = vars(act) | {"position": (round(u), round(v))}
-        predicted = float(ahead.distances_mm[1])
-        step = Step(**done, before_mm=before, predicted_mm=predicted, obtained_mm=obtained)
-        run.steps.append(step)
-        if on_step is not None:
-            on_step(step, now.depth)
+        before, now = now, look()
+        predicted = ahead.distances_mm[1:].tolist()
+        for after, act, d in zip(before.towards(now, doing), doing, predicted, strict=False):
+            run.depths.append(after.depth)
+            run.images.append(after.image)
+            run.seen.append(after.seen)
+            start, obtained = obtained, float(metric.to_mm(after.distance, bank.camera))
+            u, v = act.position
+            done: dict[str, Any] = vars(act) | {"position": (round(u), round(v))}
+            step = Step(**done, before_mm=start, predicted_mm=d, obtained_mm=obtained)
+            run.steps.append(step)
+            if on_step is not None:
+                on_step(step, after.depth)
+            if act.action in uses:
+                uses[act.action] -= 1
         if watch:
-            check_still(run.depths[-2], now.depth, touched_by(bank.camera, act))
+            touched = np.any([touched_by(bank.camera, act) for act in doing], 0)
+            check_still(before.depth, now.depth, touched)
+        if declined:
+            run.stop = Stop.DECLINED
+            return run
+        act = doing[-1]
         if not act.carries:  # what is taken out is brought before anything else is judged
             failures = 0 if obtained < judged else failures + 1
             judged = obtained
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
-        if stock is not None and act.action in moving:
-            stock = max(stock - float(ahead.volumes_cm3[0]), 0.0)
-        ahead = ahead.rest(1)
-        if act.action in uses:
-            uses[act.action] -= 1
+        if stock is not None:
+            moved = zip(doing, ahead.volumes_cm3.tolist(), strict=False)
+            stock = max(stock - sum(cm3 for act, cm3 in moved if act.action in moving), 0.0)
+        ahead = ahead.rest(count)
         if afresh or replan and act.carries:
             ahead = rollout(now.image, now.goal, ahead, bank=bank, seen=now.seen)
         elif replan:
@@ -254,7 +272,8 @@ def mold(
             if left == 0:
                 run.stop = Stop.CONVERGED if now.distance <= tolerance else Stop.MAX_STEPS
                 return run
-            steps = (2 if moving else 1) if planner == "greedy" else horizon or left
+            steps = (2 if moving or batch > 1 else 1) * batch
+            steps = steps if planner == "greedy" else horizon or left
             ahead = plan(
                 now,
                 start=ahead,
@@ -274,6 +293,16 @@ class _Look(NamedTuple):
     """(H, W) the image wanted; the image itself where it does not count."""
     seen: np.ndarray | None
     """(H, W) pixels that count; None: all."""
+
+    def towards(self, last: "_Look", doing: Sequence[PlacedAction]) -> Iterator["_Look"]:
+        """What would have been seen after each of the actions that lead to another look."""
+        now = self
+        for act in doing[:-1]:
+            there = changed_by(act, self.depth.shape)
+            pairs = zip(now, last, strict=True)
+            now = _Look(*(a if a is None else np.where(there, b, a) for a, b in pairs))
+            yield now
+        yield last
 
     @property
     def distance(self) -> float:

@@ -56,7 +56,7 @@ class Session:
         """Called with each look (H, W), metres."""
         self._say = say
         self._resumed = resumed
-        self._operations: list[dict[str, Any]] = []  # of the action under way
+        self._operations: list[list[dict[str, Any]]] = []  # of the actions not looked at yet
 
     @classmethod
     def start(
@@ -147,7 +147,10 @@ class Session:
             if left.max_steps <= 0:
                 return self._all_done(stop.max_steps)
             if done > len(self.run):
-                self._say("the last action was begun and not looked at: it counts as done")
+                self._say(
+                    f"begun and not looked at, and so counted as done: {done - len(self.run)} of the "
+                    "actions"
+                )
             robot.on_operation, robot.on_look = self._operation, self._looked
             search |= {"stop": left, "first": plan, "replan": plan is None and not blind}
             try:
@@ -189,13 +192,14 @@ class Session:
             self._note("planned", **asdict(ahead[0]), **distances, actions=len(ahead))
             agreed = confirm is None or confirm(ahead)
             self._note("acting" if agreed else "declined")
-            self._operations.clear()
+            if agreed:
+                self._operations.append([])
             return agreed
 
         return ask
 
     def _stepped(self, step: Step, depth: np.ndarray) -> None:
-        self.run.append(asdict(step) | {"operations": list(self._operations)}, depth)
+        self.run.append(asdict(step) | {"operations": self._operations.pop(0)}, depth)
         self._say(step.line(len(self.run)))
 
     def _same_plan(self, plan: Plan) -> None:
@@ -212,7 +216,7 @@ class Session:
             raise BadFile(f"{self.run.folder}: the run was begun with another plan")
 
     def _operation(self, done: OperationResult) -> None:
-        self._operations.append(done._asdict())
+        self._operations[-1].append(done._asdict())
         self._note("operation", **done._asdict())
 
     def _looked(self, depth: np.ndarray) -> None:

@@ -1,0 +1,74 @@
+"""Actions that are carried out between two looks: none changes what another one changes."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jshape import metric
+from jshape.actions import PlacedAction, first_pixels
+from jshape.planning.plan import Plan, successive
+
+ROWS = "positions", "rois", "strengths", "yaws", "offsets", "lengths", "strokes", "clipped"
+"""Fields of a plan with a row for each action, besides their names and patches."""
+
+
+def batched(plan: Plan, most: int, *, reorder: bool = True) -> tuple[Plan, int]:
+    """The plan with those of its actions first that can be done without a look in between.
+
+    A prediction reads and changes its ROI alone.  So an action may be done before earlier ones
+    whose ROIs it does not meet: what both bring, and its error, stay the same.  What takes material
+    out and what brings it are done together, where they do not meet either.
+
+    Args:
+      plan: with its images, unless `most` is 1.
+      most: actions in the batch, at most.
+      reorder: False takes only the first actions of the plan, in their order.
+
+    Returns:
+      The plan, and how many actions the batch has: at least 1 where the plan has any.
+
+    Raises:
+      JShapeError: actions change places, and the plan was stored without its images.
+    """
+    if most == 1 or len(plan) < 2:
+        return plan, min(most, len(plan))
+    first = first_pixels(plan.positions, plan.rois)
+    last = first + plan.rois
+    meets = (first[:, None] < last).all(-1) & (first < last[:, None]).all(-1)
+    chosen: list[int] = []
+    passed: list[int] = []
+    k = 0
+    while k < len(plan) and len(chosen) < most:
+        both = [k, k + 1] if plan[k].carries else [k]
+        k += len(both)
+        apart = not meets[np.ix_(both, chosen + passed)].any() and not meets[both[0], both[1:]].any()
+        if apart and len(chosen) + len(both) <= most:
+            chosen += both
+        elif not reorder:
+            break
+        else:
+            passed += both
+    if not chosen:  # a carry whose two places meet
+        return plan, 1
+    return _reordered(plan, chosen + sorted(set(range(len(plan))) - set(chosen))), len(chosen)
+
+
+def _reordered(plan: Plan, order: list[int]) -> Plan:
+    if order == list(range(len(plan))):
+        return plan
+    assert plan.goal is not None
+    rows = {name: getattr(plan, name)[order] for name in ROWS}
+    names, patches = ([of[k] for k in order] for of in (plan.actions, plan.patches))
+    firsts = first_pixels(rows["positions"], rows["rois"])
+    images = successive(plan.images[0], tuple(patches), firsts)
+    d = np.array([metric.distance(image, plan.goal, plan.seen) for image in images])
+    return replace(plan, actions=tuple(names), patches=tuple(patches), distances=d, **rows)
+
+
+def changed_by(act: PlacedAction, shape: tuple[int, int]) -> np.ndarray:
+    """(H, W) pixels of an action's ROI."""
+    assert act.roi is not None
+    (u, v), (w, h) = first_pixels(np.rint(act.position).astype(int), act.roi), act.roi
+    found = np.zeros(shape, bool)
+    found[max(v, 0) : v + h, max(u, 0) : u + w] = True
+    return found

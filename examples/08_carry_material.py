@@ -36,7 +36,7 @@ def main(
     others = {name: 0 for name in bank.actions if name not in ("scoop", "pour")}
     margin = None if bank.errors_mm is None else 0.0
     how = jshape.options(max_steps=steps, error_margin=margin, max_uses=others)
-    run = mold(world, goal, bank, patience=3, **how)
+    run = mold(world, goal, bank, **how)
     for step in run.steps:
         print(
             f"{step.action} at {step.position}: predicted {step.predicted_mm:.3f} mm, "

@@ -291,7 +291,7 @@ def test_a_search_ends_when_it_is_near_enough(planner):
     assert int(found.steps) < int(search("greedy", problem).steps)
 
 
-@pytest.mark.parametrize("name", ["improve", "refine"])
+@pytest.mark.parametrize("name", ["careful", "improve", "refine"])
 def test_a_known_sequence_is_begun_with(name):
     problem, own = made_problem(4)
     found = search(name, replace(problem, start=own))
@@ -342,7 +342,7 @@ def test_what_is_missing_is_put_in():
     assert float(found.distance) < 0.8 * float(fewer.distance)
 
 
-@pytest.mark.parametrize("name", ["improve", "refine"])
+@pytest.mark.parametrize("name", ["careful", "improve", "refine"])
 @pytest.mark.parametrize("spoil", ["reach", "strength", "steps"])
 def test_of_a_known_sequence_what_is_not_allowed_is_left_out(name, spoil):
     problem, given = made_problem(4)
@@ -436,3 +436,26 @@ def test_64_bits_change_no_search(planner):
         one, other = (np.asarray(getattr(f, field.name)) for f in (wide, expected))
         assert one.dtype == other.dtype
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
+
+
+def ring():
+    """A problem whose goal is narrower than the tools: a dug ring around what stays as it is."""
+    problem, _ = made_problem(0)
+    v, u = np.ogrid[: CAMERA.height, : CAMERA.width]
+    around = np.hypot(u - 30, v - 20)
+    dug = 0.12 * gaussian_filter((np.abs(around - 9) < 3).astype(float), 1.0)
+    goal = jnp.asarray(problem.state.now - dug, jnp.float32)
+    return replace(problem, state=replace(problem.state, goal=goal), max_steps=16)
+
+
+def test_careful_digs_less_too_deep_where_it_has_actions_left():
+    problem = ring()
+    usual, found = (search(name, problem) for name in ("greedy", "careful"))
+    assert Status(int(usual.status)) is Status.NO_IMPROVEMENT
+    assert float(found.distance) < 0.9 * float(usual.distance)
+    assert int(usual.steps) < int(found.steps) <= 16
+    assert int(found.evaluations) > int(usual.evaluations)
+    few = replace(problem, max_steps=int(usual.steps))
+    kept = search("careful", few)  # greedy's own where all are needed
+    np.testing.assert_array_equal(kept.move, search("greedy", few).move)
+    assert float(kept.distance) == pytest.approx(float(usual.distance), abs=1e-7)

@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.experiments import shapes
 from jshape import metric, sim
-from jshape._typing import Float
+from jshape._typing import Array, Float, Key
 from jshape.camera import PAPER_BOX, Camera
 from jshape.data.simulate import random_bed
 from jshape.data.view import image_of_depth
@@ -161,15 +161,25 @@ def shape_problems(
             there = files[kinds[kind]]
             order = np.random.default_rng([seed, 2, kind]).permutation(len(there))
             shape = _measured(there[order[around % len(there)]], camera)
-        bed = sim.flat_bed()
-        world = SimulatedWorld(_key(rng), bed, material=material, camera=camera, frames=frames)
-        level = float(np.mean(sim.render(bed, camera)))
-        goal = image_of_depth(
-            shapes.depth_of_relief(shape.relief, camera, middle=level), camera, where=shape.name
-        )
-        rest = {"camera": camera, "material": material, "truth": goal.image}
-        problems.append(Problem(shape.name, "shape", bed, _seen(world), goal.image, **rest))
+        problems.append(shape_problem(shape, _key(rng), camera, material, frames))
     return problems
+
+
+def shape_problem(
+    shape: shapes.Shape,
+    key: Key[Array, ""],
+    camera: Camera = PAPER_BOX,
+    material: str = "flour",
+    frames: int = 5,
+) -> Problem:
+    """A shape in a levelled bed, at the mean depth that the camera sees of it."""
+    bed = sim.flat_bed()
+    world = SimulatedWorld(key, bed, material=material, camera=camera, frames=frames)
+    level = float(np.mean(sim.render(bed, camera)))
+    depth = shapes.depth_of_relief(shape.relief, camera, middle=level)
+    goal = image_of_depth(depth, camera, where=shape.name).image
+    rest = {"camera": camera, "material": material, "truth": goal}
+    return Problem(shape.name, "shape", bed, _seen(world), goal, **rest)
 
 
 def overlap(first: Applied, second: Applied, bank: Bank) -> float:

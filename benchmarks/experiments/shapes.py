@@ -192,14 +192,14 @@ def depth_of_relief(
 
 def _inlaid(relief: np.ndarray, camera: Camera, share: float) -> np.ndarray:
     """A relief stretched, proportions kept, to a share of the middle; blended, mean 0."""
-    pixel, sizes = _pixel(camera), np.array(relief.shape[::-1])
+    sides, sizes = pixel(camera), np.array(relief.shape[::-1])
     cell = share * (2 * _half(camera) / sizes).min()
-    w, h = (int(n) for n in sizes * cell / pixel)
+    w, h = (int(n) for n in sizes * cell / sides)
     inner = cv2.resize(relief.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
     inner = ndimage.gaussian_filter(inner.astype(float), 2.0)  # the corners of bilinear patches
     edge_x, edge_y = (
         _smooth((np.minimum(np.arange(n), np.arange(n)[::-1]) + 0.5) * side / BLEND)
-        for n, side in zip((w, h), pixel, strict=True)
+        for n, side in zip((w, h), sides, strict=True)
     )
     weight = edge_y[:, None] * edge_x[None, :]
     inner = weight * (inner - (weight * inner).sum() / weight.sum())
@@ -209,7 +209,7 @@ def _inlaid(relief: np.ndarray, camera: Camera, share: float) -> np.ndarray:
     return whole
 
 
-def _pixel(camera: Camera) -> np.ndarray:
+def pixel(camera: Camera) -> np.ndarray:
     """Sides (x, y) of a pixel on level ground in the middle of the range, metres."""
     middle = (float(camera.z_min) + float(camera.z_max)) / 2
     return middle / np.array([float(camera.fx), float(camera.fy)])
@@ -217,14 +217,14 @@ def _pixel(camera: Camera) -> np.ndarray:
 
 def _half(camera: Camera) -> np.ndarray:
     """Half sides (x, y) of the rectangle within the margin, metres."""
-    return np.array([camera.width, camera.height]) / 2 * _pixel(camera) - MARGIN
+    return np.array([camera.width, camera.height]) / 2 * pixel(camera) - MARGIN
 
 
 def _axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """X (1, W) and y (H, 1) of the pixels from the middle of the image, metres."""
     x, y = (
         (np.arange(n) + 0.5 - n / 2) * side
-        for n, side in zip((camera.width, camera.height), _pixel(camera), strict=True)
+        for n, side in zip((camera.width, camera.height), pixel(camera), strict=True)
     )
     return x[None, :], y[:, None]
 

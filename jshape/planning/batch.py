@@ -1,10 +1,12 @@
 """Actions that are carried out between two looks: none changes what another one changes."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from jshape import metric
+from jshape._typing import Int
 from jshape.actions import PlacedAction, first_pixels
 from jshape.planning.plan import Plan, successive
 
@@ -41,7 +43,9 @@ def batched(plan: Plan, most: int, *, reorder: bool = True) -> tuple[Plan, int]:
     while k < len(plan) and len(chosen) < most:
         both = [k, k + 1] if plan[k].carries else [k]
         k += len(both)
-        apart = not meets[np.ix_(both, chosen + passed)].any() and not meets[both[0], both[1:]].any()
+        apart = (
+            not meets[np.ix_(both, chosen + passed)].any() and not meets[both[0], both[1:]].any()
+        )
         if apart and len(chosen) + len(both) <= most:
             chosen += both
         elif not reorder:
@@ -56,19 +60,25 @@ def batched(plan: Plan, most: int, *, reorder: bool = True) -> tuple[Plan, int]:
 def _reordered(plan: Plan, order: list[int]) -> Plan:
     if order == list(range(len(plan))):
         return plan
-    assert plan.goal is not None
+    first_image, goal = plan.images[0], np.asarray(plan.goal)
     rows = {name: getattr(plan, name)[order] for name in ROWS}
     names, patches = ([of[k] for k in order] for of in (plan.actions, plan.patches))
     firsts = first_pixels(rows["positions"], rows["rois"])
-    images = successive(plan.images[0], tuple(patches), firsts)
-    d = np.array([metric.distance(image, plan.goal, plan.seen) for image in images])
+    images = successive(first_image, tuple(patches), firsts)
+    d = np.array([metric.distance(image, goal, plan.seen) for image in images])
     return replace(plan, actions=tuple(names), patches=tuple(patches), distances=d, **rows)
 
 
-def changed_by(act: PlacedAction, shape: tuple[int, int]) -> np.ndarray:
-    """(H, W) pixels of an action's ROI."""
-    assert act.roi is not None
-    (u, v), (w, h) = first_pixels(np.rint(act.position).astype(int), act.roi), act.roi
-    found = np.zeros(shape, bool)
-    found[max(v, 0) : v + h, max(u, 0) : u + w] = True
-    return found
+def nearest(batch: Sequence[PlacedAction], shape: tuple[int, int]) -> Int[np.ndarray, "H W"]:
+    """Which action of a batch each pixel's change is ascribed to: the one with the nearest ROI."""
+    v, u = np.ogrid[: shape[0], : shape[1]]
+    away = []
+    for act in batch:
+        assert act.roi is not None
+        (x, y), (w, h) = first_pixels(np.rint(act.position).astype(int), act.roi), act.roi
+        beside, above = (
+            np.maximum(np.maximum(a - p, p - b), 0)
+            for p, a, b in ((u, x, x + w - 1), (v, y, y + h - 1))
+        )
+        away.append(np.hypot(beside, above))
+    return np.argmin(np.stack(away), 0)

@@ -258,7 +258,7 @@ def _allowance(state: SearchState, limits: SearchLimits, steps: int) -> Allowanc
     for action in carried:
         most[action] = np.asarray(limits.carry_uses)[action]
     stock = float(np.nan_to_num(float(limits.stock)))
-    return Allowance(steps, most, carried, stock, -1.0 if state.node_m is None else 1.0)
+    return Allowance(steps, most, carried, stock, state.lower)
 
 
 def _window(

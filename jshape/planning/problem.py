@@ -217,11 +217,10 @@ def price(state: SearchState) -> np.floating:
     price of 1 would count what can never be filled any more.  Below 1 what lies too high counts
     too.  Where there is more than twice as much too much as is missing, it may be packed away.
     """
-    lower = -1.0 if state.node_m is None else 1.0  # I is greater where the bed is higher
-    apart = lower * (np.asarray(state.now) - np.asarray(state.goal))
+    apart = state.lower * (np.asarray(state.now) - np.asarray(state.goal))
     apart = apart if state.weight is None else apart * np.asarray(state.weight)
     missing, surplus = np.maximum(apart, 0).sum(), np.maximum(-apart, 0).sum()
-    return np.float32(lower * PRICE * np.clip(2 * missing / max(surplus, 1e-9) - 1, 0, 1))
+    return np.float32(state.lower * PRICE * np.clip(2 * missing / max(surplus, 1e-9) - 1, 0, 1))
 
 
 def budget(spent: SearchBudget) -> Budget:

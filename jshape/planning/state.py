@@ -74,6 +74,11 @@ class SearchState:
         return self.distance_of(now) + self.price * lost.sum(0).sum() / self.size
 
     @property
+    def lower(self) -> float:
+        """1 where the map's numbers grow as the bed is dug; -1 for images I."""
+        return -1.0 if self.node_m is None else 1.0
+
+    @property
     def size(self) -> int | float:
         """What sums over nodes are divided by."""
         return self.now.size if self.weight is None else 1.0

@@ -18,7 +18,7 @@ from jshape.data.view import above, image_of_depth, known_in_both
 from jshape.errors import JShapeError, quoted
 from jshape.models.bank import Bank
 from jshape.planning.api import Plan, check_image, plan_images, rollout
-from jshape.planning.batch import batched, changed_by
+from jshape.planning.batch import batched, nearest
 from jshape.planning.evaluate import ONE_BY_ONE, Execution
 from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria, hinted
 from jshape.planning.problem import carries, names
@@ -58,7 +58,7 @@ class Stop(StrEnum):
     CONVERGED = "the distance is within the tolerance"
     NO_IMPROVEMENT = "no action is predicted to gain enough (--min-gain-mm, --error-margin)"
     MAX_STEPS = "as many actions as allowed"
-    WORSE = "the last actions, or the last one, did not lower the distance"
+    WORSE = "the last looks, or the last one, showed no lower distance than before"
     BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"
     PLAN_ENDED = "the plan is at its end, and it was not to be made anew"
     DECLINED = "the next action was declined"
@@ -85,6 +85,9 @@ class Step(PlacedAction):
         ).rstrip()
 
 
+PATIENCE = 3
+"""Looks without progress that end the loop.  An action that gains as much as it errs by fails once
+in six times, three in a row once in 250; actions that gain nothing do so once in eight."""
 HEAD = "step  action                  before     predicted  obtained (mm to the goal)"
 """Above the lines of steps."""
 
@@ -159,8 +162,8 @@ def mold(
       execution: chunks and devices to evaluate candidates with.
       horizon: how many actions ahead a plan after a look is made for; None is all that are left.
       batch: actions between two looks, at most: those of the plan whose ROIs do not meet.
-      patience: stop when after so many looks one after the other the distance was not lower; None is
-        1 where the plan is made anew, and never where it is not.
+      patience: stop when so many looks one after the other showed no distance lower than all
+        before; None is `PATIENCE` where the plan is made anew, and never where it is not.
       replan: False applies the first plan to its end, blindly, as the paper does.
       first: the plan to begin with; None makes one from the first look.
       afresh: after each look, predict anew from it what is left of `first`, so that what an action
@@ -203,7 +206,7 @@ def mold(
     stock = constraints.stock_cm3
     moving = names(bank, carries(bank, space.carries))
     if patience is None and replan:
-        patience = 1
+        patience = PATIENCE
     now = look()
     ahead = first
     if ahead is None:
@@ -217,7 +220,7 @@ def mold(
     whole = goal if wanted is None else np.where(wanted, goal, now.image)
     run = Molding(whole, ahead, [now.image], [now.depth], [now.seen])
     obtained = float(metric.to_mm(now.distance, bank.camera))
-    judged, failures = obtained, 0
+    lowest, failures = obtained, 0
     while True:
         if len(ahead) == 0:
             run.stop = Stop[ahead.status.name] if replan or not run.steps else Stop.PLAN_ENDED
@@ -256,8 +259,8 @@ def mold(
             return run
         act = doing[-1]
         if not act.carries:  # what is taken out is brought before anything else is judged
-            failures = 0 if obtained < judged else failures + 1
-            judged = obtained
+            failures = 0 if obtained < lowest else failures + 1
+            lowest = min(lowest, obtained)
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
@@ -296,12 +299,10 @@ class _Look(NamedTuple):
 
     def towards(self, last: "_Look", doing: Sequence[PlacedAction]) -> Iterator["_Look"]:
         """What would have been seen after each of the actions that lead to another look."""
-        now = self
-        for act in doing[:-1]:
-            there = changed_by(act, self.depth.shape)
-            pairs = zip(now, last, strict=True)
-            now = _Look(*(a if a is None else np.where(there, b, a) for a, b in pairs))
-            yield now
+        by = nearest(doing, self.depth.shape)
+        for k in range(1, len(doing)):
+            pairs = zip(self, last, strict=True)
+            yield _Look(*(a if a is None else np.where(by < k, b, a) for a, b in pairs))
         yield last
 
     @property

@@ -25,7 +25,7 @@ from jshape.models.bank import Bank
 from jshape.planning.options import StopCriteria
 from jshape.planning.plan import Plan
 from jshape.robot.arms.base import stop_arm
-from jshape.robot.loop import Molding, Step, Stop, mold
+from jshape.robot.loop import PATIENCE, Molding, Step, Stop, mold
 from jshape.robot.perform import OperationResult
 from jshape.robot.procedure import NAMES
 from jshape.robot.robot import Robot
@@ -35,8 +35,6 @@ GOAL, START, SUMMARY, PLAN = "goal.npy", "start.png", "summary.json", "plan.json
 MARK, PICTURES = "plan.sha256.json", ("result.png", "steps.png")
 CONTENTS = (journal.NAME, journal.LOCK, GOAL, START, SUMMARY, PLAN, MARK, *PICTURES)
 """What a session writes beside the run's own files."""
-PATIENCE = 2
-"""The loop ends when so many actions in a row did not lower the distance."""
 AT_THE_BED = NAMES[NAMES.index("contact") :]
 """Operations after which the bed may have changed."""
 
@@ -147,10 +145,8 @@ class Session:
             if left.max_steps <= 0:
                 return self._all_done(stop.max_steps)
             if done > len(self.run):
-                self._say(
-                    f"begun and not looked at, and so counted as done: {done - len(self.run)} of the "
-                    "actions"
-                )
+                unseen = done - len(self.run)
+                self._say(f"begun and not looked at, so counted as done: {unseen} of the actions")
             robot.on_operation, robot.on_look = self._operation, self._looked
             search |= {"stop": left, "first": plan, "replan": plan is None and not blind}
             try:

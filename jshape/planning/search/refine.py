@@ -12,7 +12,7 @@ import optax
 
 from jshape._typing import Array
 from jshape.planning.evaluate import Candidates
-from jshape.planning.search import greedy
+from jshape.planning.search import careful
 from jshape.planning.search.base import (
     SearchProblem,
     SearchResult,
@@ -46,8 +46,8 @@ LEAST = 0.001
 
 
 def search(problem: SearchProblem) -> SearchResult:
-    """What greedy finds, or what was to begin with and greedy after it, refined; never worse."""
-    return pruned(problem, refined(problem, greedy.searched_on(problem)))
+    """What `careful` finds, or what was to begin with and greedy after it, refined; never worse."""
+    return pruned(problem, refined(problem, careful.search(problem)))
 
 
 def refined(problem: SearchProblem, result: SearchResult) -> SearchResult:

@@ -1,0 +1,32 @@
+"""Greedy that digs nothing too deep as long as it has actions left: no press brings material back.
+
+What lies below the goal counts four times as much as what lies above it.  So a bowl or a letter is
+dug with gentler and smaller strokes that keep within it, and what they leave is taken after that.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jshape.planning.search import greedy
+from jshape.planning.search.base import SearchProblem, SearchResult, Status, ended
+
+PRICE = 0.6
+"""Of what is dug, in units of d: above the goal 1 - 0.6 of it counts, below it 1 + 0.6.  Of six
+letters dug in 100 actions are left, %: 41 at 0, 35 at 0.3, 33 at 0.6, 42 at 0.9."""
+
+
+def search(problem: SearchProblem) -> SearchResult:
+    """What greedy finds; where that needs fewer actions than allowed, at a price if that is better.
+
+    The price buys gentler actions: of few it makes less of them, and greedy keeps what it found.
+    """
+    state = problem.state
+    usual = np.float32(0.0) if state.price is None else np.float32(state.price)
+    problem = replace(problem, state=replace(state, price=usual))  # with either, one is compiled
+    found = greedy.searched_on(problem)
+    if int(found.status) == Status.NO_IMPROVEMENT and abs(usual) < PRICE:
+        dear = replace(state, price=np.float32(state.lower * PRICE))
+        other = greedy.search(replace(problem, state=dear))
+        found = min(found, other, key=lambda result: float(result.distance))
+    return ended(problem, found, None)

@@ -244,8 +244,8 @@ def _goes_on(session, bank, robot):
     assert "resumed" in _events(again)
 
 
-def test_two_actions_in_a_row_that_do_not_help_end_the_run(session, bank, molded):
-    """An arm that digs where nothing is wanted; once is bad luck, twice is a reason to stop."""
+def test_three_looks_in_a_row_that_show_nothing_new_end_the_run(session, bank, molded):
+    """An arm that digs where nothing is wanted; once or twice is bad luck, three times a reason to stop."""
     with robot_of(bank, molded[0]) as robot:
         wanted = robot.arm.move
 
@@ -257,7 +257,7 @@ def test_two_actions_in_a_row_that_do_not_help_end_the_run(session, bank, molded
 
         robot.arm.move = elsewhere
         summary = mold(session, robot, bank)
-    assert summary["stop"] == "WORSE" and len(summary["steps"]) == 2
+    assert summary["stop"] == "WORSE" and len(summary["steps"]) == 3
     obtained = [step["obtained_mm"] for step in summary["steps"]]
     assert summary["before_mm"] < obtained[0] < obtained[1]
 

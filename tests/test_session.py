@@ -245,7 +245,7 @@ def _goes_on(session, bank, robot):
 
 
 def test_three_looks_in_a_row_that_show_nothing_new_end_the_run(session, bank, molded):
-    """An arm that digs where nothing is wanted; once or twice is bad luck, three times a reason to stop."""
+    """An arm that digs where nothing is wanted: twice is bad luck, three times a reason to stop."""
     with robot_of(bank, molded[0]) as robot:
         wanted = robot.arm.move
 

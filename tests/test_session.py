@@ -725,3 +725,18 @@ def test_what_an_action_touched_may_change(rng):
     check_still(before, after, touched)
     with pytest.raises(BedMoved, match="1.5 mm"):
         check_still(before, after + 0.0015, touched)
+
+
+def test_a_batch_is_kept_action_by_action(session, bank, molded):
+    """Steps have their own operations and frames, and every action of a batch is asked about."""
+    asked = []
+    with robot_of(bank, molded[0]) as robot:
+        summary = mold(session, robot, bank, batch=3, confirm=lambda ahead: not asked.append(ahead))
+    steps, acted = summary["steps"], robot.arm.acted
+    assert [step["action"] for step in steps] == [name for name, *_ in acted]
+    assert len(asked) == len(steps) > _events(session).count("looked") > 1
+    for step in steps:
+        assert [one["operation"] for one in step["operations"]] == list(NAMES)
+    run = runs.Run.open(session.run.folder)
+    frames = [run.depth(k) for k in range(len(run))]
+    assert all((one != other).any() for one, other in zip(frames, frames[1:], strict=False))

@@ -1,6 +1,6 @@
 """A hundred actions: a relief of six letters and measured sand, looking again after batches.
 
-    python -m benchmarks.many [--steps 100] [--batches 1 4 8] [--planner NAME] [--data DIR]
+    python -m benchmarks.many [--steps 100] [--batches 1 4 8] [--planner NAME] [--freely]
 
 What is left is of the beds themselves, without the camera's noise.  Seconds are of planning: the
 loop's time without the world's, compiling included.
@@ -78,13 +78,13 @@ class Timed:
 
 
 def attempt(
-    problem: Problem, bank: Bank, batch: int, steps: int, planner: str
+    problem: Problem, bank: Bank, batch: int, steps: int, planner: str, free: dict
 ) -> tuple[tuple[str, ...], Molding, float]:
     """A row of the table, what was done, and what it left, %."""
     key = jax.random.key(0)
     world = SimulatedWorld(key, problem.bed, material=problem.material, camera=problem.camera)
     timed, began = Timed(world), time.monotonic()
-    options = jshape.options(max_steps=steps, planner=planner)
+    options = jshape.options(max_steps=steps, planner=planner, **free)
     run = mold(
         timed,
         problem.goal,
@@ -108,17 +108,19 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=100)
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 4, 8])
     parser.add_argument("--planner", default="careful", choices=PLANNERS)
+    parser.add_argument("--freely", action="store_true", help="actions may gain as little as 1 um")
     parser.add_argument("--data", type=Path, help="measured sand")
     parser.add_argument("--out", type=Path, help="folder for pictures")
     options = parser.parse_args(words)
     bank, rows = jshape.load_bank(options.bank), []
+    free = {"min_gain_mm": 0.001, "error_margin": 0.0} if options.freely else {}
     problems = [shape_problem(letters(), jax.random.key(1))]
     if options.data:
         problems += [p for p in shape_problems(0, 6, options.data) if p.name.startswith("sand")][:1]
     for problem in problems:
         runs = {}
         for batch in options.batches:
-            row, run, left = attempt(problem, bank, batch, options.steps, options.planner)
+            row, run, left = attempt(problem, bank, batch, options.steps, options.planner, free)
             rows.append(row)
             say("  ".join(row))
             runs[f"{batch} a look"] = run, left

@@ -95,9 +95,12 @@ def picture(name: str, runs: dict[str, tuple[Molding, float]]) -> Figure:
                 least, most, colours = -8, 8, "coolwarm"
             drawn = ax.imshow(heights, cmap=colours, vmin=least, vmax=most, interpolation="nearest")
             mark_unseen(ax, np.isfinite(heights))
-            in_mm(ax, camera)
+            if camera.orthographic:
+                in_mm(ax, camera)
+                ax.tick_params(labelsize=7)
+            else:
+                ax.set(xticks=[], yticks=[])
             ax.set(title=title, xlabel="", ylabel="")
-            ax.tick_params(labelsize=7)
             if title in columns[2:]:
                 figure.colorbar(drawn, ax=ax, shrink=0.8, label="mm", extend="both")
         row[0].set_ylabel(f"{view}: {left:.0f} % left")

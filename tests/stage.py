@@ -106,7 +106,9 @@ def robot_of(bank, image, fails=lambda operation: None):
 
 def mold(session, robot, bank, **options):
     """Mold at the places where the goal was made."""
-    own = {name: options.pop(name) for name in ("plan", "confirm", "draw", "batch") if name in options}
+    own = {
+        name: options.pop(name) for name in ("plan", "confirm", "draw", "batch") if name in options
+    }
     usual = {"positions": PLACES, "min_gain_mm": mm(2e-5), "tolerance_mm": mm(4e-4), "max_steps": 6}
     return session.mold(robot, bank, **own, **paper(**usual | options))
 

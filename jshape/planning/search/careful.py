@@ -1,4 +1,4 @@
-"""Greedy that digs nothing too deep as long as it has actions left: no press brings material back.
+"""Greedy that at first digs nothing too deep: no press brings material back.
 
 What lies below the goal counts four times as much as what lies above it.  So a bowl or a letter is
 dug with gentler and smaller strokes that keep within it, and what they leave is taken after that.
@@ -17,15 +17,15 @@ letters dug in 100 actions are left, %: 41 at 0, 35 at 0.3, 33 at 0.6, 42 at 0.9
 
 
 def search(problem: SearchProblem) -> SearchResult:
-    """What greedy finds; where that needs fewer actions than allowed, at a price if that is better.
+    """The better of what greedy finds and what it finds at a price.
 
-    The price buys gentler actions: of few it makes less of them, and greedy keeps what it found.
+    The price buys gentler actions, of which more are needed: of few, greedy makes more without.
     """
     state = problem.state
     usual = np.float32(0.0) if state.price is None else np.float32(state.price)
     problem = replace(problem, state=replace(state, price=usual))  # with either, one is compiled
     found = greedy.searched_on(problem)
-    if int(found.status) == Status.NO_IMPROVEMENT and abs(usual) < PRICE:
+    if int(found.status) in (Status.NO_IMPROVEMENT, Status.MAX_STEPS) and abs(usual) < PRICE:
         dear = replace(state, price=np.float32(state.lower * PRICE))
         other = greedy.search(replace(problem, state=dear))
         found = min(found, other, key=lambda result: float(result.distance))

@@ -190,3 +190,11 @@ def test_plans_and_batches_agree_on_what_is_left(problem):
     np.testing.assert_allclose(found.distances[-1], made.distances[-1], atol=1e-6)
     exact = rollout(image, goal, list(found), bank=bank)
     np.testing.assert_allclose(found.distances, exact.distances, atol=1e-5)
+
+
+def test_a_batch_keeps_to_the_actions_that_are_left(problem):
+    bank, start, goal = problem
+    first = rollout(np.full_like(goal, np.median(goal)), goal, ["press"] * 4, FAR, bank=bank)
+    world = Recorded(jax.random.key(0), start)
+    run = mold(world, goal, bank, first=first, batch=3, **options(max_steps=2))
+    assert run.stop is Stop.MAX_STEPS and world.said == "laal" and len(run.steps) == 2

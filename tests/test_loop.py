@@ -12,7 +12,7 @@ from jshape.data.view import image_of_depth
 from jshape.errors import BadCamera, BadImage, MissingDepth, UnknownName
 from jshape.planning.api import rollout
 from jshape.planning.maps import bank_for
-from jshape.robot.loop import Stop, World, mold
+from jshape.robot.loop import PATIENCE, Stop, World, mold
 from jshape.robot.simulated import SimulatedWorld
 from tests.conftest import mm, paper
 from tests.seen_beds import bed as bed_map
@@ -97,7 +97,7 @@ def test_looking_again_corrects_a_weak_hand(bank, molded):
 def test_the_loop_stops_when_an_action_makes_it_worse(bank, molded):
     now, goal, _ = molded
     result = mold(Obedient(bank, now, -1.0), goal, bank, **paper(positions=PLACES))
-    assert result.stop is Stop.WORSE and len(result.steps) == 1
+    assert result.stop is Stop.WORSE and len(result.steps) == PATIENCE
     assert result.steps[0].obtained_mm > result.steps[0].before_mm
 
 
@@ -160,7 +160,7 @@ def test_what_is_taken_out_is_brought_before_anything_is_judged_or_planned(bank,
     made = plan(now, goal, bank=bank, **paper(positions=PLACES, min_gain_mm=mm(2e-5)))
     strokes = np.zeros((3, 2), np.float32)
     strokes[0] = made.exact_positions[1] - made.exact_positions[0]
-    how = paper(positions=PLACES, min_gain_mm=mm(1e-5))
+    how = paper(positions=PLACES, min_gain_mm=mm(1e-5)) | {"patience": 1}
     asked = []
 
     def molded_with(first):

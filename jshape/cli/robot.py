@@ -189,7 +189,7 @@ def may_move(robot: Robot, options: Runs) -> None:
         raise JShapeError("the arm must be out of the camera's view before the first look")
 
 
-AGAIN = ("bank", "arm", "camera", "camera_file", "base", "gripper", "hand", "material")
+AGAIN = ("bank", "arm", "camera", "camera_file", "base", "gripper", "hand", "material", "batch")
 """Options that a run which goes on takes as it was begun."""
 YES, ALL = ("y", "yes"), ("a", "all")
 """What people answer."""

@@ -83,7 +83,7 @@ class Searches(Tries, StopCriteria, SearchBudget):
 Pixel = Annotated[int, Range(-(2**31), 2**31 - 1)]
 FIELDS = tuple(one.name for kind in GROUPS.values() for one in fields(kind))
 """Of the records."""
-KEPT = ("planner", *FIELDS)
+KEPT = ("planner", "batch", *FIELDS)
 """Options that a resumed run keeps."""
 
 

@@ -36,22 +36,21 @@ def batched(plan: Plan, most: int, *, reorder: bool = True) -> tuple[Plan, int]:
         return plan, min(most, len(plan))
     first = first_pixels(plan.positions, plan.rois)
     last = first + plan.rois
-    meets = (first[:, None] < last).all(-1) & (first < last[:, None]).all(-1)
+    meets: np.ndarray = np.all((first[:, None] < last) & (first < last[:, None]), axis=-1)
     chosen: list[int] = []
-    passed: list[int] = []
+    waiting: list[int] = []
     k = 0
     while k < len(plan) and len(chosen) < most:
-        both = [k, k + 1] if plan[k].carries else [k]
-        k += len(both)
-        apart = (
-            not meets[np.ix_(both, chosen + passed)].any() and not meets[both[0], both[1:]].any()
-        )
-        if apart and len(chosen) + len(both) <= most:
-            chosen += both
+        unit = [k, k + 1] if plan[k].carries else [k]  # a carry is done whole
+        k += len(unit)
+        others = chosen + waiting
+        apart = not (meets[np.ix_(unit, others)].any() or len(unit) > 1 and meets[k - 2, k - 1])
+        if apart and len(chosen) + len(unit) <= most:
+            chosen += unit
         elif not reorder:
             break
         else:
-            passed += both
+            waiting += unit
     if not chosen:  # a carry whose two places meet
         return plan, 1
     return _reordered(plan, chosen + sorted(set(range(len(plan))) - set(chosen))), len(chosen)
@@ -62,11 +61,12 @@ def _reordered(plan: Plan, order: list[int]) -> Plan:
         return plan
     first_image, goal = plan.images[0], np.asarray(plan.goal)
     rows = {name: getattr(plan, name)[order] for name in ROWS}
-    names, patches = ([of[k] for k in order] for of in (plan.actions, plan.patches))
+    names = tuple(plan.actions[k] for k in order)
+    patches = tuple(plan.patches[k] for k in order)
     firsts = first_pixels(rows["positions"], rows["rois"])
-    images = successive(first_image, tuple(patches), firsts)
+    images = successive(first_image, patches, firsts)
     d = np.array([metric.distance(image, goal, plan.seen) for image in images])
-    return replace(plan, actions=tuple(names), patches=tuple(patches), distances=d, **rows)
+    return replace(plan, actions=names, patches=patches, distances=d, **rows)
 
 
 def nearest(batch: Sequence[PlacedAction], shape: tuple[int, int]) -> Int[np.ndarray, "H W"]:

@@ -58,7 +58,7 @@ class Stop(StrEnum):
     CONVERGED = "the distance is within the tolerance"
     NO_IMPROVEMENT = "no action is predicted to gain enough (--min-gain-mm, --error-margin)"
     MAX_STEPS = "as many actions as allowed"
-    WORSE = "the last looks, or the last one, showed no lower distance than before"
+    WORSE = "several looks in a row showed no lower distance than all before"
     BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"
     PLAN_ENDED = "the plan is at its end, and it was not to be made anew"
     DECLINED = "the next action was declined"
@@ -71,7 +71,7 @@ class Step(PlacedAction):
     before_mm: float
     """Distance to the goal before."""
     predicted_mm: float
-    """Distance predicted after this action."""
+    """Distance predicted after this action: within a batch from what was measured before it."""
     obtained_mm: float
     """Distance measured after it."""
 
@@ -143,10 +143,10 @@ def mold(
     """Mold the world towards a goal, looking again after every action or batch of them.
 
     The first plan is for all actions; those after a look are for the ones that are left, at most
-    `horizon`, and `refine` and `improve` begin with what is left of the plan before.  Greedy, whose
-    first action does not depend on the later ones, then plans only that; for a batch, twice as many
-    as it holds.  A look after a batch tells what each of its actions did, since their ROIs do not
-    meet: images, depths and steps are by action, as if it had been looked at after each.
+    `horizon`, and all planners but greedy begin with what is left of the plan before.  Greedy,
+    whose first action does not depend on the later ones, then plans only that; for a batch, twice
+    as many as it holds.  A look after a batch tells what each of its actions did, since their ROIs
+    do not meet: images, depths and steps are by action, as if it had been looked at after each.
 
     Args:
       world: to look at and act in; its camera is the bank's.
@@ -225,7 +225,8 @@ def mold(
         if len(ahead) == 0:
             run.stop = Stop[ahead.status.name] if replan or not run.steps else Stop.PLAN_ENDED
             return run
-        ahead, count = batched(ahead, batch, reorder=replan)
+        left = stop.max_steps - len(run.steps) if replan else len(ahead)
+        ahead, count = batched(ahead, max(min(batch, left), 1), reorder=replan)
         doing: list[PlacedAction] = []
         for k in range(count):
             if confirm is not None and not confirm(ahead.rest(k)):
@@ -237,15 +238,16 @@ def mold(
             run.stop = Stop.DECLINED
             return run
         before, now = now, look()
-        predicted = ahead.distances_mm[1:].tolist()
-        for after, act, d in zip(before.towards(now, doing), doing, predicted, strict=False):
+        planned = ahead.distances_mm.tolist()
+        for k, (after, act) in enumerate(zip(before.towards(now, doing), doing, strict=True)):
+            predicted = planned[k + 1] + (obtained - planned[k] if k else 0.0)
             run.depths.append(after.depth)
             run.images.append(after.image)
             run.seen.append(after.seen)
             start, obtained = obtained, float(metric.to_mm(after.distance, bank.camera))
             u, v = act.position
             done: dict[str, Any] = vars(act) | {"position": (round(u), round(v))}
-            step = Step(**done, before_mm=start, predicted_mm=d, obtained_mm=obtained)
+            step = Step(**done, before_mm=start, predicted_mm=predicted, obtained_mm=obtained)
             run.steps.append(step)
             if on_step is not None:
                 on_step(step, after.depth)
@@ -272,9 +274,10 @@ def mold(
             ahead = rollout(now.image, now.goal, ahead, bank=bank, seen=now.seen)
         elif replan:
             left = stop.max_steps - len(run.steps)
-            if left == 0:
+            if left <= 0:
                 run.stop = Stop.CONVERGED if now.distance <= tolerance else Stop.MAX_STEPS
                 return run
+            # A carry is two actions, and of twice as many as it holds a batch is mostly filled.
             steps = (2 if moving or batch > 1 else 1) * batch
             steps = steps if planner == "greedy" else horizon or left
             ahead = plan(
@@ -301,8 +304,11 @@ class _Look(NamedTuple):
         """What would have been seen after each of the actions that lead to another look."""
         by = nearest(doing, self.depth.shape)
         for k in range(1, len(doing)):
-            pairs = zip(self, last, strict=True)
-            yield _Look(*(a if a is None else np.where(by < k, b, a) for a, b in pairs))
+            done, seen = by < k, None
+            if self.seen is not None and last.seen is not None:
+                seen = np.where(done, last.seen, self.seen)
+            depth, image = (np.where(done, b, a) for a, b in zip(self[:2], last[:2], strict=True))
+            yield _Look(depth, image, np.where(done, last.goal, self.goal), seen)
         yield last
 
     @property

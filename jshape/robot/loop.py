@@ -184,7 +184,7 @@ def mold(
     wanted = np.isfinite(goal) if above(bank.camera) else None
     goal = check_image(goal if wanted is None else np.where(wanted, goal, 0), bank.camera, "goal")
     for name, value in (("horizon", horizon), ("batch", batch), ("patience", patience)):
-        if value is None:
+        if value is None and name != "batch":
             continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
             raise JShapeError(f"{name} is {quoted(value)}; it must be a whole number from 1")

@@ -702,7 +702,7 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
         (["plan", "--plannr=refine"], "unknown option --plannr; did you mean --planner?"),
         (
             [*PLAN, "--planner", "refin"],
-            "unknown value of --planner 'refin'; allowed: greedy, improve",
+            "unknown value of --planner 'refin'; allowed: greedy, careful, improve",
         ),
         ([*PLAN, "--planner", "refin"], "did you mean refine?"),
         ([*PLAN, "--out-of-bounds", "shfit"], "did you mean shift?"),

@@ -152,7 +152,7 @@ BAD = {
     "a list for one": ("max-steps = [1, 2]", "max-steps: '1,2' is not a whole number"),
     "a list of names": ('bank = ["a", "b"]', "bank: ['a', 'b'] is not text"),
     "no list": ("[plan]\nmax-uses = 'knock=2'", "[plan] max-uses: 'knock=2' is not a list"),
-    "no choice": ('planner = "gredy"', "unknown value 'gredy'; allowed: greedy, improve, "
+    "no choice": ('planner = "gredy"', "unknown value 'gredy'; allowed: greedy, careful, improve, "
                   "refine; did you mean greedy?"),
     "a table for a value": ("[plan.bank]\nx = 1", "[plan] bank: a table is not text"),
     "2,000 dots": (".".join(["a"] * 2000) + " = 1", "unknown table 'a'"),

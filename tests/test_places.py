@@ -261,7 +261,7 @@ REFUSED = {
     "error_margin=-1": ("JShapeError", "error_margin is -1; it must be a number from 0"),
     "stop=3": ("JShapeError", "stop is a int; it must be StopCriteria"),
     "start='plan.json'": ("JShapeError", "start is a str; it must be a Plan"),
-    "planner='best'": ("UnknownName", "'best'; allowed: greedy, improve"),
+    "planner='best'": ("UnknownName", "'best'; allowed: greedy, careful, improve"),
     "positions='3 x 3'": ("BadPosition", "written COLUMNSxROWS"),
 }
 """Options, and how they are refused."""

@@ -8,10 +8,7 @@ import numpy as np
 from jshape import metric
 from jshape._typing import Int
 from jshape.actions import PlacedAction, first_pixels
-from jshape.planning.plan import Plan, successive
-
-ROWS = "positions", "rois", "strengths", "yaws", "offsets", "lengths", "strokes", "clipped"
-"""Fields of a plan with a row for each action, besides their names and patches."""
+from jshape.planning.plan import ROWS, Plan, successive
 
 
 def batched(plan: Plan, most: int, *, reorder: bool = True) -> tuple[Plan, int]:

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+ROWS = "positions", "rois", "strengths", "yaws", "offsets", "lengths", "strokes", "clipped"
+"""Fields of a plan that are arrays with a row for each action."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """Which actions to apply, where, in which order, and what is predicted to come out.
@@ -169,14 +173,13 @@ class Plan:
 
     def rest(self, done: int) -> "Plan":
         """What is left of the plan after its first `done` actions."""
-        names = "positions", "rois", "strengths", "yaws", "offsets", "lengths", "strokes"
-        names += "clipped", "patches"
         return replace(
             self,
             actions=self.actions[done:],
             distances=self.distances[done:],
             initial=None if self.initial is None else self.images[min(done, len(self))],
-            **{name: getattr(self, name)[done:] for name in names},
+            patches=self.patches[done:],
+            **{name: getattr(self, name)[done:] for name in ROWS},
         )
 
     @property

@@ -266,7 +266,7 @@ def mold(
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
-        if stock is not None:
+        if stock is not None and any(act.action in moving for act in doing):
             moved = zip(doing, ahead.volumes_cm3.tolist(), strict=False)
             stock = max(stock - sum(cm3 for act, cm3 in moved if act.action in moving), 0.0)
         ahead = ahead.rest(count)

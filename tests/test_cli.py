@@ -544,9 +544,9 @@ def test_uses_and_budgets(folder, capsys):
     assert main([*PLAN, "--evaluations", "1", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["status"] == "BUDGET" and len(result["steps"]) <= 1
-    assert main([*PLAN, "--planner", "improve", "--seconds", "2min", "--json"]) == 0
+    assert main([*PLAN, "--planner", "careful", "--seconds", "2min", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["planner"] == "improve" and len(result["steps"]) == 3
+    assert result["planner"] == "careful" and len(result["steps"]) == 3
 
 
 def fields_of(keywords):
@@ -702,7 +702,7 @@ def test_examples_that_need_no_data_run(tmp_path, monkeypatch, capsys):
         (["plan", "--plannr=refine"], "unknown option --plannr; did you mean --planner?"),
         (
             [*PLAN, "--planner", "refin"],
-            "unknown value of --planner 'refin'; allowed: greedy, careful, improve",
+            "unknown value of --planner 'refin'; allowed: greedy, careful, refine",
         ),
         ([*PLAN, "--planner", "refin"], "did you mean refine?"),
         ([*PLAN, "--out-of-bounds", "shfit"], "did you mean shift?"),

@@ -58,7 +58,7 @@ def tab(scripts, tmp_path):
         ("jshape pl", {"plan"}),
         ("jshape ''", set(COMMANDS)),
         ("jshape dataset simulate-", {"simulate-recording"}),
-        ("jshape plan --planner ''", {"careful", "greedy", "improve", "refine"}),
+        ("jshape plan --planner ''", {"careful", "greedy", "refine"}),
         ("jshape plan now.png b.png --bank pressed-f",
          {"pressed-flour-human", "pressed-flour-robot"}),
         ("jshape dataset simulate out --actions kn", {"knock"}),

@@ -57,11 +57,11 @@ MOLD = ("mold", "b.png", "--out", "run")
 def test_keys_reach_every_command_that_has_the_option(asked, capsys):
     write(
         'bank = "my-bank"\ncamera = "realsense"\ncamera-file = "c.json"\narm = "sim:3"\n'
-        'planner = "improve"\nmaterial = "sand"\nmax_missing = 0.3\nstrengths = [0.5, 1]\n'
+        'planner = "careful"\nmaterial = "sand"\nmax_missing = 0.3\nstrengths = [0.5, 1]\n'
         'window = "1,2,30x40"\ndepth-range = [0.4, 0.5]\nfill-holes = true\n'
     )
     plan = asked(*PLAN)
-    assert (plan.bank, plan.planner, plan.max_missing) == ("my-bank", "improve", 0.3)
+    assert (plan.bank, plan.planner, plan.max_missing) == ("my-bank", "careful", 0.3)
     assert plan.strengths == [0.5, 1.0]
     assert plan.camera_file == "c.json", "the camera is a device, and a plan wants its description"
     mold = asked(*MOLD)
@@ -85,8 +85,8 @@ def test_the_unit_of_images_is_not_that_of_a_bag(asked):
 
 
 def test_the_command_line_beats_the_table_and_the_table_the_rest(asked):
-    write('planner = "improve"\nmaterial = "sand"\n[mold]\nplanner = "refine"\nout = "there"\n')
-    assert asked(*PLAN).planner == "improve"
+    write('planner = "careful"\nmaterial = "sand"\n[mold]\nplanner = "refine"\nout = "there"\n')
+    assert asked(*PLAN).planner == "careful"
     assert asked(*PLAN, "--planner", "greedy").planner == "greedy"
     assert asked(*MOLD).planner == "refine" and asked(*MOLD).material == "sand"
     assert str(asked("mold", "b.png").out) == "there", "what is required may stand in the file"
@@ -152,7 +152,7 @@ BAD = {
     "a list for one": ("max-steps = [1, 2]", "max-steps: '1,2' is not a whole number"),
     "a list of names": ('bank = ["a", "b"]', "bank: ['a', 'b'] is not text"),
     "no list": ("[plan]\nmax-uses = 'knock=2'", "[plan] max-uses: 'knock=2' is not a list"),
-    "no choice": ('planner = "gredy"', "unknown value 'gredy'; allowed: greedy, careful, improve, "
+    "no choice": ('planner = "gredy"', "unknown value 'gredy'; allowed: greedy, careful, "
                   "refine; did you mean greedy?"),
     "a table for a value": ("[plan.bank]\nx = 1", "[plan] bank: a table is not text"),
     "2,000 dots": (".".join(["a"] * 2000) + " = 1", "unknown table 'a'"),

@@ -102,9 +102,9 @@ def test_the_papers_search_is_one_preset(bank, depths):
 
 
 def test_options_are_fields_of_the_records():
-    found = jshape.options(max_steps=3, stride=9, reachable=None, planner="improve")
+    found = jshape.options(max_steps=3, stride=9, reachable=None, planner="careful")
     assert found["stop"] == jshape.StopCriteria(max_steps=3)
-    assert found["space"] == jshape.SearchSpace(stride=9) and found["planner"] == "improve"
+    assert found["space"] == jshape.SearchSpace(stride=9) and found["planner"] == "careful"
     names = [one.name for kind in GROUPS.values() for one in fields(kind)]
     assert len(set(names)) == len(names), "a field says what it is without its record"
 
@@ -118,7 +118,7 @@ def test_options_are_fields_of_the_records():
             lambda: jshape.plan(0, 0, max_steps=3),
             r"field of stop: stop=StopCriteria\(max_steps=...\)",
         ),
-        (lambda: jshape.plan_depth(0, 0, plannner="improve"), "did you mean planner?"),
+        (lambda: jshape.plan_depth(0, 0, plannner="careful"), "did you mean planner?"),
         (lambda: jshape.plan_depth(0, 0, window=(0, 0, 9, 9)), r"'window'; .*NaN beyond it"),
         (lambda: jshape.plan_depth(0, 0, xyz=1), "'xyz'; allowed: z0, zstar, camera"),
     ],

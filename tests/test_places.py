@@ -214,7 +214,7 @@ def test_an_earlier_plan_is_begun_with(bank, images):
     assert again.distances[-1] <= first.distances[-1] * (1 + 1e-5)
     rest = plan(first.images[2], images[1], start=first.rest(2), **options)
     assert rest.distances[-1] <= first.distances[-1] * (1 + 1e-4)
-    other = plan(*images, start=first, bank=bank, **paper(planner="improve", positions="3x3"))
+    other = plan(*images, start=first, bank=bank, **paper(planner="careful", positions="3x3"))
     assert set(other.strengths.tolist()) <= {1.0}  # none but what this plan may use
 
 
@@ -261,7 +261,7 @@ REFUSED = {
     "error_margin=-1": ("JShapeError", "error_margin is -1; it must be a number from 0"),
     "stop=3": ("JShapeError", "stop is a int; it must be StopCriteria"),
     "start='plan.json'": ("JShapeError", "start is a str; it must be a Plan"),
-    "planner='best'": ("UnknownName", "'best'; allowed: greedy, careful, improve"),
+    "planner='best'": ("UnknownName", "'best'; allowed: greedy, careful, refine"),
     "positions='3 x 3'": ("BadPosition", "written COLUMNSxROWS"),
 }
 """Options, and how they are refused."""

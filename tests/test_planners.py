@@ -291,7 +291,7 @@ def test_a_search_ends_when_it_is_near_enough(planner):
     assert int(found.steps) < int(search("greedy", problem).steps)
 
 
-@pytest.mark.parametrize("name", ["careful", "improve", "refine"])
+@pytest.mark.parametrize("name", ["careful", "refine"])
 def test_a_known_sequence_is_begun_with(name):
     problem, own = made_problem(4)
     found = search(name, replace(problem, start=own))
@@ -315,34 +315,26 @@ def test_what_others_made_superfluous_is_taken_out():
     np.testing.assert_allclose(numbers_of(left), numbers_of(own), atol=1e-6)
 
 
-@pytest.mark.full
-def test_what_is_known_of_another_map_is_used_where_they_are_equal():
+def test_a_search_that_goes_on_knows_what_was_used():
     problem, own = made_problem(4)
     state, candidates = problem.state, problem.candidates
-    cache, _ = refresh(state, state.now, candidates, empty_cache(candidates))
     one, now, _ = measured(state, sequence(state, [(0, own.node[0], 1.0)]))
-    progress = resume(state, candidates, one, now, cache, state.now)
-    true = sweep(replace(state, now=now), candidates)
-    for number, change in enumerate(true):
-        stale = candidates.of_move(number, progress.cache.stale)
-        assert 0 < int(stale.sum()) < len(stale)
-        known = candidates.of_move(number, progress.cache.changes)[:, : len(STRENGTHS)]
-        np.testing.assert_allclose(known[~stale], np.asarray(change)[~stale], atol=1e-7)
-        assert np.abs(known - change)[stale].max() > 1e-5
+    progress = resume(state, candidates, one, now)
     assert progress.used.tolist() == [1, 0, 0] and int(progress.result.status) == -1
+    np.testing.assert_array_equal(progress.cache.stale, candidates.valid)
 
 
 @pytest.mark.full
 def test_what_is_missing_is_put_in():
     problem, own = made_problem(4)
     fewer = measured(problem.state, without(own, 4))[0]
-    found = search("improve", replace(problem, start=fewer))
+    found = search("careful", replace(problem, start=fewer))
     check(problem, found)
     assert int(found.steps) == 5
     assert float(found.distance) < 0.8 * float(fewer.distance)
 
 
-@pytest.mark.parametrize("name", ["careful", "improve", "refine"])
+@pytest.mark.parametrize("name", ["careful", "refine"])
 @pytest.mark.parametrize("spoil", ["reach", "strength", "steps"])
 def test_of_a_known_sequence_what_is_not_allowed_is_left_out(name, spoil):
     problem, given = made_problem(4)

@@ -232,11 +232,11 @@ def test_a_search_that_is_cancelled_leaves_the_editor_and_its_waiter_free(editor
 
 def test_what_moves_is_asked_of_banks_that_move(editor):
     """Lengths, carries and stock go with the other options, for plans and runs alike."""
-    editor.planner, editor.max_steps = "improve", 7
+    editor.planner, editor.max_steps = "careful", 7
     editor.lengths, editor.stock_cm3 = (0.5, 1.0), 300.0
     assert not editor.has_paths and not editor.can_carry
     assert editor.keywords["constraints"].stock_cm3 is None  # f_D of presses would refuse one
-    assert editor.keywords["planner"] == "improve" and editor.keywords["stop"].max_steps == 7
+    assert editor.keywords["planner"] == "careful" and editor.keywords["stop"].max_steps == 7
     editor.use_bank("moving-flour-robot")
     assert editor.has_paths and editor.can_carry
     space, stock = editor.keywords["space"], editor.keywords["constraints"].stock_cm3

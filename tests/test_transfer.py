@@ -113,7 +113,7 @@ def test_without_pairs_its_actions_are_single_ones(bank):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("planner", ["improve", "refine"])
+@pytest.mark.parametrize("planner", ["careful", "refine"])
 def test_other_planners_keep_carries_whole(bank, planner):
     """What greedy's tables miss by a node or two is found, and nothing is lost or made."""
     now = np.full(CAMERA.shape, 0.5, np.float32)

@@ -45,7 +45,6 @@ METHODS: dict[str, Method] = {
     "random": FLOOR | {"planner": "random"},
     "surplus": FLOOR | {"planner": "surplus"},
     "refine": SEARCH | {"planner": "refine"},
-    "improve": SEARCH | {"planner": "improve"},
 }
 """From the paper's planner to ours, the floors (a plan has to be worth more than those), and the
 searches beyond greedy."""

@@ -75,7 +75,7 @@ def plan(
       constraints: what is allowed; `max_missing` is for `plan_depth`.
       stop: when the sequence ends.
       budget: what the search may spend.
-      start: an earlier plan for about the same images, which `refine` and `improve` begin with
+      start: an earlier plan for about the same images, which `careful` and `refine` begin with
         instead of a search of greedy's own.
       execution: chunks and devices to evaluate candidates with; changes no result.
 

@@ -5,12 +5,11 @@
 A new planner is one file beside `greedy.py` and one row here.
 """
 
-from jshape.planning.search import careful, greedy, improve, refine
+from jshape.planning.search import careful, greedy, refine
 
 PLANNERS = {
     "greedy": greedy.search,
     "careful": careful.search,
-    "improve": improve.search,
     "refine": refine.search,
 }
 """By name."""

@@ -15,7 +15,6 @@ from jshape.planning.devices import cores
 from jshape.planning.evaluate import (
     MANY,
     ONE_BY_ONE,
-    CandidateCache,
     Candidates,
     Execution,
     Work,
@@ -63,8 +62,7 @@ def searched_on(problem: SearchProblem) -> SearchResult:
     start, now, _ = budget.call(measured, state, pruned(problem, start))
     if int(start.steps) >= problem.max_steps:
         return ended(problem, start, Status.MAX_STEPS)
-    given = state, candidates, start, now, empty_cache(candidates), state.now
-    found = _priced(problem, budget.call(resume, *given))
+    found = _priced(problem, budget.call(resume, state, candidates, start, now))
     return budget.call(measured, state, found)[0]
 
 
@@ -80,14 +78,6 @@ def _priced(problem: SearchProblem, progress: SearchProgress) -> SearchResult:
         progress = replace(progress, cache=cache, local=no_local(state), result=again)
         progress = _searched(problem.unpriced, progress)
     return progress.result
-
-
-def continued(
-    problem: SearchProblem, result: SearchResult, now: Array, cache: CandidateCache, seen: Array
-) -> SearchProgress:
-    """Greedy after a sequence that leads to the map `now`; the cache knows the map `seen`."""
-    given = problem.state, problem.candidates, result, now, cache, seen
-    return _searched(problem, problem.budget.call(resume, *given))
 
 
 def _searched(problem: SearchProblem, progress: SearchProgress) -> SearchProgress:

@@ -62,30 +62,15 @@ def begin(state: SearchState, candidates: Candidates, max_steps: int) -> SearchP
 
 @compiled
 def resume(
-    state: SearchState,
-    candidates: Candidates,
-    result: SearchResult,
-    now: Array,
-    cache: CandidateCache,
-    seen: Array,
+    state: SearchState, candidates: Candidates, result: SearchResult, now: Array
 ) -> SearchProgress:
-    """After a sequence that leads to the map `now`.
-
-    What the cache knows, of the map `seen`, is stale where they differ.
-    """
-    apart = jnp.abs(now - seen) > 0
-    rows, columns = apart.any(1), apart.any(0)
-    first = jnp.array([jnp.argmax(rows), jnp.argmax(columns)], jnp.int32)
-    ends = jnp.array([jnp.argmax(rows[::-1]), jnp.argmax(columns[::-1])], jnp.int32)
-    last = jnp.array(apart.shape, jnp.int32) - ends
-    shape = jnp.where(apart.any(), last - first, 0)
-    cache = touch(cache, candidates, state, first, shape)
+    """After a sequence that leads to the map `now`."""
     used = jnp.zeros(1 + max(state.actions, default=0), jnp.int32)
     taken = (result.move >= 0).astype(jnp.int32)
     used = used.at[jnp.asarray(state.actions)[result.move]].add(taken)
     result = replace(result, status=jnp.int32(-1), evaluations=jnp.int32(0))
     none = jnp.zeros((), jnp.float32)
-    return SearchProgress(now, cache, used, result, no_local(state), none)
+    return SearchProgress(now, empty_cache(candidates), used, result, no_local(state), none)
 
 
 @jax.tree_util.register_dataclass

@@ -10,13 +10,16 @@ import jax
 import numpy as np
 import pytest
 
+import jshape
 from benchmarks.experiments import baselines, measures, planning, results
 from benchmarks.experiments import methods as methods
 from benchmarks.experiments.__main__ import main
+from benchmarks.experiments.measures import limit_of
 from benchmarks.experiments.planning import Case, Settings, run_planning
 from benchmarks.experiments.problems import Applied, Problem
 from jshape import PAPER_BOX, JShapeError, metric, plan, sim
 from jshape.errors import BadBank, BadDataset, BadFile, UnknownName
+from jshape.models.difference import Difference
 from jshape.planning.evaluate import candidates_at
 from jshape.planning.plan import Plan
 from jshape.planning.search import PLANNERS
@@ -39,7 +42,18 @@ def small():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(methods, "METHODS", SMALL)
         patch.setattr(planning, "draw", lru_cache(planning.draw))
+        patch.setattr(measures, "limit_of", cheap_limit)
         yield
+
+
+def cheap_limit(problem, bank, method, max_steps):
+    """In place of one that takes seconds; of the same problem another one with another bank."""
+    LIMITED.append((problem.name, method["bank"], max_steps))
+    return 0.25 if problem.kind == "applied" else 0.0
+
+
+LIMITED = []
+"""What limits were asked of."""
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +111,10 @@ def test_the_report_has_a_table_per_kind_and_all_figures(finished):
                 if all(run[f] == row[f] for f in ("kind", "method", "loop"))]  # fmt: skip
         assert row["left"] == pytest.approx(np.mean([d[-1] / d[0] for d in mine]))
         assert row["left_low"] <= row["left"] <= row["left_high"]
+        limit = 0.25 if row["kind"] == "applied" else 0.0
+        covered = [(1 - d[-1] / d[0]) / (1 - limit) for d in mine]
+        assert row["efficiency"] == pytest.approx(np.mean(covered)) and row["limit"] == limit
+    assert "\n0 of 16 runs ended below their limit" in (out / "report.md").read_text()
     text = (out / "report.md").read_text()
     assert text.count("| tiny | open | 2 |") == 2 and "letter, %" in text and "retrieved, %" in text
     for name in results.FIGURES:
@@ -124,8 +142,10 @@ def test_a_benchmark_that_was_killed_goes_on(finished, tmp_path, monkeypatch):
     real = planning.attempt
     monkeypatch.setattr(planning, "attempt", lambda *a: (made.append(a[1]), real(*a))[1])
     monkeypatch.setattr(results, "conclude", lambda run, *a: (written.append(run), {})[1])
+    LIMITED.clear()
     run_planning(again, SETTINGS, say=lambda line: None)
     assert len(made) == LINES - 5 and len(written) == 2  # also after the first method
+    assert LIMITED == [("bowl", "flour-robot", 2)]  # the others were there, and are both methods'
     resumed = measures.summarise(lines(again))
     for before, now in zip(measures.summarise(lines(out)), resumed, strict=True):
         for name in ("kind", "method", "loop", "problems", "actions", "retrieved", "evaluations"):
@@ -224,6 +244,39 @@ def test_an_action_is_retrieved_once_within_10_mm():
     assert measured(("poke", 206, 200), of=near) == (0.5, False)
     assert measured(("poke", 206, 200), ("poke", 197, 200), of=near) == (1.0, True)
     assert measured(("poke", 206, 200), ("poke", 220, 200), of=near) == (1.0, True)
+
+
+def test_a_run_is_held_against_what_no_plan_can_go_below():
+    step = {"action": "poke", "strength": 4.0}
+    run = {"true_mm": [1.0, 0.3, 0.2], "steps": [step, step], "plan": [], "predicted_mm": [],
+           "method": "tiny", "loop": "open", "problem": "bowl"}  # fmt: skip
+    bank = jshape.load_bank("pressed-flour-robot")
+    error = float(metric.to_mm(bank.error_of_d()[bank.actions.index("poke")], bank.camera))
+    assert measures.error_mm(run, bank) == pytest.approx(2 * 2 * error) and error > 0
+    below = [run | {"limit": limit, "error_mm": 0.1} for limit in (0.29, 0.31)]
+    assert [measures.is_below_limit(one) for one in below] == [False, True]
+    text = measures.limits_kept([*below, run])  # of what was made before there were limits
+    assert text.startswith("1 of 2 runs ended below") and text.endswith(": tiny, open, bowl")
+    planned = run | {"true_mm": [], "plan": [step], "predicted_mm": [1.0, 0.2], "limit": 0.5}
+    assert measures.error_mm(planned, bank) == pytest.approx(2 * error)
+    assert measures.is_below_limit(planned | {"error_mm": 0.2})
+
+
+def test_a_limit_is_that_of_what_a_method_may_use():
+    camera = jshape.Camera(48, 40, 60.0, 60.0, 24.0, 20.0, 0.42, 0.47)
+    bank = jshape.Bank(camera, (Difference(jax.numpy.ones((7, 7)) / 8),), ("poke",))
+    now = np.full(camera.shape, 0.5, np.float32)
+    goal = now.copy()
+    for v, u in ((8, 8), (8, 38), (30, 8), (30, 38)):
+        goal[v - 3 : v + 4, u - 3 : u + 4] += 1 / 8
+    problem = Problem("four", "applied", None, now, goal, camera=camera)
+    method = {"bank": "mine", "stride": 3, "planner": "greedy", "stock_cm3": 1.0}
+    assert measures.tried(method) == {"bank": "mine", "stock_cm3": 1.0}
+    found = [limit_of(problem, bank, {"bank": "mine"}, most) for most in (1, 3)]
+    expected = [jshape.limit(now, goal, bank=bank, max_steps=most).left for most in (1, 3)]
+    assert found == expected and found[0] >= 0.74 > found[1] > 0.24
+    with pytest.raises(UnknownName, match="knok"):
+        limit_of(problem, bank, {"bank": "mine", "yaws": {"knok": 6}}, 1)
 
 
 def test_families_and_intervals():
@@ -328,7 +381,9 @@ def test_distances_are_of_the_bed_and_not_of_the_look():
     image = np.asarray(metric.weigh(
         PAPER_BOX.luminance(sim.render(bed, PAPER_BOX), quantize=False), PAPER_BOX
     ))  # fmt: skip
-    problem = Problem("flat", "shape", bed, image, image, truth=image)
+    problem = Problem("flat", "shape", bed, image + 1, image + 2, truth=image)  # as if by noise
+    for one in problem.ends:
+        np.testing.assert_array_equal(one, image)
     world = planning.Watched(planning.SimulatedWorld(jax.random.key(0), bed), problem)
     world.look()
     assert world.true_mm == [0.0] and not world.waits

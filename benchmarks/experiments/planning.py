@@ -4,8 +4,9 @@ Planners see noisy looks; what is left is measured on what is really there.  All
 same problem with the same noise and the same whims of the hand that acts, the robot's.
 """
 
+import json
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -114,6 +115,7 @@ def run_planning(
     say(f"{len(cases)} runs, {len(done)} of them there already")
     used = {name: known[method["bank"]] for name, method in methods.items()}
     last = {case.method: case for case in left}
+    limits = {_limited(step, methods): step["limit"] for step in record.steps if "limit" in step}
 
     def so_far() -> None:
         made = f"{len(record)} of {len(cases)} runs are made"
@@ -127,6 +129,10 @@ def run_planning(
                 if settings.seconds is not None:
                     options |= {"seconds": settings.seconds}
                 found, bed = attempt(problem, case, options | {"execution": execution}, settings)
+                what, bank = _limited(case._asdict(), methods), known[method["bank"]]
+                if what not in limits:
+                    limits[what] = measures.limit_of(problem, bank, method, settings.max_steps)
+                found |= {"limit": limits[what], "error_mm": measures.error_mm(found, bank)}
                 shown = case.number < SHOWN.get(case.kind, 0) and case.loop == settings.loops[-1]
                 depth = sim.render(bed, problem.camera) if shown and bed is not None else None
                 record.append(case._asdict() | found, None if depth is None else np.asarray(depth))
@@ -136,6 +142,11 @@ def run_planning(
             so_far()
             raise
     return results.conclude(record, problems, used, notes)
+
+
+def _limited(run: Mapping[str, Any], methods: dict[str, Method]) -> tuple[str, int, str]:
+    """What the limit of a run is of: each is computed once, since it takes 4 to 12 s."""
+    return run["kind"], run["number"], json.dumps(measures.tried(methods[run["method"]]))
 
 
 def _cases(

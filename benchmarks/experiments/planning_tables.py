@@ -41,10 +41,10 @@ def tables(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, tuple[str, ...]
 
 
 def _applied(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], Rows]:
-    head = ("method", "loop", "problems", "left, % (95 %)", "seen, %", "actions", "retrieved, %",
-            "exact, %", "deep knock is one, %", *_COST)  # fmt: skip
+    head = ("method", "loop", "problems", "left, % (95 %)", "efficiency, %", "seen, %", "actions",
+            "retrieved, %", "exact, %", "deep knock is one, %", *_COST)  # fmt: skip
     return head, [
-        (*_start(row), _left(row), _per_cent(row["seen_left"]), _number(row["actions"]),
+        (*_start(row), *_left(row), _per_cent(row["seen_left"]), _number(row["actions"]),
          *(_per_cent(row[name]) for name in ("retrieved", "exact", "one_knock")), *_cost(row))
         for row in rows
     ]  # fmt: skip
@@ -52,21 +52,22 @@ def _applied(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], Rows]:
 
 def _shape(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], Rows]:
     families = list(dict.fromkeys(name for row in rows for name in row["families"]))
-    head = ("method", "loop", "problems", "left, % (95 %)", "seen, %", "actions",
+    head = ("method", "loop", "problems", "left, % (95 %)", "efficiency, %", "seen, %", "actions",
             *(f"{name}, %" for name in families), *_COST)  # fmt: skip
     return head, [
-        (*_start(row), _left(row), _per_cent(row["seen_left"]), _number(row["actions"]),
-         *(_left(row["families"].get(name)) for name in families), *_cost(row))
+        (*_start(row), *_left(row), _per_cent(row["seen_left"]), _number(row["actions"]),
+         *(_left(row["families"].get(name))[0] for name in families), *_cost(row))
         for row in rows
     ]  # fmt: skip
 
 
 def _mpm(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], Rows]:
-    head = ("method", "loop", "problems", "predicted left, %", "actions planned", "retrieved, %",
-            "exact, %", *_COST[:1], *_COST[2:])  # fmt: skip
+    head = ("method", "loop", "problems", "predicted left, %", "efficiency, %", "actions planned",
+            "retrieved, %", "exact, %", *_COST[:1], *_COST[2:])  # fmt: skip
     return head, [
-        (*_start(row), _per_cent(row["predicted_left"]), _number(row["planned"]),
-         _per_cent(row["retrieved"]), _per_cent(row["exact"]), *_cost(row)[:1], *_cost(row)[2:])
+        (*_start(row), _per_cent(row["predicted_left"]), _per_cent(row["efficiency"]),
+         _number(row["planned"]), _per_cent(row["retrieved"]), _per_cent(row["exact"]),
+         *_cost(row)[:1], *_cost(row)[2:])
         for row in rows
     ]  # fmt: skip
 
@@ -88,11 +89,12 @@ def _cost(row: Mapping[str, Any]) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _left(row: Mapping[str, Any] | None) -> str:
+def _left(row: Mapping[str, Any] | None) -> tuple[str, str]:
+    """What is left with its interval, and the efficiency."""
     if row is None or row["left"] is None:
-        return "-"
+        return "-", "-"
     low, high = (100 * row[name] for name in ("left_low", "left_high"))
-    return f"{100 * row['left']:.1f} ({low:.1f}-{high:.1f})"
+    return f"{100 * row['left']:.1f} ({low:.1f}-{high:.1f})", _per_cent(row["efficiency"])
 
 
 def _per_cent(value: float | None) -> str:

@@ -83,6 +83,16 @@ class Problem:
     """(H, W) the goal without the camera's noise; no planner sees it.  None: not known."""
 
     @property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """I (H, W) of the bed at the start and of the goal, both without noise where that is known.
+
+        What one look's noise adds to the distance no action can take away.
+        """
+        if self.bed is None or self.truth is None:
+            return self.start, self.goal
+        return _true(self.bed, self.camera), self.truth
+
+    @property
     def start_mm(self) -> float:
         """Distance from the start to the goal as the noisy camera sees both, mm."""
         return float(metric.to_mm(metric.distance(self.start, self.goal), self.camera))

@@ -79,8 +79,8 @@ def conclude(
     failed = [f"{run['method']}, {run['loop']}, {run['problem']}: {run['note']}"
               for run in made if run["stop"] == "FAILED"]  # fmt: skip
     summary = {
-        "settings": record.meta["settings"], "notes": [*notes, *failed], "runs": len(made),
-        "rows": rows, "out": str(out),
+        "settings": record.meta["settings"], "rows": rows, "runs": len(made),
+        "notes": [*notes, measures.limits_kept(made), *failed], "out": str(out),
     }  # fmt: skip
     text = "# Planning\n"
     for title, head, body in drawn.tables(rows):
@@ -89,10 +89,7 @@ def conclude(
     acting = [run for run in made if run["true_mm"]]
     figures = {}
     if acting:
-        errors = {
-            name: dict(zip(bank.actions, _errors_mm(bank), strict=True))
-            for name, bank in used.items()
-        }
+        errors = {name: measures.errors_mm(bank) for name, bank in used.items()}
         figures = {
             "left.png": partial(
                 drawn.left_figure, [row for row in rows if row["left"] is not None]
@@ -107,11 +104,6 @@ def conclude(
     text += "".join(f"\n![{name.removesuffix('.png')}]({name})\n" for name in shown)
     files.write_atomic(out / "report.md", text)
     return summary
-
-
-def _errors_mm(bank: Bank) -> list[float]:
-    """Per action, what one prediction usually makes wrong of the distance of the image, mm."""
-    return np.asarray(metric.to_mm(bank.error_of_d(), bank.camera)).tolist()
 
 
 def _sheet(record: runs.Run, problems: Mapping[str, Sequence[Problem]]) -> list[list[drawn.Tile]]:

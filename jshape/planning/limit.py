@@ -129,7 +129,12 @@ class Limit:
 
         NaN where nothing can be.
         """
-        return (1.0 - left) / (1.0 - self.left) if self.left < 1 else float("nan")
+        return efficiency(left, self.left)
+
+
+def efficiency(left: float, limit: float) -> float:
+    """`Limit.efficiency` of a plan that leaves `left`, where no plan can go below `limit`."""
+    return (1.0 - left) / (1.0 - limit) if limit < 1 else float("nan")
 
 
 @hinted

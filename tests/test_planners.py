@@ -315,6 +315,20 @@ def test_what_others_made_superfluous_is_taken_out():
     np.testing.assert_allclose(numbers_of(left), numbers_of(own), atol=1e-6)
 
 
+@pytest.mark.parametrize(("weak", "kept"), [(0.01, False), (0.5, True)])
+def test_what_adds_less_than_is_known_of_the_others_is_taken_out(weak, kept):
+    problem, own = made_problem(3, count=3)
+    steps = [(int(own.move[k]), own.node[k], float(own.strength[k])) for k in range(3)]
+    more = sequence(problem.state, [*steps, (steps[0][0], steps[0][1], weak)])
+    goal = measured(problem.state, more)[1]
+    problem = replace(problem, state=replace(problem.state, goal=goal))
+    more, _, distances = measured(problem.state, more)
+    assert distances[4] < 1e-6 < distances[3]  # it does gain
+    found = pruned(replace(problem, limits=FREE), more)
+    assert int(found.steps) == 3 + kept
+    np.testing.assert_array_equal(found.move[:3], own.move[:3])
+
+
 def test_a_search_that_goes_on_knows_what_was_used():
     problem, own = made_problem(4)
     state, candidates = problem.state, problem.candidates

@@ -212,6 +212,8 @@ def test_load_draw_plan_step_edit_and_carry_out(page, folder):
     page.key(page.keys.DELETE)
     until(lambda: page.text("said").startswith(f"{count - 1} actions"), "one action less", 60)
     assert page.text("said") != said
+    until(lambda: "plan of 16 actions" in page.text("limit"), "how near any plan can come", 120)
+    until(lambda: "of what any plan can cover" in page.text("said"), "how good it is")
 
     page.press("Carry out")
     until(lambda: page.named("state").is_displayed(), "what carries out")
@@ -231,6 +233,8 @@ def test_load_draw_plan_step_edit_and_carry_out(page, folder):
     until(lambda: "A run goes on" not in page.text("hint"), "what to do next")
     page.press("save bed, goal and plan")
     until(lambda: (folder / "out" / "saved" / "goal.png").is_file(), "what is saved")
+    page.press("clear")
+    until(lambda: "Draw a trench" in page.text("hint") and not page.text("limit"), "a fresh goal")
 
 
 def reachable(browser):

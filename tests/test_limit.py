@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from functools import partial
 
 import cv2
 import jax.numpy as jnp
@@ -270,7 +271,7 @@ def test_the_command_says_draws_and_tells_programs_the_limit(folder, capsys):
     words = ["limit", "now.npz", "wanted.npz", "--max-steps", "4"]
     assert main([*words, "--out", "limit.png"]) == 0
     said = capsys.readouterr().out
-    assert "at most 4 actions" in said and "no plan leaves less than" in said
+    assert "at most 4 actions" in said and "no plan of 4 actions leaves less than" in said
     assert "needs material" in said and "picture: limit.png" in said
     assert cv2.imread("limit.png").shape[0] > 300
     assert main([*words, "--json"]) == 0
@@ -294,3 +295,14 @@ def test_what_the_command_refuses(folder, capsys, words, match):
     (folder / "old.png").write_bytes(b"")
     assert main(["limit", "now.npz", "wanted.npz", *words]) == 2
     assert match in capsys.readouterr().err
+
+
+def test_work_that_nobody_waits_for_ends(rng):
+    """Both in the search for multipliers and in what they prove."""
+    calls = []
+    limits.limit_images(SMALL, *hole(rng), None, space=ONCE, check=lambda: calls.append(None))
+    assert len(calls) > 50
+    for stop in (3, len(calls)):
+        left = partial(next, iter(range(stop - 1)))
+        with pytest.raises(StopIteration):
+            limits.limit_images(SMALL, *hole(rng), None, space=ONCE, check=left)

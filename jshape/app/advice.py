@@ -7,7 +7,9 @@ from jshape import metric
 from jshape.app.editor_state import EditorState
 from jshape.models.bank import Bank
 from jshape.planning.api import rollout
+from jshape.planning.limit import Limit
 from jshape.planning.options import YAWS, SearchSpace, StopCriteria
+from jshape.planning.plan import Plan
 
 STROKE_MM = 15.0
 """Depth of the first stroke: a poke of the bundled banks digs 10 to 20 mm."""
@@ -39,6 +41,22 @@ def first_stroke(bank: Bank, pixels_per_mm: float) -> tuple[float, float]:
     narrow = min(min(roi) for roi in bank.rois.values()) / pixels_per_mm
     deepest = 1e3 * float(bank.camera.z_max - bank.camera.z_min) / 3
     return max(round(narrow / 5) * 5.0, 5.0), max(min(STROKE_MM, round(deepest)), 1.0)
+
+
+def how_near(found: Limit | str) -> str:
+    """How near any plan can come, of an answer of `GoalLimit.ask`; "": not known."""
+    if isinstance(found, str):
+        return f"How near a plan can come is not known: {found}" if found else ""
+    said = f"{found.words}; even fractions of actions leave {found.fractions:.0%}"
+    return said[0].upper() + said[1:]
+
+
+def how_good(plan: Plan, found: Limit | str) -> str:
+    """What a plan leaves, beside what any plan must leave."""
+    left = float(plan.distances[-1] / plan.distances[0])
+    if isinstance(found, str) or len(plan) > found.max_steps or not found.left <= left < 1:
+        return f"{left:.0%} left"
+    return f"{left:.0%} left, at least {found.efficiency(left):.0%} of what any plan can cover"
 
 
 def why_empty(editor: EditorState) -> str:

@@ -4,6 +4,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from jshape.app.goal_limit import GoalLimit
 from jshape.app.run_controller import RunController
 from jshape.app.widgets import OneAtATime
 from jshape.robot.robot import Robot
@@ -27,6 +28,7 @@ class AppContext:
     controller: RunController | None = None
     """Of the run that goes on, or the last one."""
     do: OneAtATime = field(default_factory=OneAtATime)
+    limit: GoalLimit = field(default_factory=GoalLimit)
     robot_thread: Executor = field(default_factory=lambda: ThreadPoolExecutor(1, "robot"))
     """Looks and moves: cameras and renderers belong to the thread that opened them."""
 

@@ -65,6 +65,8 @@ class EditorState(GoalState):
     """Why the last plan is empty."""
     selected: int = 0
     """How many of the plan's actions are looked at as done."""
+    revision: int = 0
+    """Grows where bed, goal or bank change: what was found for them no longer holds."""
     _view: View | None = None  # how a bed of a file was seen
     _loaded: Bank = field(init=False, repr=False)  # for its own camera
 
@@ -271,3 +273,4 @@ class EditorState(GoalState):
     def _no_plan(self) -> None:
         self.plan, self.selected = None, 0
         self.version += 1
+        self.revision += 1

@@ -4,7 +4,7 @@ Methods raise a JShapeError, in one line for people, and then have changed nothi
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -38,8 +38,9 @@ class GoalState:
     version: int = 0
     """Grows with every change: pages that show another one draw anew."""
     _base: np.ndarray | None = None  # (H, W) the goal under the drawing; None: the bed
-    _goal: np.ndarray | None = None  # the goal, once it was asked for
-    _told: dict[str, Any] = field(default_factory=dict)  # the report on what was drawn
+    # Of which bed, base and marks; the goal; the report on what was drawn.  Set at once: a thread
+    # that asks while another draws gets a whole one.
+    _made: tuple[tuple[Any, ...], np.ndarray | None, dict[str, Any]] = ((None, None, ()), None, {})
 
     @property
     def camera(self) -> Camera:
@@ -61,22 +62,29 @@ class GoalState:
 
         What was drawn is held to what the bed can give: its depth, the range, slopes that stand.
         """
-        if self._goal is None and self.bed is not None:
-            self._goal = self.bed if self._base is None else self._base
-            if self.marks:
-                below = bed_map(self.depth_of(self._goal), self.camera)
+        return self._held[1]
+
+    @property
+    def _held(self) -> tuple[tuple[Any, ...], np.ndarray | None, dict[str, Any]]:
+        bed, base, marks = of = self.bed, self._base, self.marks
+        made = self._made
+        if any(one is not other for one, other in zip(of, made[0], strict=True)):
+            goal, told = bed if base is None or bed is None else base, {}
+            if goal is not None and marks:
+                below = bed_map(self.depth_of(goal), self.camera)
                 material = MATERIALS[self.material]
                 limits = Limits(math.tan(float(material.repose)))  # as loose material lies
-                made = make_goal(below, wanted(below, self.marks), limits)
-                self._told = report(made, material)
-                level = self.camera.luminance(made.depth, quantize=False)
-                self._goal = np.asarray(metric.weigh(level, self.camera))
-        return self._goal
+                held = make_goal(below, wanted(below, marks), limits)
+                told = report(held, material)
+                level = self.camera.luminance(held.depth, quantize=False)
+                goal = np.asarray(metric.weigh(level, self.camera))
+            made = self._made = of, goal, told
+        return made
 
     @property
     def warnings(self) -> list[str]:
         """What of the drawing cannot be, and what no action can do about it, in sentences."""
-        found = self._told if self.marks and self.goal is not None else {}
+        found = self._held[2]
         lines = [*found.get("says", [])[1:], *found.get("warnings", [])]
         return [line.split("; --")[0] for line in lines]  # options of the command line
 
@@ -177,5 +185,4 @@ class GoalState:
 
     def _changed(self) -> None:
         """The bed or the goal is another."""
-        self._goal = None
         self.version += 1

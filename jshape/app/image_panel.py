@@ -7,11 +7,12 @@ import numpy as np
 from nicegui import events, ui
 
 from jshape.app import pictures
-from jshape.app.advice import first_stroke
+from jshape.app.advice import first_stroke, how_near
 from jshape.app.context import AppContext
 from jshape.app.drawing import BrushStroke, Mark, Words
 from jshape.app.editor_state import EditorState
 from jshape.app.widgets import POINTER, buttons, small
+from jshape.planning.limit import Limit
 
 VIEWS = ("bed", "goal", "predicted", "difference")
 TOOLS = {"draw": "draw", "write": "write", "place": "move action", "look": "only look"}
@@ -63,6 +64,14 @@ class ImagePanel:
                 ("clear", clear, "Take everything back: the goal is the bed as it is"),
                 props="outline",
             )
+        with small("", "limit", "") as self._near:
+            self._holds = ui.tooltip("").style("max-width: 320px")
+        with ui.row().classes("w-full items-center gap-x-3 gap-y-0 text-xs") as self._why:
+            self._marks = ui.checkbox("mark where", value=True, on_change=self.show)
+            self._marks.tooltip("On the goal: where even fractions of actions leave over 0.5 mm")
+            self._causes = ui.row().classes("items-center gap-x-1 gap-y-0")
+        self._why.set_visibility(False)
+        self._limit: Limit | str = ""
         self._stroked()
 
     def look_at(self, view: str) -> None:
@@ -72,6 +81,7 @@ class ImagePanel:
     def show(self) -> None:
         """Draw what may have changed."""
         editor = self._editor
+        self._tell()
         image, bed, goal = self._shown(), editor.bed, editor.goal
         height, width = editor.camera.shape
         self._image.props["size"] = (width, height)  # another bank's camera makes another image
@@ -93,10 +103,35 @@ class ImagePanel:
             ends = f"{scale.low:+.1f} mm", f"{scale.high:+.1f} mm above the bed's level"
         self._low.text, self._high.text = ends
         self._colours.style(f"background: {scale.gradient}")
-        self._image.set_source(pictures.data_url(self.rgb))
+        shown = self.rgb
+        if self.view == "goal" and self._marks.value and not isinstance(self._limit, str):
+            shown = pictures.marked(shown, self._limit.causes)
+        self._image.set_source(pictures.data_url(shown))
         self._image.content = self._boxes()
         if self.view == "predicted" and editor.plan is None:
             self._under.text = "no plan yet: this is the bed as it is"
+
+    def follow(self) -> None:
+        """Show how near any plan can come, once that is known."""
+        if self._context.limit.ask(self._editor) != self._limit:
+            self.show()
+
+    def _tell(self) -> None:
+        """How near any plan can come, and why not nearer."""
+        found = self._context.limit.ask(self._editor)
+        if found == self._limit:
+            return
+        self._limit, self._near.text, shares = found, how_near(found), {}
+        if not isinstance(found, str):
+            shares, self._holds.text = found.shares, f"It holds {found.strongest.holds}"
+        self._holds.set_visibility(not isinstance(found, str) and found.proves)
+        self._why.set_visibility(bool(shares))
+        self._causes.clear()
+        with self._causes:
+            for cause, share in shares.items():
+                swatch = ui.element("div").style(f"background: {pictures.stripes(cause)}")
+                swatch.style("width: 20px; height: 12px")
+                ui.label(f"{cause} {share:.0%}").classes("mr-2")
 
     def _boxes(self) -> str:
         plan = self._editor.plan

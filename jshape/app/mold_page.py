@@ -78,6 +78,7 @@ class MoldPage:
     def _follow(self) -> None:
         if self._shown != self._editor.version:
             self.show()
+        self._image.follow()
 
     def _select(self, done: int) -> None:
         self._editor.select(done)

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import cv2
 import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 
-from jshape._typing import Float, Num
+from jshape._typing import Float, Int, Num
 from jshape.actions import PlacedAction
+from jshape.viz.limits import COLOURS as CAUSES
 from jshape.viz.overlay import COLOURS
 
 HEIGHTS, DIFFERENCES = "cividis", "RdBu_r"
@@ -19,6 +20,8 @@ LEAST_SPAN_MM = 6.0
 """Least range of heights that the colours span."""
 NUMBER = 9
 """Radius of the disc with an action's number, pixels."""
+DARK = (40, 40, 40)
+"""Beside coloured stripes: one of the two stands out from any height."""
 NOTHING = (110, 110, 110)
 """Colour of pixels without a reading."""
 
@@ -75,6 +78,27 @@ def shaded(height_mm: Float[np.ndarray, "H W"], scale: Scale) -> Num[np.ndarray,
 def differing(change_mm: Float[np.ndarray, "H W"], scale: Scale) -> Num[np.ndarray, "H W 3"]:
     """Differences in mm: red is too high, blue too low, white as wanted.  RGB."""
     return (255 * scale.paint(change_mm)).astype(np.uint8)
+
+
+def marked(
+    rgb: Num[np.ndarray, "H W 3"], causes: Int[np.ndarray, "H W"]
+) -> Num[np.ndarray, "H W 3"]:
+    """An image with stripes where something remains (`Limit.causes`); `stripes` is their legend."""
+    v, u = np.indices(causes.shape)
+    found, square = rgb.copy(), np.ones((3, 3), np.uint8)
+    for k, (colour, along) in enumerate(zip(CAUSES.values(), (u + v, u - v, u, v), strict=True), 1):
+        here = causes == k
+        inside = cv2.erode(here.astype(np.uint8), square) > 0  # specks are all edge: they are seen
+        found[here & (along % 8 < 4)] = DARK
+        found[here & ((along % 8 < 2) | ~inside)] = 255 * np.array(to_rgb(colour))
+    return found
+
+
+def stripes(cause: str) -> str:
+    """The stripes of a cause, as CSS."""
+    angle = dict(zip(CAUSES, (135, 45, 90, 0), strict=True))[cause]
+    dark = "#{:02x}{:02x}{:02x}".format(*DARK)
+    return f"repeating-linear-gradient({angle}deg, {CAUSES[cause]} 0 3px, {dark} 3px 6px)"
 
 
 def data_url(rgb: Num[np.ndarray, "H W 3"]) -> str:

@@ -6,7 +6,7 @@ from functools import partial
 
 from nicegui import events, ui
 
-from jshape.app.advice import why_empty
+from jshape.app.advice import how_good, why_empty
 from jshape.app.context import AppContext
 from jshape.app.editor_state import EditorState
 from jshape.app.widgets import buttons, small
@@ -73,7 +73,8 @@ class PlanPanel:
         self._stock.tooltip("Material beside the bed, to pour from and to scoop to; empty: none")
 
     def _poll(self) -> None:
-        """How far a search is, whichever page began it."""
+        """How far a search is, whichever page began it, and what is found beside it."""
+        self._tell()
         search = self._editor.search
         self._going.set_visibility(search is not None)
         if search is not None:
@@ -104,13 +105,19 @@ class PlanPanel:
             self._said.text = "no plan yet"
             return
         d = plan.distances_mm
-        way = f"{d[0]:.3f} -> {d[-1]:.3f} mm from the goal"
-        self._said.text = f"{len(plan)} actions, {way}: {plan.status.meaning}"
+        self._tell()
         with self._steps:
             self._row(0, "before all of them", d[0])
             for k, act in enumerate(plan, 1):
                 placed = replace(act, strength=1.0)  # the field beside it says how deep
                 self._row(k, f"{k}. {placed.words(plan.camera)}", d[k])
+
+    def _tell(self) -> None:
+        """What the plan leaves, beside what any plan must leave once that is known."""
+        if (plan := self._editor.plan) is not None:
+            d, left = plan.distances_mm, how_good(plan, self._context.limit.ask(self._editor))
+            way = f"{d[0]:.3f} -> {d[-1]:.3f} mm from the goal ({left})"
+            self._said.text = f"{len(plan)} actions, {way}: {plan.status.meaning}"
 
     def _row(self, done: int, words: str, mm: float) -> None:
         """The line of the image after `done` actions, with the buttons of the last of them."""

@@ -82,11 +82,7 @@ def _print(found: limits.Limit, bank: str) -> None:
     print(f"bank: {bank}; at most {found.max_steps} actions; {found.distance_mm:.3f} mm to cover")
     rows = [(one.name, f"{one.left:.1%}", one.holds) for one in found.bounds]
     print_table(("bound", "left at least", "holds"), rows)
-    if found.proves:
-        most = f"{found.left:.1%} ({found.left_mm:.3f} mm)"
-        print(f"no plan leaves less than {most}: {found.by}, {found.strongest.holds}")
-    else:
-        print("nothing is proven: no bound keeps a plan from the goal")
+    print(found.words)
     print(f"fractions of actions would leave {found.fractions:.1%}", end="")
     causes = ", ".join(f"{share:.0%} {cause}" for cause, share in found.shares.items())
     print(f"; where that is more than {limits.LEAST_MM:g} mm: {causes}" if causes else "")

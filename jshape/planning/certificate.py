@@ -1,6 +1,6 @@
 """What multipliers of the convex relaxation prove (see `relaxation`), with all nodes as places."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -28,6 +28,7 @@ def certified(
     uses: Allowance,
     plain: Float[np.ndarray, "R C"],
     beyond: Float[np.ndarray, "R C"],
+    check: Callable[[], object] = lambda: None,
 ) -> float:
     """The distance that t and q prove to be left, at least; below 0: nothing.
 
@@ -50,6 +51,7 @@ def certified(
     shifts = np.array(SHIFTS)
     gains = np.full((len(changes), len(shifts)), -np.inf)
     for row, one in zip(gains, changes, strict=True):
+        check()
         kernel = fft.rfft2(one.change, size).conj()
         felt = own * kernel
         for s, low, here, more in useful:

@@ -5,7 +5,7 @@ distance that no plan can go below as long as what it says holds; the largest co
 says only that nothing was proven.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -110,6 +110,15 @@ class Limit:
         return self.left * self.distance_mm
 
     @property
+    def words(self) -> str:
+        """What is proven, in a sentence."""
+        plan = f"plan of {self.max_steps} action{'' if self.max_steps == 1 else 's'}"
+        if not self.proves:
+            return f"nothing is proven: no bound keeps a {plan} from the goal"
+        least = f"{self.left:.1%} ({self.left_mm:.3f} mm)"
+        return f"no {plan} leaves less than {least}, by the bound {self.by!r}"
+
+    @property
     def mask(self) -> Bool[np.ndarray, "H W"]:
         """Where something remains."""
         return self.causes > 0
@@ -193,8 +202,12 @@ def limit_images(
     space: SearchSpace = SearchSpace(),
     constraints: Constraints = Constraints(),
     stop: StopCriteria = StopCriteria(),
+    check: Callable[[], object] = lambda: None,
 ) -> Limit:
-    """`limit` of images (H, W) that are checked, of which only pixels that were `seen` count."""
+    """`limit` of images (H, W) that are checked, of which only pixels that were `seen` count.
+
+    `check` is called some times a second: what it raises ends the work.
+    """
     check_records(space, constraints, stop)
     records = space, constraints, stop
     state, candidates, limits, _ = search_inputs(bank, first, goal, seen, "greedy", *records)
@@ -219,8 +232,8 @@ def limit_images(
     shape, rest, left, short = 0.0, r, np.abs(r), uses.steps == 0
     if changes and uses.steps and distance:
         few = {tried[0], tried[len(tried) // 2], tried[-1]}
-        found = solved(r, weight, [one for one in changes if one.strength in few], uses)
-        shape = certified(r, weight, changes, uses, found.plain, found.beyond)
+        found = solved(r, weight, [one for one in changes if one.strength in few], uses, check)
+        shape = certified(r, weight, changes, uses, found.plain, found.beyond, check)
         rest, left, short = found.rest, found.left, found.short
     elif distance:
         shape = distance

@@ -18,7 +18,7 @@ is left, and what one kind of action has in the last sum at all places is a few 
 `solved` looks for good t and q on a coarse map; `certificate` computes what they prove.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -132,6 +132,7 @@ def solved(
     weight: Float[np.ndarray, "R C"],
     changes: Sequence[LevelChange],
     uses: Allowance,
+    check: Callable[[], object] = lambda: None,
 ) -> Solution:
     """Fractions of actions that come near the change wanted, and multipliers of what they leave.
 
@@ -207,6 +208,7 @@ def solved(
     last, first = (soft * total / max(float(w.sum()), 1e-30) for soft in SOFT)
     plain = beyond = np.zeros_like(r)
     for n in range(min(STEPS, max(WORK // len(kinds), 60))):
+        check()
         soft = max(first * 0.985**n, last, 1e-30)
         v, u = changed(ahead)
         t, q = _multipliers((r - v) / soft, truncated * (np.abs(r) - 2 * u + sign * v) / soft)

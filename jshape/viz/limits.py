@@ -13,12 +13,12 @@ from jshape.viz.maps import in_mm, mark_unseen
 from jshape.viz.style import own_style
 
 COLOURS = {
-    "needs material": "tab:blue",
-    "too few actions": "tab:green",
-    "too steep": "tab:orange",
-    "too narrow": "tab:red",
+    "needs material": "#56b4e9",
+    "too few actions": "#009e73",
+    "too steep": "#d55e00",
+    "too narrow": "#cc79a7",
 }
-"""Of causes."""
+"""Of causes; told apart by the colour-blind (Okabe and Ito)."""
 BLUR = 3.0
 """Pixels over which the outline of what is wanted is blurred: noise has none."""
 
@@ -46,10 +46,7 @@ def limit_figure(found: Any) -> Figure:
             in_mm(ax, found.camera)
         else:
             ax.set(xlabel="u", ylabel="v")
-    plans = f"plans of {found.max_steps} actions"
-    proven = f"{plans} leave {found.left:.0%} or more, if the bound {found.by!r} holds"
-    none = f"nothing is proven of {plans}"
-    figure.suptitle(proven if found.proves else none, fontsize=12)
+    figure.suptitle(found.words, fontsize=12)
     return figure
 
 

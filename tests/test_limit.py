@@ -172,6 +172,16 @@ def test_a_mound_needs_material_that_a_pressing_bank_does_not_have(pressed):
     assert plan.distances[-1] / plan.distances[0] >= found.left - 0.01
 
 
+def test_of_a_goal_that_no_action_helps_all_remains(rng):
+    """Not 105 % of it: no fractions are as good as those that are found."""
+    now, goal = hole(rng)
+    goal = 2 * now - goal
+    found = limit(now, goal, bank=SMALL, max_steps=4, space=ONCE)
+    assert found.left <= found.fractions <= 1 + 1e-6
+    assert found.fractions > 0.99
+    np.testing.assert_allclose(found.remains_mm, found.wanted_mm, atol=0.5)
+
+
 def test_the_material_bound_is_the_least_of_a_linear_program(rng, pressed):
     change = np.zeros(QUARTER.shape, np.float32)
     change[30:60, 40:80] = -0.012

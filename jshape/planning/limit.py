@@ -234,7 +234,9 @@ def limit_images(
         few = {tried[0], tried[len(tried) // 2], tried[-1]}
         found = solved(r, weight, [one for one in changes if one.strength in few], uses, check)
         shape = certified(r, weight, changes, uses, found.plain, found.beyond, check)
-        rest, left, short = found.rest, found.left, found.short
+        short = found.short
+        if (weight * found.left).sum() < distance:  # else nothing better than none was found
+            rest, left = found.rest, found.left
     elif distance:
         shape = distance
     bounds.append(Bound("shape", shape / apart, _HOLDS["shape"]))

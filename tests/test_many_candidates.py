@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 from jshape import PAPER_BOX, Camera, compiling, load_bank, options, plan
 from jshape.models.bank import Bank
 from jshape.models.difference import Difference
+from jshape.planning import evaluate
 from jshape.planning.candidates import dense_positions
 from jshape.planning.evaluate import MANY, candidates_at, sweep
 from jshape.planning.search import greedy
@@ -73,6 +74,8 @@ def test_what_need_not_be_looked_at_again_cannot_gain_more(kind, price, hands):
         place = int(np.argmax(gains[move])) if move % 2 else int(rng.integers(len(gains[move])))
         now = state.act(move, state.now, jnp.asarray(first[move][place]), 1.0)
         after = [-np.asarray(c).min(1) for c in sweep(replace(state, now=now), candidates)]
+        most = state.most_left(now, candidates.first, jnp.asarray(state.shapes)[candidates.move])
+        assert (np.concatenate(after) <= np.asarray(most)[np.asarray(candidates.valid)]).all()
         grew = 0
         for m, shape in enumerate(state.shapes):
             shapes = jnp.broadcast_to(jnp.asarray(shape), first[m].shape)
@@ -84,12 +87,13 @@ def test_what_need_not_be_looked_at_again_cannot_gain_more(kind, price, hands):
 
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["image", "ground"])
-def test_bounds_and_turns_change_nothing_but_the_evaluations(kind, hands):
-    """Against one compiled loop that evaluates again all that was touched."""
+def test_bounds_and_turns_change_nothing_but_the_evaluations(kind, hands, monkeypatch):
+    """Against one compiled loop that evaluates everything, and again all that was touched."""
     state, candidates = on(kind, 7, hands)
     assert len(candidates.first) >= MANY
     limits = SearchLimits(min_gain=1e-5)
     found = greedy.search(SearchProblem(state, candidates, limits, max_steps=6, fine=2))
+    monkeypatch.setattr(evaluate, "MANY", 10**9)  # no bounds
     state, limits = replace(state, carry_over=None), SearchLimits(min_gain=1e-5)
     whole = greedy.run(state, candidates, limits, max_steps=6, fine=jnp.int32(2))
     assert int(found.steps) == 6

@@ -196,7 +196,17 @@ class SearchState:
         near = jnp.abs(after - self.goal) - jnp.abs(before - self.goal)
         reach = 1.0 + (self.carry_over or 0.0)
         reach = reach if self.price is None else reach + jnp.abs(self.price)
-        more = near + reach * jnp.abs(after - before)
+        return self._within(near + reach * jnp.abs(after - before), first, shapes)
+
+    def most_left(
+        self, now: Float[Array, "R C"], first: Int[Array, "N 2"], shapes: Int[Array, "N 2"]
+    ) -> Float[Array, "N"]:
+        """What windows can gain at most: how far they are from the goal, and that at the price."""
+        reach = 1.0 if self.price is None else 1.0 + jnp.abs(self.price)
+        return self._within(reach * jnp.abs(now - self.goal), first, shapes)
+
+    def _within(self, more: Array, first: Array, shapes: Array) -> Float[Array, "N"]:
+        """The parts in windows of a weighted sum over the map; never too little by rounding."""
         more = (more if self.weight is None else more * self.weight) / self.size
         # Sums of windows as differences of sums from the corner, by products with triangles.
         rows, columns = (np.tri(n + 1, n, k=-1, dtype=np.float32) for n in more.shape)

@@ -18,8 +18,8 @@ from jshape.planning.evaluate import (
     Candidates,
     Execution,
     Work,
-    empty_cache,
     evaluate,
+    first_cache,
 )
 from jshape.planning.search.base import (
     UNLIMITED,
@@ -74,7 +74,7 @@ def _priced(problem: SearchProblem, progress: SearchProgress) -> SearchResult:
     if priced and int(progress.result.status) == Status.NO_IMPROVEMENT:
         # Nothing moves material to where it is missing: what is there is shaped at no price.
         again = replace(progress.result, status=jnp.int32(-1))
-        cache = empty_cache(problem.candidates)
+        cache = first_cache(problem.unpriced.state, problem.candidates, progress.now)
         progress = replace(progress, cache=cache, local=no_local(state), result=again)
         progress = _searched(problem.unpriced, progress)
     return progress.result

@@ -216,7 +216,7 @@ def pruned(problem: SearchProblem, result: SearchResult) -> SearchResult:
     """
     state, before = problem.state, int(result.steps)
     _, _, distances = problem.budget.call(measured, state, result)
-    gains = -np.diff(np.asarray(distances))
+    gains = -np.diff(np.asarray(distances, np.float64))
     least = max(float(problem.limits.min_gain), UNSURE * float(np.sqrt((gains**2).sum())))
     gone: list[slice] = []
     for unit in sorted(units(state, result), key=lambda unit: float(gains[unit].sum())):

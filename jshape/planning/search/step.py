@@ -13,7 +13,7 @@ from jshape.planning.evaluate import (
     CandidateCache,
     Candidates,
     Work,
-    empty_cache,
+    first_cache,
     touch,
     work_of,
 )
@@ -57,7 +57,8 @@ def begin(state: SearchState, candidates: Candidates, max_steps: int) -> SearchP
     used = jnp.zeros(1 + max(state.actions, default=0), jnp.int32)
     result = empty_result(state, max_steps)
     none = jnp.zeros((), jnp.float32)
-    return SearchProgress(state.now, empty_cache(candidates), used, result, no_local(state), none)
+    cache = first_cache(state, candidates, state.now)
+    return SearchProgress(state.now, cache, used, result, no_local(state), none)
 
 
 @compiled
@@ -70,7 +71,8 @@ def resume(
     used = used.at[jnp.asarray(state.actions)[result.move]].add(taken)
     result = replace(result, status=jnp.int32(-1), evaluations=jnp.int32(0))
     none = jnp.zeros((), jnp.float32)
-    return SearchProgress(now, empty_cache(candidates), used, result, no_local(state), none)
+    cache = first_cache(state, candidates, now)
+    return SearchProgress(now, cache, used, result, no_local(state), none)
 
 
 @jax.tree_util.register_dataclass

@@ -223,7 +223,10 @@ def test_pairs_of_moving_actions_are_made_and_fitted():
     bank = fit(mixed, "P")
     assert bank.predictor("sweep").path_mm == pytest.approx(85.0)
     assert bank.roi("sweep") == (196, 156)
-    adapted = fit(longer, "P", start=fit(pairs, "P"))
+    start = fit(pairs.of(action="pour"), "P")
+    of_all = (bank.predictor("sweep"), start.predictor("pour"), start.predictor("pour"))
+    start = replace(start, actions=("sweep", "scoop", "pour"), predictors=of_all)
+    adapted = fit(longer, "P", start=start)
     assert adapted.actions == ("sweep", "pour")
     assert adapted.predictor("sweep").path_mm == pytest.approx(119.0, abs=1e-3)
     assert adapted.predictor("sweep").directed and not adapted.predictor("pour").directed

@@ -14,7 +14,7 @@ Method = dict[str, Any]
 `positions` is a grid, for which recorded sequences have their own."""
 
 COMMON: Method = {"planner": "greedy", "min_gain_mm": 0.005, "patience": 4}
-"""What a method does not say.  The least gain is `jshape plan`'s: below it noise decides."""
+"""What a method does not say.  The least gain is `jshape plan`'s."""
 DENSE: Method = {
     "bank": DEFAULT_BANK,
     "stride": 12,
@@ -44,6 +44,7 @@ METHODS: dict[str, Method] = {
     "moving-stock": MOVING | {"stock_cm3": 500.0},
     "random": FLOOR | {"planner": "random"},
     "surplus": FLOOR | {"planner": "surplus"},
+    "careful": SEARCH | {"planner": "careful"},
     "refine": SEARCH | {"planner": "refine"},
 }
 """From the paper's planner to ours, the floors (a plan has to be worth more than those), and the

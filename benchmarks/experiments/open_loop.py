@@ -23,7 +23,7 @@ from jshape.planning.plan import Plan
 from jshape.robot.simulated import SimulatedWorld
 
 MIN_GAIN_MM = 0.005
-"""What an action must gain of d where many are tried: below it the camera's noise decides."""
+"""What an action must gain of d where many are tried: about what a prediction errs by."""
 MAX_STEPS = 8
 """Most actions of a plan."""
 

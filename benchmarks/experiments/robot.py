@@ -39,7 +39,7 @@ LEVELLED = 0.001
 TRIED: dict[str, Any] = {"stride": 8, "strengths": (0.5, 1.0, 1.6), "max_steps": 6}
 """What the loop tries, and how many actions it may take."""
 MIN_GAIN_MM = 0.01
-"""An action must help by more than this: below it the camera's noise decides."""
+"""An action must help by more than this, about what a prediction errs by."""
 ARMS = {"mujoco": "the physics twin", "sim": "the simulator's hand over the height field"}
 QUICK = (0, 4)
 """Problems of a quick run: one goal of each hand."""

@@ -120,7 +120,7 @@ class StopCriteria:
     max_steps: int = 16
     """Most actions in the plan."""
     min_gain_mm: float = 0.005
-    """Least gain of an action, mm; below the default the camera's noise decides."""
+    """Least gain of an action, mm; the default is what the prediction of a poke usually errs by."""
     tolerance_mm: float = 0.0
     """Distance at which the goal counts as reached, mm."""
     error_margin: float | None = None

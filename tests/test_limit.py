@@ -232,6 +232,25 @@ def test_where_no_hand_may_go_everything_stays(pressed):
     assert found.by == "window" and found.left == pytest.approx(1.0, abs=1e-6)
 
 
+def test_the_window_bound_knows_how_often_an_action_may_be_used(pressed):
+    change = np.zeros(QUARTER.shape, np.float32)
+    change[5:90, 5:110] = 0.01
+    now, goal = metres(change)
+
+    def window(steps, **uses):
+        most = dict.fromkeys(pressed.actions, 0) | uses
+        found = limit(
+            now, goal, bank=pressed, max_steps=steps, constraints=Constraints(max_uses=most)
+        )
+        return found.bounds[0].left
+
+    knock, poke = window(1, knock=9), window(1, poke=9)
+    assert 0 < knock < poke < 1
+    assert window(9, knock=1) == pytest.approx(knock)
+    assert window(9, knock=1, poke=2) == pytest.approx(knock - 2 * (1 - poke), abs=1e-6)
+    assert window(2, knock=1, poke=2) == pytest.approx(knock - (1 - poke), abs=1e-6)
+
+
 def test_where_nothing_is_allowed_all_stays(pressed):
     """Also where the coarse map of the relaxation has no place left."""
     now = np.full(QUARTER.shape, 0.5, np.float32)

@@ -222,7 +222,7 @@ def limit_images(
         weight = np.asarray(state.weight, np.float64)
     distance = float((weight * np.abs(r)).sum())
     apart = max(distance, 1e-30)
-    window = _window(state, changes, weight * np.abs(r), uses.steps)
+    window = _window(changes, weight * np.abs(r), uses)
     bounds = [
         Bound("window", window / apart, "always: an action changes nothing outside its window")
     ]
@@ -281,24 +281,26 @@ def _allowance(state: SearchState, limits: SearchLimits, steps: int) -> Allowanc
     return Allowance(steps, most, carried, stock, state.lower)
 
 
-def _window(
-    state: SearchState, changes: Sequence[LevelChange], apart: np.ndarray, steps: int
-) -> float:
+def _window(changes: Sequence[LevelChange], apart: np.ndarray, uses: Allowance) -> float:
     """What stays where no window reaches, or K windows do not reach altogether."""
     size = [fft.next_fast_len(n, real=True) for n in apart.shape]
     spectrum = fft.rfft2(apart, size)
-    covered, most = np.zeros(apart.shape, bool), 0.0
-    kinds = {(one.change.shape, one.low, one.places.tobytes()): one for one in changes}
+    covered, most = np.zeros(apart.shape, bool), dict.fromkeys((c.action for c in changes), 0.0)
+    kinds = {(c.action, c.change.shape, c.low, c.places.tobytes()): c for c in changes}
     for one in kinds.values():
         window = fft.rfft2(np.ones(one.change.shape), size)
         (v, u), (p, q) = one.low, one.places.shape
         sums = fft.irfft2(spectrum * window.conj(), size)[v : v + p, u : u + q]
-        most = max(most, float(sums[one.places].max(initial=0.0)))
+        most[one.action] = max(most[one.action], float(sums[one.places].max(initial=0.0)))
         places = np.zeros(size)
         places[v : v + p, u : u + q] = one.places
         reached = fft.irfft2(fft.rfft2(places) * window, size)[: apart.shape[0], : apart.shape[1]]
         covered |= reached > 0.5
-    return max(float(apart[~covered].sum()), float(apart.sum()) - steps * most)
+    beyond, steps = float(apart.sum()), float(uses.steps)
+    for action in sorted(most, key=lambda action: -most[action]):  # the largest as often as allowed
+        count = min(steps, float(uses.most[action]))
+        beyond, steps = beyond - count * most[action], steps - count
+    return max(float(apart[~covered].sum()), beyond)
 
 
 def _material(

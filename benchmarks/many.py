@@ -1,6 +1,6 @@
 """A hundred actions: a relief of six letters and measured sand, looking again after batches.
 
-    python -m benchmarks.many [--steps 100] [--batches 1 4 8] [--planner NAME] [--freely]
+    python -m benchmarks.many [--steps 100] [--batches 1 4 8] [--planner NAME] [--yaws 8] ...
 
 What is left is of the beds themselves, without the camera's noise.  Seconds are of planning: the
 loop's time without the world's, compiling included.
@@ -95,7 +95,8 @@ def attempt(
     )
     took = time.monotonic() - began - timed.seconds
     left = problem.distance_mm(world.bed) / problem.distance_mm(problem.bed)
-    limit = jshape.limit(problem.start, problem.goal, bank=bank, max_steps=steps)
+    same = {name: options[name] for name in ("space", "constraints") if name in options}
+    limit = jshape.limit(problem.start, problem.goal, bank=bank, max_steps=steps, **same)
     of_limit = f"{limit.left:.1%}", f"{limit.efficiency(left):.0%}"
     row = (problem.name, f"{batch}", f"{len(run.steps)}", f"{timed.looks - 1}", f"{left:.1%}")
     return (*row, *of_limit, f"{took:.0f}", run.stop.name), run, 100 * left
@@ -109,11 +110,15 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 4, 8])
     parser.add_argument("--planner", default="careful", choices=PLANNERS)
     parser.add_argument("--freely", action="store_true", help="actions may gain as little as 1 um")
+    parser.add_argument("--yaws", type=int, help="directions of the hand (default: as for plan)")
+    parser.add_argument("--stock-cm3", type=float, help="material beside the bed")
     parser.add_argument("--data", type=Path, help="measured sand")
     parser.add_argument("--out", type=Path, help="folder for pictures")
     options = parser.parse_args(words)
     bank, rows = jshape.load_bank(options.bank), []
     free = {"min_gain_mm": 0.001, "error_margin": 0.0} if options.freely else {}
+    given = {"yaws": options.yaws, "stock_cm3": options.stock_cm3}
+    free |= {name: value for name, value in given.items() if value is not None}
     problems = [shape_problem(letters(), jax.random.key(1))]
     if options.data:
         problems += [p for p in shape_problems(0, 6, options.data) if p.name.startswith("sand")][:1]

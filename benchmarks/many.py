@@ -25,6 +25,7 @@ from jshape.camera import PAPER_BOX
 from jshape.cli.tables import print_table, say
 from jshape.goals.reliefs import relief_of_text
 from jshape.models.bank import Bank
+from jshape.planning.limit import Limit
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.search import PLANNERS
 from jshape.robot.loop import Molding, mold
@@ -78,13 +79,13 @@ class Timed:
 
 
 def attempt(
-    problem: Problem, bank: Bank, batch: int, steps: int, planner: str, free: dict
+    problem: Problem, bank: Bank, limit: Limit, batch: int, planner: str, free: dict
 ) -> tuple[tuple[str, ...], Molding, float]:
     """A row of the table, what was done, and what it left, %."""
     key = jax.random.key(0)
     world = SimulatedWorld(key, problem.bed, material=problem.material, camera=problem.camera)
     timed, began = Timed(world), time.monotonic()
-    options = jshape.options(max_steps=steps, planner=planner, **free)
+    options = jshape.options(max_steps=limit.max_steps, planner=planner, **free)
     run = mold(
         timed,
         problem.goal,
@@ -95,8 +96,6 @@ def attempt(
     )
     took = time.monotonic() - began - timed.seconds
     left = problem.distance_mm(world.bed) / problem.distance_mm(problem.bed)
-    same = {name: options[name] for name in ("space", "constraints") if name in options}
-    limit = jshape.limit(problem.start, problem.goal, bank=bank, max_steps=steps, **same)
     of_limit = f"{limit.left:.1%}", f"{limit.efficiency(left):.0%}"
     row = (problem.name, f"{batch}", f"{len(run.steps)}", f"{timed.looks - 1}", f"{left:.1%}")
     return (*row, *of_limit, f"{took:.0f}", run.stop.name), run, 100 * left
@@ -122,10 +121,13 @@ def main(words: Sequence[str] | None = None) -> None:
     problems = [shape_problem(letters(), jax.random.key(1))]
     if options.data:
         problems += [p for p in shape_problems(0, 6, options.data) if p.name.startswith("sand")][:1]
+    how = {name: one for name, one in jshape.options(**free).items() if name != "stop"}
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
     for problem in problems:
-        runs = {}
+        limit, runs = jshape.limit(*problem.ends, bank=bank, max_steps=options.steps, **how), {}
         for batch in options.batches:
-            row, run, left = attempt(problem, bank, batch, options.steps, options.planner, free)
+            row, run, left = attempt(problem, bank, limit, batch, options.planner, free)
             rows.append(row)
             say("  ".join(row))
             runs[f"{batch} a look"] = run, left

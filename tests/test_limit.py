@@ -232,6 +232,23 @@ def test_where_no_hand_may_go_everything_stays(pressed):
     assert found.by == "window" and found.left == pytest.approx(1.0, abs=1e-6)
 
 
+def test_what_lies_beyond_the_view_is_not_missing_in_it(pressed):
+    """The map goes on beyond the image as at its edge: a wall there asks for no material."""
+    change = np.zeros(QUARTER.shape, np.float32)
+    change[:, :4] = -0.01
+    change[30:60, 40:80] = 0.012
+    now, goal = metres(change)
+    found = limit(now, goal, bank=pressed)
+    plan = jshape.plan(now, goal, bank=pressed)
+    assert found.left <= plan.distances[-1] / plan.distances[0] < 1
+    assert {one.name: one.left for one in found.bounds}["material"] < 0.5
+
+
+def test_of_a_goal_that_is_there_nothing_can_be_covered(pressed):
+    now = np.full(QUARTER.shape, 0.5, np.float32)
+    assert np.isnan(limit(now, now, bank=pressed).efficiency(0.0))
+
+
 def test_the_window_bound_knows_how_often_an_action_may_be_used(pressed):
     change = np.zeros(QUARTER.shape, np.float32)
     change[5:90, 5:110] = 0.01

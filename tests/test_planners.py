@@ -320,13 +320,32 @@ def test_what_adds_less_than_is_known_of_the_others_is_taken_out(weak, kept):
     problem, own = made_problem(3, count=3)
     steps = [(int(own.move[k]), own.node[k], float(own.strength[k])) for k in range(3)]
     more = sequence(problem.state, [*steps, (steps[0][0], steps[0][1], weak)])
-    goal = measured(problem.state, more)[1]
+    goal = measured(problem.state, more)[1].at[0, 0].add(0.1)  # which none of them reaches
     problem = replace(problem, state=replace(problem.state, goal=goal))
     more, _, distances = measured(problem.state, more)
-    assert distances[4] < 1e-6 < distances[3]  # it does gain
-    found = pruned(replace(problem, limits=FREE), more)
+    assert 1e-7 < distances[4] < distances[3] - 1e-6  # it does gain
+    counted = replace(FREE, errors=1e-9)
+    found = pruned(replace(problem, limits=counted), more)
     assert int(found.steps) == 3 + kept
     np.testing.assert_array_equal(found.move[:3], own.move[:3])
+    near = replace(counted, tolerance=float(distances[4]))
+    for limits in (FREE, near):  # errors that do not count; a goal that is reached
+        assert int(pruned(replace(problem, limits=limits), more).steps) == 4
+
+
+def test_what_is_taken_out_adds_up_to_little():
+    problem, own = made_problem(3, count=3)
+    weak = [(int(own.move[0]), own.node[0] + 2.0 * k, 0.03) for k in range(8)]
+    more = sequence(problem.state, [(int(own.move[1]), own.node[1], 1.0), *weak])
+    goal = measured(problem.state, more)[1].at[0, 0].add(0.1)  # which none of them reaches
+    problem = replace(problem, state=replace(problem.state, goal=goal))
+    more, _, distances = measured(problem.state, more)
+    gains = -np.diff(np.asarray(distances))[:9]
+    unsure = 1.1 * float(gains[1:].max() / np.sqrt((gains**2).sum()))  # each alone is below it
+    found = pruned(replace(problem, limits=replace(FREE, errors=1e-9)), more, unsure)
+    assert 1 < int(found.steps) < 9
+    lost = float(found.distance) - float(more.distance)
+    assert 0 < lost <= 3 * unsure * float(np.sqrt((gains**2).sum())) + 1e-6
 
 
 def test_a_search_that_goes_on_knows_what_was_used():

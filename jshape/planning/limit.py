@@ -138,7 +138,7 @@ class Limit:
 
         NaN where nothing can be.
         """
-        return efficiency(left, self.left)
+        return efficiency(left, self.left if self.distance_mm else 1.0)
 
 
 def efficiency(left: float, limit: float) -> float:
@@ -313,8 +313,10 @@ def _material(
     """
     now, goal = np.asarray(state.now, np.float64), np.asarray(state.goal, np.float64)
     rises = [-one.change.sum() for one in changes if one.action not in uses.carried]
-    missing = (now - goal).sum() - uses.stock - uses.steps * max(max(rises, default=0.0), 0.0)
     inside = weight > 0
+    missing = (
+        (now - goal)[inside].sum() - uses.stock - uses.steps * max(max(rises, default=0.0), 0.0)
+    )
     order = np.argsort(weight[inside])
     room = (float(state.limits[1]) - goal[inside])[order]
     ahead = np.cumsum(room) - room

@@ -80,8 +80,7 @@ class SearchSpace:
     path."""
     carries: Mapping[str, str] | None = None
     """Actions that are tried in pairs: one takes material out, the other brings it elsewhere
-    (default: scoop and pour, where the bank has both; no pairs: all are single actions).  Only
-    `greedy` tries them."""
+    (default: scoop and pour, where the bank has both; no pairs: all are single actions)."""
     out_of_bounds: str = "refuse"
     """Treatment of given positions whose ROI leaves the image: "refuse", "shift" or "drop"."""
 

@@ -44,6 +44,7 @@ from jshape.planning.search.step import (
 )
 from jshape.planning.state import SearchState
 
+_first_cache = compiled(first_cache)
 SIDE_BY_SIDE = 4
 """Calls that evaluate at the same time, at most."""
 
@@ -59,7 +60,7 @@ def searched_on(problem: SearchProblem) -> SearchResult:
     if start is None:
         return search(problem)
     state, candidates, budget = problem.state, problem.candidates, problem.budget
-    start, now, _ = budget.call(measured, state, pruned(problem, start))
+    start, now, _ = budget.call(measured, state, pruned(problem, start, unsure=0.0))
     if int(start.steps) >= problem.max_steps:
         return ended(problem, start, Status.MAX_STEPS)
     found = _priced(problem, budget.call(resume, state, candidates, start, now))
@@ -74,7 +75,8 @@ def _priced(problem: SearchProblem, progress: SearchProgress) -> SearchResult:
     if priced and int(progress.result.status) == Status.NO_IMPROVEMENT:
         # Nothing moves material to where it is missing: what is there is shaped at no price.
         again = replace(progress.result, status=jnp.int32(-1))
-        cache = first_cache(problem.unpriced.state, problem.candidates, progress.now)
+        given = problem.unpriced.state, problem.candidates, progress.now
+        cache = problem.budget.call(_first_cache, *given)
         progress = replace(progress, cache=cache, local=no_local(state), result=again)
         progress = _searched(problem.unpriced, progress)
     return progress.result

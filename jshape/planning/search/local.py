@@ -122,7 +122,7 @@ def pending(
         row = jnp.argmax(gain)
         return jnp.where(candidates.move == candidates.move[row], 0.0, gain), gain[row]
 
-    _, best = lax.scan(next_best, gain, length=width)
+    _, best = lax.scan(next_best, gain, length=min(width, len(state.moves)))
     due = cache.stale & (cache.most > needed) & (cache.most >= best[-1])
     due &= cache.most >= jnp.where(due, cache.most, 0.0).max() / 2
     # One half of a carry need not gain anything.

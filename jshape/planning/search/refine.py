@@ -46,7 +46,7 @@ LEAST = 0.001
 
 
 def search(problem: SearchProblem) -> SearchResult:
-    """What `careful` finds, or what was to begin with and greedy after it, refined; never worse."""
+    """What `careful` finds, or what was to begin with and greedy after it, refined and pruned."""
     return pruned(problem, refined(problem, careful.search(problem)))
 
 

@@ -208,16 +208,19 @@ def warm_start(problem: SearchProblem) -> SearchResult | None:
     return problem.budget.call(measured, state, result)[0]
 
 
-def pruned(problem: SearchProblem, result: SearchResult) -> SearchResult:
+def pruned(problem: SearchProblem, result: SearchResult, unsure: float = UNSURE) -> SearchResult:
     """A sequence without actions and carries that add less to it than is known for sure (host).
 
     Those after it may have made an action superfluous, or it mends what the others are predicted
-    to leave, which is known no better than `UNSURE` of what they gain.  Weakest first.
+    to leave.  Weakest first; all together no more than three times that, nor beyond the tolerance.
+    Where errors do not count, only what gains less than the least gain is taken out.
     """
-    state, before = problem.state, int(result.steps)
+    state, before, limits = problem.state, int(result.steps), problem.limits
     _, _, distances = problem.budget.call(measured, state, result)
     gains = -np.diff(np.asarray(distances, np.float64))
-    least = max(float(problem.limits.min_gain), UNSURE * float(np.sqrt((gains**2).sum())))
+    unsure *= float(np.sqrt((gains**2).sum())) if np.any(limits.errors) else 0.0
+    least, near = max(float(limits.min_gain), unsure), float(limits.tolerance)
+    most = float(result.distance) + max(3 * unsure, before * float(limits.min_gain))
     gone: list[slice] = []
     for unit in sorted(units(state, result), key=lambda unit: float(gains[unit].sum())):
         if problem.budget.over:
@@ -226,7 +229,8 @@ def pruned(problem: SearchProblem, result: SearchResult) -> SearchResult:
         k = unit.start - sum(one.stop - one.start for one in gone if one.start < unit.start)
         fewer, _, _ = problem.budget.call(measured_without, state, result, k, count=count)
         problem.budget.spend(int(result.steps))
-        if float(fewer.distance) <= float(result.distance) + least * count:
+        enough = min(most, float(result.distance) + least * count)
+        if float(fewer.distance) <= (near if float(result.distance) <= near else enough):
             result = replace(fewer, status=result.status)
             gone.append(unit)
     full = int(result.steps) < before and int(result.status) == Status.MAX_STEPS

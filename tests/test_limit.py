@@ -230,6 +230,7 @@ def test_where_no_hand_may_go_everything_stays(pressed):
     mask[70:, 90:] = True
     found = limit(now, goal, bank=pressed, constraints=Constraints(reachable=mask))
     assert found.by == "window" and found.left == pytest.approx(1.0, abs=1e-6)
+    assert found.shares == {"out of reach": pytest.approx(1.0)}
 
 
 def test_what_lies_beyond_the_view_is_not_missing_in_it(pressed):
@@ -276,6 +277,7 @@ def test_where_nothing_is_allowed_all_stays(pressed):
     none = jshape.options(max_uses=dict.fromkeys(pressed.actions, 0))
     found = limit(now, goal, bank=pressed, max_steps=4, **none)
     assert found.left == 1.0 and found.fractions == pytest.approx(1.0)
+    assert found.shares == {"out of reach": pytest.approx(1.0)}
     one = jshape.options(positions={pressed.actions[0]: [(60, 49)]}, strengths=(1.0,), yaws=1)
     found = limit(now, goal, bank=pressed, max_steps=4, **one)
     assert 0 <= found.left <= found.fractions <= 1 + 1e-6

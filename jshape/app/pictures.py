@@ -86,7 +86,8 @@ def marked(
     """An image with stripes where something remains (`Limit.causes`); `stripes` is their legend."""
     v, u = np.indices(causes.shape)
     found, square = rgb.copy(), np.ones((3, 3), np.uint8)
-    for k, (colour, along) in enumerate(zip(CAUSES.values(), (u + v, u - v, u, v), strict=True), 1):
+    ways = u + v, u - v, u, v, u + 2 * v
+    for k, (colour, along) in enumerate(zip(CAUSES.values(), ways, strict=True), 1):
         here = causes == k
         inside = cv2.erode(here.astype(np.uint8), square) > 0  # specks are all edge: they are seen
         found[here & (along % 8 < 4)] = DARK
@@ -96,7 +97,7 @@ def marked(
 
 def stripes(cause: str) -> str:
     """The stripes of a cause, as CSS."""
-    angle = dict(zip(CAUSES, (135, 45, 90, 0), strict=True))[cause]
+    angle = dict(zip(CAUSES, (135, 45, 90, 0, 153), strict=True))[cause]
     dark = "#{:02x}{:02x}{:02x}".format(*DARK)
     return f"repeating-linear-gradient({angle}deg, {CAUSES[cause]} 0 3px, {dark} 3px 6px)"
 

@@ -39,8 +39,8 @@ from jshape.planning.relaxation import (
 from jshape.planning.search.base import SearchLimits
 from jshape.planning.state import SearchState
 
-CAUSES = ("needs material", "too few actions", "too steep", "too narrow")
-"""Why something remains, by the numbers 1 to 4 of `Limit.causes`."""
+CAUSES = ("needs material", "too few actions", "too steep", "too narrow", "out of reach")
+"""Why something remains, by the numbers 1 to 5 of `Limit.causes`."""
 LEAST_MM = 0.5
 """Less than this remains nowhere: the noise of one frame is 0.45 mm."""
 WALL = 0.01
@@ -222,7 +222,7 @@ def limit_images(
         weight = np.asarray(state.weight, np.float64)
     distance = float((weight * np.abs(r)).sum())
     apart = max(distance, 1e-30)
-    window = _window(changes, weight * np.abs(r), uses)
+    window, within = _window(changes, weight * np.abs(r), uses)
     bounds = [
         Bound("window", window / apart, "always: an action changes nothing outside its window")
     ]
@@ -241,6 +241,7 @@ def limit_images(
         shape = distance
     bounds.append(Bound("shape", shape / apart, _HOLDS["shape"]))
     causes = _causes(state, changes, r, rest, uses.lower, short)
+    causes[(causes > 0) & ~within] = 1 + CAUSES.index("out of reach")
     unit = 1e3 if state.node_m is not None else float(metric.to_mm(1.0, bank.camera))
     v, u = np.indices(bank.camera.shape)
     at = state.node(np.stack([v, u], -1).reshape(-1, 2))
@@ -281,8 +282,10 @@ def _allowance(state: SearchState, limits: SearchLimits, steps: int) -> Allowanc
     return Allowance(steps, most, carried, stock, state.lower)
 
 
-def _window(changes: Sequence[LevelChange], apart: np.ndarray, uses: Allowance) -> float:
-    """What stays where no window reaches, or K windows do not reach altogether."""
+def _window(
+    changes: Sequence[LevelChange], apart: np.ndarray, uses: Allowance
+) -> tuple[float, Bool[np.ndarray, "R C"]]:
+    """What stays where no window reaches, or K windows do not altogether; and what one reaches."""
     size = [fft.next_fast_len(n, real=True) for n in apart.shape]
     spectrum = fft.rfft2(apart, size)
     covered, most = np.zeros(apart.shape, bool), dict.fromkeys((c.action for c in changes), 0.0)
@@ -300,7 +303,7 @@ def _window(changes: Sequence[LevelChange], apart: np.ndarray, uses: Allowance) 
     for action in sorted(most, key=lambda action: -most[action]):  # the largest as often as allowed
         count = min(steps, float(uses.most[action]))
         beyond, steps = beyond - count * most[action], steps - count
-    return max(float(apart[~covered].sum()), beyond)
+    return max(float(apart[~covered].sum()), beyond), covered
 
 
 def _material(

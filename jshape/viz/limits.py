@@ -17,6 +17,7 @@ COLOURS = {
     "too few actions": "#009e73",
     "too steep": "#d55e00",
     "too narrow": "#cc79a7",
+    "out of reach": "#f0e442",
 }
 """Of causes; told apart by the colour-blind (Okabe and Ito)."""
 BLUR = 3.0
@@ -64,5 +65,5 @@ def _draw_causes(ax: Axes, found: Any) -> None:
         if cause in shares
     ]
     handles.append(Patch(color="0.8", label="to be changed"))
-    ax.legend(handles=handles, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
+    ax.figure.legend(handles=handles, fontsize=9, loc="outside lower right", ncols=len(handles))
     ax.set_title("where more than 0.5 mm remains, and why", fontsize=11)

@@ -66,7 +66,7 @@ def without(examples, *left, **view):
     return fit_variant(Variant("", "", left, **view), examples, CAMERA)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 @pytest.mark.parametrize("strengths", [None, (0.3, 2.0)])
 def test_with_all_components_it_is_f_p(short, strengths):
     for turned in (False, True):  # an action that raises the ground has no tool
@@ -97,7 +97,7 @@ def test_what_is_left_out_stays_as_it_was_and_the_rest_is_fitted(examples, short
                 assert gone, (left, name)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_without_a_tool_the_first_guess_is_the_mean_change(examples):
     off = without(examples, "tool", "descent", "absolute")
     flat = jnp.full(off.tool.shape, off.grid.depth)

@@ -136,7 +136,7 @@ def test_a_turn_leaves_the_points_where_they_are():
         np.testing.assert_allclose(back[:, 2], along[middle].reshape(-1))
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_viewpoint_writes_a_page_with_every_view(tmp_path):
     out = tmp_path / "out"
     told = viewpoint.run(out, Asked(quick=True))

@@ -87,7 +87,7 @@ def test_the_kinds_are_the_papers_equations(parts, delta, examples):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("kind", ["C", "DCR"])
+@pytest.mark.parametrize("kind", ["DCR", pytest.param("C", marks=pytest.mark.slow)])
 def test_strength_scales_the_change(parts, examples, kind):
     call = jax.jit(lambda roi, s: parts[kind](roi, PLACE, s))
     roi = jnp.asarray(examples.prior[:3])
@@ -98,7 +98,7 @@ def test_strength_scales_the_change(parts, examples, kind):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("kind", ["CR", "DC"])
+@pytest.mark.parametrize("kind", ["CR", pytest.param("DC", marks=pytest.mark.slow)])
 def test_a_missing_pixel_stays_one_and_spoils_no_other(parts, examples, kind):
     call = jax.jit(lambda roi: parts[kind](roi, PLACE))
     roi = examples.prior[0].copy()
@@ -198,7 +198,9 @@ def pairs(rng):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("kind", ["C", "CR", "DC", "DCR"])
+@pytest.mark.parametrize(
+    "kind", ["C", "DCR", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("CR", "DC"))]
+)
 def test_every_kind_is_fitted_saved_and_loaded(pairs, kind, tmp_path):
     told = []
     bank = fit(pairs, kind, report=told.append, **QUICK)

@@ -40,7 +40,7 @@ def test_it_equals_the_plain_network(rng, width, size):
     np.testing.assert_allclose(jax.jit(unet.apply)(params, image), expected, atol=5e-6)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_it_equals_the_plain_network_at_the_papers_width(rng):
     params = unet.init(jax.random.key(2), 32)
     image = images(rng, (1, 60, 112))

@@ -75,6 +75,12 @@ def one_line(text: object, limit: int = 200) -> str:
     return line if len(line) <= limit else line[: limit - 3] + "..."
 
 
+def told(problem: Exception, limit: int) -> str:
+    """What went wrong, as one line of at most `limit` characters; with its type unless ours."""
+    kind = "" if isinstance(problem, JShapeError) else f"{type(problem).__name__}: "
+    return one_line(f"{kind}{problem}", limit)
+
+
 def quoted(value: object, limit: int = 80) -> str:
     """A value from outside as an error quotes it: its repr, in at most `limit` characters.
 

@@ -6,7 +6,7 @@ from concurrent.futures import CancelledError
 from typing import Any
 
 from jshape.app.editor_state import EditorState
-from jshape.errors import JShapeError, one_line
+from jshape.errors import told
 from jshape.planning.limit import Limit, limit_images
 
 Task = tuple[int, dict[str, Any]]
@@ -61,8 +61,7 @@ class GoalLimit:
         except CancelledError:
             return
         except Exception as problem:  # the person at the page must hear of it
-            kind = "" if isinstance(problem, JShapeError) else f"{type(problem).__name__}: "
-            found = one_line(f"{kind}{problem}", 300)
+            found = told(problem, 300)
         self._answer = task, found
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-from jshape.errors import JShapeError, one_line
+from jshape.errors import one_line, told
 
 LARGEST_UPLOAD = 64 * 2**20
 """Bytes of a file that may be sent to the page."""
@@ -74,8 +74,7 @@ class OneAtATime:
             await doing
             succeeded = True
         except Exception as problem:  # whatever it is, the person at the page must hear of it
-            kind = "" if isinstance(problem, JShapeError) else f"{type(problem).__name__}: "
-            said = one_line(f"{kind}{problem}", 500)
+            said = told(problem, 500)
             if not page.is_deleted:
                 with page:  # the button that was pressed may have been drawn anew
                     ui.notify(said, type="negative", multi_line=True)

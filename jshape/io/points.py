@@ -16,7 +16,7 @@ import numpy as np
 from jshape._typing import Float, Int
 from jshape.camera import Camera
 from jshape.data.depth import outside_range
-from jshape.errors import BadFile, BadImage, needs, one_line
+from jshape.errors import BadFile, BadImage, needs, told
 from jshape.io.files import read_bytes
 from jshape.io.mesh import depth_of_faces
 from jshape.io.pcd import parse_pcd
@@ -154,8 +154,7 @@ def _ply_or_obj(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray | None]
         points, faces = np.asarray(found.vertices), getattr(found, "faces", None)
         faces = None if faces is None else np.asarray(faces)
     except Exception as problem:  # trimesh promises no type for a damaged file
-        kind = "" if isinstance(problem, BadFile) else f"{type(problem).__name__}: "
-        reason = one_line(f"{kind}{problem}", 100)
+        reason = told(problem, 100)
         raise BadFile(f"{path}: the {name} is damaged or holds no points ({reason})") from None
     if faces is not None and len(faces) and not 0 <= faces.min() <= faces.max() < len(points):
         raise BadFile(f"{path}: a face of the {name} names a point that is not there")

@@ -19,7 +19,6 @@ from jshape.planning.evaluate import (
     Execution,
     Work,
     evaluate,
-    first_cache,
 )
 from jshape.planning.search.base import (
     UNLIMITED,
@@ -30,7 +29,6 @@ from jshape.planning.search.base import (
     compiled,
     ended,
 )
-from jshape.planning.search.local import no_local
 from jshape.planning.search.sequence import measured, pruned, warm_start
 from jshape.planning.search.step import (
     NextBatch,
@@ -44,7 +42,6 @@ from jshape.planning.search.step import (
 )
 from jshape.planning.state import SearchState
 
-_first_cache = compiled(first_cache)
 SIDE_BY_SIDE = 4
 """Calls that evaluate at the same time, at most."""
 
@@ -74,11 +71,10 @@ def _priced(problem: SearchProblem, progress: SearchProgress) -> SearchResult:
     priced = state.price is not None and float(state.price) != 0
     if priced and int(progress.result.status) == Status.NO_IMPROVEMENT:
         # Nothing moves material to where it is missing: what is there is shaped at no price.
-        again = replace(progress.result, status=jnp.int32(-1))
-        given = problem.unpriced.state, problem.candidates, progress.now
-        cache = problem.budget.call(_first_cache, *given)
-        progress = replace(progress, cache=cache, local=no_local(state), result=again)
-        progress = _searched(problem.unpriced, progress)
+        free, result = problem.unpriced, progress.result
+        again = problem.budget.call(resume, free.state, free.candidates, result, progress.now)
+        counted = replace(again.result, evaluations=result.evaluations)
+        progress = _searched(free, replace(again, result=counted))
     return progress.result
 
 

@@ -54,11 +54,7 @@ class SearchProgress:
 @jax.jit(static_argnames=["max_steps"])
 def begin(state: SearchState, candidates: Candidates, max_steps: int) -> SearchProgress:
     """Nothing done, nothing known."""
-    used = jnp.zeros(1 + max(state.actions, default=0), jnp.int32)
-    result = empty_result(state, max_steps)
-    none = jnp.zeros((), jnp.float32)
-    cache = first_cache(state, candidates, state.now)
-    return SearchProgress(state.now, cache, used, result, no_local(state), none)
+    return resume(state, candidates, empty_result(state, max_steps), state.now)
 
 
 @compiled

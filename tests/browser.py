@@ -76,11 +76,26 @@ def complaints(browser):
     return [row["message"] for row in browser.get_log("browser") if row["level"] == "SEVERE"]
 
 
+def _replaced():
+    """Selenium's error of an element that is no longer in the page; none without selenium."""
+    try:
+        from selenium.common.exceptions import StaleElementReferenceException
+    except ImportError:
+        return ()
+    return StaleElementReferenceException
+
+
 def until(happened, what, seconds=60.0):
-    """What `happened()` gives once it is true; fails saying `what` was waited for."""
+    """What `happened()` gives once it is true; fails saying `what` was waited for.
+
+    An element that the page replaced between being found and being asked is asked for again.
+    """
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        if value := happened():
-            return value
+        try:
+            if value := happened():
+                return value
+        except _replaced():
+            pass
         time.sleep(0.1)
     pytest.fail(f"waited {seconds:g} s for {what}")

@@ -43,7 +43,8 @@ class Served:
     def told(self):
         """When the arm was told to stop; None: not yet."""
         file = self.folder / "told"
-        return float(file.read_text().split()[0]) if file.exists() else None
+        first, *rest = (file.read_text() if file.exists() else "").split("\n")
+        return float(first) if rest else None  # a file that was opened and not yet written to
 
     def said(self):
         return (self.folder / "said.txt").read_text()

@@ -22,7 +22,7 @@ def bank():
 
 @pytest.fixture(scope="module")
 def other(bank):
-    """The bank of a hand that is 2.5 mm lower, in material that gives way less and heaps up more."""
+    """The bank of a hand 2.5 mm lower, in material that gives way less and heaps up more."""
     numbers = np.array([2.5e-3, -0.2, 0.4], np.float32)
     hands = tuple(corrected(hand, numbers) for hand in bank.predictors)
     return replace(bank, predictors=hands)

@@ -44,7 +44,9 @@ def hands():
     bank = load_bank("pressed-flour-robot").seen_by(SMALL, 0.45)
     chosen = [bank.actions.index(name) for name in ("knock", "poke")]
     predictors = tuple(bank.predictors[k] for k in chosen)
-    return replace(bank, actions=("knock", "poke"), predictors=predictors, errors_mm=None)
+    return replace(
+        bank, actions=("knock", "poke"), predictors=predictors, errors_mm=None, spread=None
+    )
 
 
 def dense(bank, image, goal, moves=None):

@@ -124,10 +124,14 @@ def test_errors_are_kept(tmp_path, bank, folder):
 
 @pytest.mark.parametrize("name", [n for n in list_banks() if n != "flour-robot"])
 def test_bundled_banks_know_their_errors(name):
-    rows = {row["action"]: row["mm"] for row in bank_manifest(name)["errors"]}
+    rows = {row["action"]: row for row in bank_manifest(name)["errors"]}
     found = load_bank(name)
-    np.testing.assert_allclose(found.errors_mm, [rows[a] for a in found.actions], rtol=1e-6)
+    assert found.actions == tuple(rows)
+    np.testing.assert_allclose(found.errors_mm, [r["mm"] for r in rows.values()], rtol=1e-6)
     assert (np.asarray(found.error_of_d()) > 0).all()
+    np.testing.assert_array_equal(
+        found.spread, np.float32([row["spread"] for row in rows.values()])
+    )
 
 
 def test_the_bundled_bank_of_eight_actions_moves_material():

@@ -1,6 +1,7 @@
 """The bundled banks: made from nothing by one command, each with a card that says how good it is.
 
 python -m benchmarks.experiments.banks weights [--only NAME] [--pairs COUNT] [--tested 25]
+python -m benchmarks.experiments.banks weights --intervals      # of the banks that are there
 """
 
 import argparse
@@ -15,9 +16,11 @@ from jshape.camera import PAPER_BOX, PRESETS
 from jshape.data.pairs import Pairs
 from jshape.data.simulate import ALL_ROIS, ROIS, simulate_pairs, together
 from jshape.io import banks
+from jshape.io.files import write_json
 from jshape.learn.evaluate import evaluate
 from jshape.learn.fit import fit
-from jshape.learn.scores import Score
+from jshape.learn.intervals import fit_spread
+from jshape.learn.scores import Score, roi_errors
 from jshape.models.bank import Bank
 
 BEDS = ("irregular", "irregular", "flat", "irregular", "curved")
@@ -79,9 +82,10 @@ def make(recipe: Recipe, root: Path, *, pairs: int, tested: int, say: Callable[[
     testing = simulated(recipe, tested, recipe.seed + 1000)
     say(f"{recipe.name}: fitting")
     bank, plain = fit(training, "P"), fit(training, "D")
+    spread = spreads(recipe, bank, tested)
     rows = [
         {"action": ours.action, "mm": ours.mean_mm, "f_D_mm": theirs.mean_mm,
-         "change_mm": ours.change_mm}
+         "change_mm": ours.change_mm, "spread": spread[ours.action]}
         for ours, theirs in zip(evaluate(bank, testing), evaluate(plain, testing), strict=True)
     ]  # fmt: skip
     say(f"{recipe.name}: testing at {len(TABLE)} other strengths")
@@ -110,6 +114,26 @@ def make(recipe: Recipe, root: Path, *, pairs: int, tested: int, say: Callable[[
     )  # fmt: skip
     say(f"{recipe.name}: {np.mean([row['mm'] for row in rows]):.3f} mm, {folder}")
     return folder
+
+
+def spreads(recipe: Recipe, bank: Bank, count: int) -> dict[str, list[float]]:
+    """(mm, share) of each action's 80 % interval, on `count` other pairs of all strengths."""
+    others = simulated(recipe, count, recipe.seed + 3000, STRENGTHS)
+    return {
+        name: [round(x, 4) for x in fit_spread(roi_errors(bank, others, name).pixels_mm)]
+        for name in bank.actions
+    }
+
+
+def add_intervals(recipe: Recipe, root: Path, count: int, say: Callable[[str], Any]) -> None:
+    """Write the intervals into the manifest of a bank that is there; its arrays stay."""
+    folder = root / recipe.name
+    manifest = banks.bank_manifest(folder)
+    found = spreads(recipe, banks.load_bank(folder), count)
+    for row in manifest["errors"]:
+        row["spread"] = found[row["action"]]
+    write_json(folder / banks.MANIFEST, manifest)
+    say(f"{recipe.name}: {found}")
 
 
 def card(
@@ -214,10 +238,16 @@ def main() -> None:
     parser.add_argument("--only", choices=[recipe.name for recipe in RECIPES])
     parser.add_argument("--pairs", type=int, help="per action (default: the recipe's)")
     parser.add_argument("--tested", type=int, default=25, help="per action (default: 25)")
+    parser.add_argument(
+        "--intervals", action="store_true", help="measure the intervals of banks that are there"
+    )
     options = parser.parse_args()
     for recipe in RECIPES:
         if options.only in (None, recipe.name):
             pairs = options.pairs or recipe.pairs
+            if options.intervals:
+                add_intervals(recipe, options.root, options.tested, _say)
+                continue
             make(recipe, options.root, pairs=pairs, tested=options.tested, say=_say)
 
 

@@ -172,6 +172,11 @@ def with_actions(bank: Bank, names: Sequence[str]) -> Bank:
         if name not in bank.actions:
             raise UnknownName("action", name, bank.actions)
     kept = [bank.actions.index(name) for name in names]
-    errors = None if bank.errors_mm is None else bank.errors_mm[np.array(kept)]
+    rows = np.array(kept, int)
+    known = {
+        name: table[rows]
+        for name in ("errors_mm", "spread")
+        if (table := getattr(bank, name)) is not None
+    }
     predictors = tuple(bank.predictors[k] for k in kept)
-    return replace(bank, predictors=predictors, actions=tuple(names), errors_mm=errors)
+    return replace(bank, predictors=predictors, actions=tuple(names), **known)

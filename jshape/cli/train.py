@@ -115,13 +115,14 @@ def train(dataset: Path, /, options: TrainOptions) -> dict[str, Any]:
     agents, materials = (list(dict.fromkeys(x.tolist())) for x in (pairs.agent, pairs.material))
     errors = {name: best.validation * to_mm for name, best in watch.best.items()}
     errors |= {row.action: row.kept_mm for row in rows if row.worse or not keeps}
+    spreads = {row.action: {"spread": list(row.spread)} for row in rows}
     known = {name: mm for name, mm in errors.items() if count[name] >= LEAST_PAIRS and mm == mm}
     info: dict[str, Any] = {
         "data": {"pairs": count, "agents": agents, "materials": materials},
-        "errors": [{"action": name, "mm": mm} for name, mm in known.items()],
+        "errors": [{"action": n, "mm": mm} | spreads.get(n, {}) for n, mm in known.items()],
         "licence": options.licence,
         "held_out": [
-            {k: v for k, v in row._asdict().items() if k not in ("worse", "useless")}
+            {k: v for k, v in row._asdict().items() if k not in ("worse", "useless", "spread")}
             | {"kept": "D" if row.worse else bank.kind}
             for row in rows
         ],

@@ -44,6 +44,8 @@ class _Error:
     allow_unknown: ClassVar[bool] = True
     action: str
     mm: Annotated[float, Range(0, 1e6)]  # no bed is deeper
+    spread: Annotated[tuple[float, float], Range(0, 1e6)] | None = None
+    """(mm, share) of the 80 % interval.  Older manifests have none."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +98,9 @@ def save_bank(
       folder: where; it must not hold anything unless `overwrite`.
       info: more for the manifest: `data` (what it was fitted to), `licence`, or anything else that
         JSON can hold and that is not a name of the manifest's own.  `errors` is a list of
-        {"action": its name, "mm": the mean error over its ROI, ...}, from which `load_bank` fills
-        the bank's `errors_mm`; without it, it is written from them.
+        {"action": its name, "mm": the mean error over its ROI, "spread": [mm, share], ...}, from
+        which `load_bank` fills the bank's `errors_mm` and `spread`; without it, it is written from
+        them.
       extras: contents of files named in `EXTRAS`.
       overwrite: replace the bank that is there.
 
@@ -173,13 +176,17 @@ def load_bank(name_or_folder: str | os.PathLike) -> Bank:
             raise BadBank(f"{folder}: {EFFECTS} has no {missing.args[0]} of {name}") from None
         except BadBank as problem:
             raise BadBank(f"{folder}: action {name}: {problem}") from None
-    known = {row.action: row.mm for row in manifest.errors or ()}
+    known = {row.action: row for row in manifest.errors or ()}
+    errors = [known[n].mm if n in known else np.nan for n in manifest.actions]
+    unknown = (np.nan, np.nan)
+    spreads = [(known[n].spread if n in known else None) or unknown for n in manifest.actions]
     return Bank(
         camera,
         tuple(predictors),
         tuple(manifest.actions),
         manifest.kind,
-        jnp.array([known.get(n, np.nan) for n in manifest.actions], jnp.float32) if known else None,
+        jnp.array(errors, jnp.float32) if known else None,
+        jnp.array(spreads, jnp.float32) if any(x.spread for x in known.values()) else None,
         _in_words(content.get("data", "")),
     )
 
@@ -263,10 +270,18 @@ def _error_rows(bank: Bank, where: str) -> list[dict[str, Any]]:
     """The errors of a bank that are known, for its manifest."""
     if bank.errors_mm is None:
         return []
-    if np.shape(bank.errors_mm) != (len(bank.actions),):
+    count = len(bank.actions)
+    if np.shape(bank.errors_mm) != (count,):
         raise BadBank(f"{where}: errors_mm has shape {np.shape(bank.errors_mm)}, not one an action")
-    known = zip(bank.actions, np.asarray(bank.errors_mm, np.float64).tolist(), strict=True)
-    return [{"action": name, "mm": mm} for name, mm in known if not np.isnan(mm)]
+    spread = np.full((count, 2), np.nan) if bank.spread is None else np.asarray(bank.spread)
+    if spread.shape != (count, 2):
+        raise BadBank(f"{where}: spread has shape {spread.shape}, not (mm, share) of each action")
+    errors = np.asarray(bank.errors_mm, np.float64).tolist()
+    return [
+        {"action": name, "mm": mm} | ({} if np.isnan(pair).all() else {"spread": pair})
+        for name, mm, pair in zip(bank.actions, errors, spread.astype(float).tolist(), strict=True)
+        if not np.isnan(mm)
+    ]
 
 
 def _bytes(content: bytes | str) -> bytes:

@@ -9,16 +9,19 @@ import numpy as np
 
 from jshape import metric
 from jshape._typing import Array
-from jshape.camera import check_same_camera
+from jshape.camera import Camera, check_same_camera
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import SAME_PATH, Examples, Pairs
 from jshape.errors import BadDataset
 from jshape.learn.noise_floor import Floor
 from jshape.models.bank import Bank
 from jshape.models.base import Predictor
+from jshape.models.spread import around, radii_px
 
 BATCH = 8
 """ROIs predicted at once: a network's memory, and one compiled shape for any number of pairs."""
+SAMPLED = 400
+"""Pixels of a ROI that are kept of it: enough for a quantile, and 3 kB."""
 
 
 class Score(NamedTuple):
@@ -61,6 +64,19 @@ class Trial(NamedTuple):
     """(n,) errors over the ROI."""
     change_mm: np.ndarray
     """(n,) changes by the action over the ROI."""
+    pixels_mm: np.ndarray = np.zeros((0, SAMPLED, 2), np.float32)
+    """(n, SAMPLED, 2) |error| and largest predicted change around, of pixels all over the ROI."""
+
+
+class Errors(NamedTuple):
+    """How far off a predictor is on n pairs, mm."""
+
+    error_mm: np.ndarray
+    """(n,) mean errors over the ROI."""
+    change_mm: np.ndarray
+    """(n,) mean changes by the action over the ROI."""
+    pixels_mm: np.ndarray
+    """(n, SAMPLED, 2) |error| and largest predicted change around, as in `Trial`."""
 
 
 class Comparison(NamedTuple):
@@ -97,17 +113,25 @@ def roi_errors_mm(
       BadDataset: a pair without a single pixel seen before and after, or a ROI outside the image.
       UnknownName: the bank or the pairs have no such action.
     """
+    return roi_errors(bank, pairs, action, size=size)[:2]
+
+
+def roi_errors(
+    bank: Bank, pairs: Pairs, action: str, *, size: tuple[int, int] | None = None
+) -> Errors:
+    """`roi_errors_mm` with the errors of single pixels."""
     check_same_camera(bank.camera, pairs.camera, "the data set's")
     predictor, mine = bank.predictor(action), pairs.of(action=action)
-    to_mm = float(metric.to_mm(1.0, bank.camera))
-    errors, changes = np.zeros((2, len(mine)))
+    count = len(mine)
+    found = Errors(np.zeros(count), np.zeros(count), np.zeros((count, SAMPLED, 2), np.float32))
     lengths = _lengths(predictor, mine)
     for length in np.unique(lengths):
         rows = lengths == length
         hand = predictor if length == 1 else predictor.lengthened(float(length))
         measured, predicted = _measured(hand, mine.select(rows), action, size)
-        errors[rows], changes[rows] = _mean_gaps(predicted, measured, to_mm)
-    return errors, changes
+        for whole, part in zip(found, _gaps(predicted, measured, bank.camera), strict=True):
+            whole[rows] = part
+    return found
 
 
 def _lengths(predictor: Predictor, pairs: Pairs) -> np.ndarray:
@@ -133,21 +157,26 @@ def _measured(
     return measured, predicted if measured is inside else _pasted(predicted, inside, measured)
 
 
-def errors_of(
-    predictor: Predictor, examples: Examples, to_mm: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """The same of one predictor on examples of its ROI; `to_mm` is what d = 1 comes to."""
-    return _mean_gaps(_predict(predictor, examples), examples, to_mm)
+def errors_of(predictor: Predictor, examples: Examples, camera: Camera) -> Errors:
+    """The same of one predictor on examples of its ROI."""
+    return _gaps(_predict(predictor, examples), examples, camera)
 
 
-def _mean_gaps(
-    predicted: np.ndarray, measured: Examples, to_mm: float
-) -> tuple[np.ndarray, np.ndarray]:
-    seen = measured.seen
+def _gaps(predicted: np.ndarray, measured: Examples, camera: Camera) -> Errors:
+    to_mm, seen = float(metric.to_mm(1.0, camera)), measured.seen
     count = seen.sum((1, 2))
     error = np.where(seen, np.abs(predicted - measured.posterior), 0.0)
     change = np.where(seen, np.abs(measured.posterior - measured.prior), 0.0)
-    return error.sum((1, 2)) / count * to_mm, change.sum((1, 2)) / count * to_mm
+    pixels, radii = np.zeros((len(seen), SAMPLED, 2), np.float32), radii_px(camera)
+    for k, of_pair in enumerate(seen):
+        nearby = np.asarray(_around(predicted[k] - measured.prior[k], radii))
+        which = np.flatnonzero(of_pair)
+        which = which[np.linspace(0, len(which) - 1, SAMPLED).astype(int)]
+        pixels[k] = to_mm * np.stack([error[k].flat[which], nearby.flat[which]], -1)
+    return Errors(error.sum((1, 2)) / count * to_mm, change.sum((1, 2)) / count * to_mm, pixels)
+
+
+_around = jax.jit(around, static_argnames="radii")
 
 
 def score(action: str, agent: str, parts: list[tuple[np.ndarray, np.ndarray]], **more) -> Score:

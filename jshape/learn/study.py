@@ -10,7 +10,7 @@ from jshape.camera import check_same_camera
 from jshape.data.pairs import Pairs
 from jshape.errors import BadBank, BadDataset, JShapeError, UnknownName
 from jshape.learn.fit import FITTERS, fit
-from jshape.learn.scores import Trial, roi_errors_mm
+from jshape.learn.scores import Trial, roi_errors
 from jshape.learn.training import Progress
 from jshape.models.bank import Bank
 from jshape.models.refined import Refined
@@ -197,14 +197,14 @@ class Study:
         mine, found = str(training.agent[0]), []
         for agent in splits if self.across else [mine]:
             kept_out = self.pairs.select(splits[agent].test)
-            for action, tested in kept_out.by_action():
+            for action, held_out in kept_out.by_action():
                 if action not in bank.actions:
                     continue
                 fitted = int((training.action == action).sum()) if candidate.fitted else 0
-                errors = roi_errors_mm(bank, tested, action, size=self.pairs.roi_size(action))
+                errors = roi_errors(bank, held_out, action, size=self.pairs.roi_size(action))
                 whose = mine if candidate.fitted else ""
                 found.append(
-                    Trial(candidate.label, whose, agent, action, fitted, tested.id, *errors)
+                    Trial(candidate.label, whose, agent, action, fitted, held_out.id, *errors)
                 )
         return found
 

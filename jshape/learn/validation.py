@@ -13,12 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 
-from jshape import metric
 from jshape.data.pairs import Pairs
 from jshape.errors import BadDataset
 from jshape.learn import fit as fitting
 from jshape.learn.imprint import mean_imprint
-from jshape.learn.scores import Trial, errors_of
+from jshape.learn.intervals import fit_spread, with_more_pairs
+from jshape.learn.scores import Errors, Trial, errors_of
 from jshape.learn.settings import settings_from
 from jshape.learn.study import Candidate, Study
 from jshape.learn.training import split
@@ -59,6 +59,8 @@ class Validation(NamedTuple):
     """f_D is clearly better, so that it is kept for this action."""
     useless: bool
     """Even the better of the two is not clearly better than predicting no change."""
+    spread: tuple[float, float]
+    """(mm, share) of the 80 % interval of what the bank holds, as `Bank.spread`."""
 
     @property
     def kept_mm(self) -> float:
@@ -111,7 +113,8 @@ def fit(
       options: fields of `Training`: epochs, batch, learning_rate, validation, patience, seed, ...
 
     Returns:
-      The bank, with the errors on held-out pairs of actions with at least 4 pairs as `errors_mm`.
+      The bank, with the errors on held-out pairs of actions with at least 4 pairs as `errors_mm`,
+      and the 80 % intervals that cover them as `spread`.
 
     Raises:
       UnknownName: no such kind.
@@ -134,15 +137,16 @@ def fit(
         if warning := row.warning(kind):
             warnings.warn(warning, stacklevel=2)
     known = {
-        row.action: row.kept_mm
+        row.action: (row.kept_mm, *row.spread)
         for row in rows
         if int((pairs.action == row.action).sum()) >= LEAST_PAIRS
     }
-    errors = jnp.array([known.get(name, np.nan) for name in bank.actions], jnp.float32)
+    table = jnp.array([known.get(name, (np.nan,) * 3) for name in bank.actions], jnp.float32)
     who = ", ".join(dict.fromkeys([*pairs.agent.tolist(), *pairs.material.tolist()]))
     return replace(
         without_worse(bank, pairs, rows),
-        errors_mm=errors if known else None,
+        errors_mm=table[:, 0] if known else None,
+        spread=table[:, 1:] if known else None,
         fitted_to=f"{len(pairs)} pairs ({who})",
     )
 
@@ -158,7 +162,8 @@ def validate(
     """Mean errors of a bank's kind on pairs of each action that it was not fitted to.
 
     Kinds that are fitted in seconds are fitted again, to random partitions of 75/25, over the
-    bank's own ROIs and all agents together: the bank, fitted to a third more, is a little better.
+    bank's own ROIs and all agents together: the bank, fitted to a third more, is a little better,
+    which only intervals allow for.
     Networks are tested on the pairs that chose their best epoch: they are a little worse.  An
     action with too few pairs, or too few readings to do without some, has no row.
 
@@ -192,17 +197,21 @@ def validate(
                     report(name, made, total)
         except BadDataset:  # pixels that only the pairs left out have seen
             continue
-        own = np.concatenate([trial.error_mm for trial in tested["mine"]])
-        nothing = np.concatenate([trial.change_mm for trial in tested["mine"]])
-        plain = np.concatenate([trial.error_mm for trial in tested.get("D", tested["mine"])])
-        found.append(_row(name, own, plain, nothing))
+        own = _together(tested["mine"])
+        scale = with_more_pairs(tested["mine"][0].pairs, len(mine))
+        found.append(_row(name, own, _together(tested["D"]) if "D" in tested else own, scale))
     return found
+
+
+def _together(trials: list[Trial]) -> Errors:
+    """Those of all partitions."""
+    fields = zip(*(trial[-3:] for trial in trials), strict=True)
+    return Errors(*map(np.concatenate, fields))
 
 
 def _on_validation(bank: Bank, pairs: Pairs, options: Mapping[str, Any]) -> list[Validation]:
     """The rows of networks: what they cost is one prediction of each pair."""
     settings, found = settings_from(dict(options)), []
-    to_mm = float(metric.to_mm(1.0, bank.camera))
     for name in bank.actions:
         examples = pairs.rois(name, bank.roi(name), padded=True)
         training, kept_out = split(examples, settings)
@@ -212,16 +221,25 @@ def _on_validation(bank: Bank, pairs: Pairs, options: Mapping[str, Any]) -> list
             plain = fit_difference(*training.without_blind()[:2])
         except BadDataset:  # pixels that only the pairs kept out have seen
             continue
-        own, nothing = errors_of(bank.predictor(name), kept_out, to_mm)
-        found.append(_row(name, own, errors_of(plain, kept_out, to_mm)[0], nothing))
+        own = errors_of(bank.predictor(name), kept_out, bank.camera)
+        found.append(_row(name, own, errors_of(plain, kept_out, bank.camera)))
     return found
 
 
-def _row(name: str, own: np.ndarray, difference: np.ndarray, nothing: np.ndarray) -> Validation:
-    worse = _worse(own, difference)
-    useless = len(own) > 1 and not _worse(nothing, difference if worse else own)
-    means = float(own.mean()), float(difference.mean()), float(nothing.mean())
-    return Validation(name, len(own), *means, worse, useless)
+def _row(name: str, own: Errors, difference: Errors, scale: float = 1.0) -> Validation:
+    worse, nothing = _worse(own.error_mm, difference.error_mm), own.change_mm
+    kept = difference if worse else own
+    useless = len(nothing) > 1 and not _worse(nothing, kept.error_mm)
+    return Validation(
+        action=name,
+        tested=len(nothing),
+        mm=float(own.error_mm.mean()),
+        difference_mm=float(difference.error_mm.mean()),
+        nothing_mm=float(nothing.mean()),
+        worse=worse,
+        useless=useless,
+        spread=fit_spread(kept.pixels_mm, scale),
+    )
 
 
 def _worse(errors: np.ndarray, others: np.ndarray) -> bool:

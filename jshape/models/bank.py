@@ -22,12 +22,13 @@ from jshape.errors import (
     one_line,
     quoted,
 )
+from jshape.models import spread as spreads
 from jshape.models.base import Predictor
 
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=("camera", "predictors", "errors_mm"),
+    data_fields=("camera", "predictors", "errors_mm", "spread"),
     meta_fields=("actions", "kind"),
     drop_fields=("fitted_to",),
 )
@@ -46,6 +47,9 @@ class Bank:
     """How wrong each action's prediction usually is: the mean |true - predicted| over its ROI on
     pairs that it was not fitted to, mm.  NaN: not known for that action; None: for none of them.
     In mm, so that it stays true below another camera."""
+    spread: Float[Array, "A 2"] | None = None
+    """(mm, share) of each action: the law of its predictions' 80 % interval (`models.spread`).
+    NaN: not known for that action; None: for none of them."""
     fitted_to: str = ""
     """The pairs that it was fitted to, in words; compiled code does not see it."""
 
@@ -141,6 +145,25 @@ class Bank:
             )
         seen = tuple(predictor.seen_by(camera, depth) for predictor in self.predictors)
         return replace(self, camera=camera, predictors=seen)
+
+    def half_width_mm(
+        self, name: str, before: ArrayLike, after: ArrayLike
+    ) -> Float[Array, "*B h w"]:
+        """Half of the 80 % interval of each pixel of a prediction, mm; NaN: not known.
+
+        Args:
+          name: of the action.
+          before: (*B, h, w) of I before it, of any size.
+          after: the same as predicted.
+
+        Raises:
+          UnknownName: the bank has no such action.
+        """
+        self.predictor(name)
+        rows = jnp.full((len(self.actions), 2), jnp.nan) if self.spread is None else self.spread
+        change = metric.to_mm(jnp.asarray(after) - jnp.asarray(before), self.camera)
+        nearby = spreads.around(change, spreads.radii_px(self.camera))
+        return spreads.half_width_mm(rows[self.actions.index(name)], nearby)
 
     def predict(
         self,

@@ -73,7 +73,7 @@ class Searches(Tries, StopCriteria, SearchBudget):
     devices: Devices | None = None
     """CPU devices that share the work (default: one per core, at most 8)."""
     max_steps: Count = StopCriteria.max_steps
-    min_gain_mm: Nonnegative = StopCriteria.min_gain_mm
+    min_gain_mm: Nonnegative | None = None
     tolerance_mm: Nonnegative = StopCriteria.tolerance_mm
     error_margin: Nonnegative | None = None
     seconds: Duration | None = None

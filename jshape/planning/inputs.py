@@ -128,7 +128,8 @@ def search_inputs(
     """Where a planner works, what it may try and must keep to, and the actions tried in pairs."""
     constraints.refuse(["max_missing"], "plan takes weighed images; plan_depth reads depth")
     pairs = tasks.carries(bank, space.carries)
-    limits = tasks.limits(bank, stop, constraints.max_uses, pairs)
+    feigned = tasks.feigned(bank, first, goal, seen) if stop.min_gain_mm is None else 0.0
+    limits = tasks.limits(bank, stop, constraints.max_uses, pairs, feigned)
     free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
     moves = prepared(
         bank,

@@ -3,7 +3,7 @@
 `jshape.plan`, `jshape.plan_depth`, `mold`, the command line and jshape.toml all take these four
 records; their defaults, which the studio plans with, stand here alone.  They suit goals that the
 trained hand did not make: dense positions, gentle and deep strengths, turned hands, and no action
-that gains less than half of its usual error.  `PAPER` is the paper's own search.
+that gains less than half of its usual error or than noise may feign.  `PAPER` is the paper's own search.
 """
 
 import inspect
@@ -23,6 +23,9 @@ STRIDE = 12
 """Pixels between positions, where the ROIs are not small and nothing else is said."""
 ERROR_MARGIN = 0.5
 """Where the bank knows its errors and nothing else is said."""
+FEIGNED = 3.0
+"""Least gain, in standard deviations of what noise adds to the gain of one action: the best of some
+hundred windows that do not overlap seems to gain as much by chance alone."""
 
 
 WINDOW = "for a part of the frames, set both to NaN beyond it (jshape.plan_depth)"
@@ -118,8 +121,8 @@ class StopCriteria:
 
     max_steps: int = 16
     """Most actions in the plan."""
-    min_gain_mm: float = 0.005
-    """Least gain of an action, mm; the default is what the prediction of a poke usually errs by."""
+    min_gain_mm: float | None = None
+    """Least gain of an action, mm (default: what the noise of bed and goal may feign)."""
     tolerance_mm: float = 0.0
     """Distance at which the goal counts as reached, mm."""
     error_margin: float | None = None

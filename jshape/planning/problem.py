@@ -8,6 +8,8 @@ import numpy as np
 
 from jshape import actions as rectangles
 from jshape import metric
+from jshape._typing import Bool, Float
+from jshape.data.noise import noise_of_sums
 from jshape.errors import BadBank, JShapeError, UnknownName, quoted
 from jshape.models.bank import Bank
 from jshape.models.imprint import LONGEST
@@ -15,6 +17,7 @@ from jshape.models.turn import square
 from jshape.planning.kernels import Move
 from jshape.planning.options import (
     ERROR_MARGIN,
+    FEIGNED,
     YAWS,
     Constraints,
     SearchBudget,
@@ -144,10 +147,12 @@ def limits(
     stop: StopCriteria,
     max_uses: Mapping[str, int] | None,
     carries: Sequence[tuple[int, int]] = (),
+    feigned: float = 0.0,
 ) -> SearchLimits:
     """What a search must gain and may use, the bank's own errors times the margin among it.
 
-    Actions that are tried in pairs may be used in pairs alone.
+    Actions that are tried in pairs may be used in pairs alone.  Where `stop` does not say it, the
+    least gain is what is `feigned`.
     """
     if not isinstance(stop.max_steps, int | np.integer) or not 0 <= stop.max_steps <= MAX_STEPS:
         raise JShapeError(
@@ -159,6 +164,8 @@ def limits(
         margin = 0.0 if bank.errors_mm is None else ERROR_MARGIN
     for name in ("min_gain_mm", "tolerance_mm", "error_margin"):
         value = margin if name == "error_margin" else getattr(stop, name)
+        if value is None and name == "min_gain_mm":
+            continue
         if not isinstance(value, int | float | np.number) or not 0 <= value < np.inf:
             raise JShapeError(f"{name} is {quoted(value)}; it must be a number from 0")
     if margin and bank.errors_mm is None:
@@ -183,13 +190,29 @@ def limits(
     allowed[[number for pair in carries for number in pair]] = 0
     per_mm = 1.0 / float(metric.to_mm(1.0, bank.camera))
     return SearchLimits(
-        min_gain=float(stop.min_gain_mm) * per_mm,
+        min_gain=feigned if stop.min_gain_mm is None else float(stop.min_gain_mm) * per_mm,
         tolerance=float(stop.tolerance_mm) * per_mm,
         # On the host: sent with the search, not each with a transfer of its own.
         errors=np.asarray(margin * bank.error_of_d()) if margin else np.zeros(len(allowed), "f4"),
         max_uses=allowed,
         carry_uses=in_carries,
     )
+
+
+def feigned(
+    bank: Bank,
+    now: Float[np.ndarray, "H W"],
+    goal: Float[np.ndarray, "H W"],
+    seen: Bool[np.ndarray, "H W"] | None,
+) -> float:
+    """What an action may seem to gain by the noise of bed and goal, in units of d.
+
+    Where the goal is farther than the action reaches, it gains what it changes, whatever the noise;
+    elsewhere at most the noise of its window's pixels is added, signs and all.  Of the largest ROI.
+    """
+    counted = now.size if seen is None else max(int(seen.sum()), 1)
+    pixels = max((w * h for w, h in bank.rois.values()), default=0)
+    return FEIGNED * noise_of_sums(now - goal, seen) * math.sqrt(pixels) / counted
 
 
 def stock(state: SearchState, constraints: Constraints) -> float:

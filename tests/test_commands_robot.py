@@ -89,7 +89,7 @@ def test_a_run_goes_on_as_it_began(tmp_path):
     assert options.seconds is None
     assert kept(began)[0].max_steps == 2
     options, said = kept({"planner": "greedy"})
-    assert (options.max_steps, options.min_gain_mm, said.getvalue()) == (16, 0.005, "")
+    assert (options.max_steps, options.min_gain_mm, said.getvalue()) == (16, None, "")
     with pytest.raises(BadFile, match="the run's max-steps: 'two' is not a whole number from 0"):
         kept({"max_steps": "two"})
 

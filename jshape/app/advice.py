@@ -8,7 +8,7 @@ from jshape.app.editor_state import EditorState
 from jshape.models.bank import Bank
 from jshape.planning.api import rollout
 from jshape.planning.limit import Limit
-from jshape.planning.options import YAWS, SearchSpace, StopCriteria
+from jshape.planning.options import YAWS, SearchSpace
 from jshape.planning.plan import Plan
 
 STROKE_MM = 15.0
@@ -87,7 +87,7 @@ def why_empty(editor: EditorState) -> str:
         ways.append(f"try {YAWS} yaw angles instead of {editor.yaws}")
     ways.append("choose another bank")
     return (
-        f"No action brings the bed nearer by more than {StopCriteria().min_gain_mm:g} mm. "
+        "No action brings the bed nearer by more than noise and its own error may feign. "
         f"The goal differs from it by {editor.distance_mm:.3f} mm on average, {asked.max():.1f} mm "
         f"at most. The smallest "
         f"action, {name} x{gentle:g}, moves {own:.3f} mm on average, {moved.max():.1f} mm at most: "

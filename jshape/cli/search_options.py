@@ -74,6 +74,7 @@ class Searches(Tries, StopCriteria, SearchBudget):
     """CPU devices that share the work (default: one per core, at most 8)."""
     max_steps: Count = StopCriteria.max_steps
     min_gain_mm: Nonnegative | None = None
+    """Least gain of an action, mm (default: what the noise of bed and goal may feign)."""
     tolerance_mm: Nonnegative = StopCriteria.tolerance_mm
     error_margin: Nonnegative | None = None
     seconds: Duration | None = None

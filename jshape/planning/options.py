@@ -3,7 +3,8 @@
 `jshape.plan`, `jshape.plan_depth`, `mold`, the command line and jshape.toml all take these four
 records; their defaults, which the studio plans with, stand here alone.  They suit goals that the
 trained hand did not make: dense positions, gentle and deep strengths, turned hands, and no action
-that gains less than half of its usual error or than noise may feign.  `PAPER` is the paper's own search.
+that gains less than half of its usual error or than noise may feign.  `PAPER` is the paper's own
+search.
 """
 
 import inspect

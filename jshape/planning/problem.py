@@ -208,7 +208,8 @@ def feigned(
     """What an action may seem to gain by the noise of bed and goal, in units of d.
 
     Where the goal is farther than the action reaches, it gains what it changes, whatever the noise;
-    elsewhere at most the noise of its window's pixels is added, signs and all.  Of the largest ROI.
+    elsewhere at most the noise of its window's pixels is added, signs and all.  Of the largest ROI:
+    the action that is chosen has to be better than what noise feigns for any other.
     """
     counted = now.size if seen is None else max(int(seen.sum()), 1)
     pixels = max((w * h for w, h in bank.rois.values()), default=0)

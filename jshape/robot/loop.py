@@ -14,6 +14,7 @@ import numpy as np
 from jshape import metric
 from jshape.actions import PlacedAction
 from jshape.camera import Camera, check_same_camera
+from jshape.data.noise import noise_of_change
 from jshape.data.view import above, image_of_depth, known_in_both
 from jshape.errors import JShapeError, quoted
 from jshape.models.bank import Bank
@@ -86,8 +87,10 @@ class Step(PlacedAction):
 
 
 PATIENCE = 3
-"""Looks without progress that end the loop.  An action that gains as much as it errs by fails once
-in six times, three in a row once in 250; actions that gain nothing do so once in eight."""
+"""Looks that show no progress, though they would, which end the loop.  An action that gains as much
+as it errs by fails once in six times, three in a row once in 250; actions that gain nothing do so
+once in eight.  A look is judged once the actions since the lowest distance were predicted to gain
+more than the noise of two looks hides: what gains as much is hidden once in six times as well."""
 HEAD = "step  action                  before     predicted  obtained (mm to the goal)"
 """Above the lines of steps."""
 
@@ -163,7 +166,8 @@ def mold(
       horizon: how many actions ahead a plan after a look is made for; None is all that are left.
       batch: actions between two looks, at most: those of the plan whose ROIs do not meet.
       patience: stop when so many looks one after the other showed no distance lower than all
-        before; None is `PATIENCE` where the plan is made anew, and never where it is not.
+        before, though by their noise, measured beside what was touched, they could have; None is
+        `PATIENCE` where the plan is made anew, and never where it is not.
       replan: False applies the first plan to its end, blindly, as the paper does.
       first: the plan to begin with; None makes one from the first look.
       afresh: after each look, predict anew from it what is left of `first`, so that what an action
@@ -220,7 +224,7 @@ def mold(
     whole = goal if wanted is None else np.where(wanted, goal, now.image)
     run = Molding(whole, ahead, [now.image], [now.depth], [now.seen])
     obtained = float(metric.to_mm(now.distance, bank.camera))
-    lowest, failures = obtained, 0
+    lowest, failures, promised = obtained, 0, 0.0
     while True:
         if len(ahead) == 0:
             run.stop = Stop[ahead.status.name] if replan or not run.steps else Stop.PLAN_ENDED
@@ -253,16 +257,19 @@ def mold(
                 on_step(step, after.depth)
             if act.action in uses:
                 uses[act.action] -= 1
+        touched = np.any([touched_by(bank.camera, act) for act in doing], 0)
         if watch:
-            touched = np.any([touched_by(bank.camera, act) for act in doing], 0)
             check_still(before.depth, now.depth, touched)
         if declined:
             run.stop = Stop.DECLINED
             return run
         act = doing[-1]
+        promised += planned[0] - planned[len(doing)]
         if not act.carries:  # what is taken out is brought before anything else is judged
-            failures = 0 if obtained < lowest else failures + 1
-            lowest = min(lowest, obtained)
+            if obtained < lowest:
+                lowest, failures, promised = obtained, 0, 0.0
+            elif max(promised, obtained - lowest) > before.hides(now, touched, bank.camera):
+                failures += 1
         if patience is not None and failures >= patience:
             run.stop = Stop.WORSE
             return run
@@ -310,6 +317,14 @@ class _Look(NamedTuple):
             depth, image = (np.where(done, b, a) for a, b in zip(self[:2], last[:2], strict=True))
             yield _Look(depth, image, np.where(done, last.goal, self.goal), seen)
         yield last
+
+    def hides(self, later: "_Look", touched: np.ndarray, camera: Camera) -> float:
+        """Standard deviation that the noise of both looks gives to a change of distance, mm."""
+        seen = np.ones_like(touched)
+        for mask in (self.seen, later.seen):
+            seen = seen if mask is None else seen & mask
+        noise = noise_of_change(self.image, later.image, seen & ~touched, int(seen.sum()))
+        return float(metric.to_mm(noise, camera))
 
     @property
     def distance(self) -> float:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import jshape
+from benchmarks.console import positive_count
 from benchmarks.experiments.problems import Problem, shape_problems
 from jshape.cli.tables import print_table
 from jshape.models.bank import Bank
@@ -82,7 +83,7 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bank", default=DEFAULT_BANK)
-    parser.add_argument("--steps", type=int, nargs="+", default=[4, 16])
+    parser.add_argument("--steps", type=positive_count, nargs="+", default=[4, 16])
     parser.add_argument("--planners", nargs="+", default=["greedy"], choices=PLANNERS)
     parser.add_argument("--data", type=Path, help="measured sand and dough")
     options = parser.parse_args()

@@ -18,6 +18,7 @@ import numpy as np
 from scipy import ndimage
 
 import jshape
+from benchmarks.console import positive, positive_count
 from benchmarks.experiments import shapes
 from benchmarks.experiments.problems import Problem, shape_problem, shape_problems
 from benchmarks.relief import picture
@@ -105,12 +106,12 @@ def main(words: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bank", default=DEFAULT_BANK)
-    parser.add_argument("--steps", type=int, default=100)
-    parser.add_argument("--batches", type=int, nargs="+", default=[1, 4, 8])
+    parser.add_argument("--steps", type=positive_count, default=100)
+    parser.add_argument("--batches", type=positive_count, nargs="+", default=[1, 4, 8])
     parser.add_argument("--planner", default="careful", choices=PLANNERS)
     parser.add_argument("--freely", action="store_true", help="actions may gain as little as 1 um")
-    parser.add_argument("--yaws", type=int, help="directions of the hand (default: as for plan)")
-    parser.add_argument("--stock-cm3", type=float, help="material beside the bed")
+    parser.add_argument("--yaws", type=positive_count, help="of the hand (default: as for plan)")
+    parser.add_argument("--stock-cm3", type=positive, help="material beside the bed")
     parser.add_argument("--data", type=Path, help="measured sand")
     parser.add_argument("--out", type=Path, help="folder for pictures")
     options = parser.parse_args(words)

@@ -309,7 +309,8 @@ def test_what_others_made_superfluous_is_taken_out():
     # A weak one before it makes the first too deep.
     more = sequence(problem.state, [(steps[0][0], steps[0][1], 0.2), *steps])
     more = measured(problem.state, more)[0]
-    left = pruned(problem, more)
+    left = pruned(problem, replace(more, status=jnp.int32(Status.MAX_STEPS)))
+    assert Status(int(left.status)) is Status.MAX_STEPS  # nobody has looked for others
     assert int(left.steps) == 3 and float(left.distance) < 1e-5 < float(more.distance)
     np.testing.assert_array_equal(left.move, own.move)
     np.testing.assert_allclose(numbers_of(left), numbers_of(own), atol=1e-6)

@@ -13,8 +13,8 @@ Method = dict[str, Any]
 """Options that JSON can hold.  `bank` is a name, `min_gain_mm` in mm, `patience` for closed loops;
 `positions` is a grid, for which recorded sequences have their own."""
 
-COMMON: Method = {"planner": "greedy", "min_gain_mm": 0.005, "patience": 4}
-"""What a method does not say.  The least gain is `jshape plan`'s."""
+COMMON: Method = {"planner": "greedy", "patience": 4}
+"""What a method does not say, and `jshape plan` has no default for, or another."""
 DENSE: Method = {
     "bank": DEFAULT_BANK,
     "stride": 12,

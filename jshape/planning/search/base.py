@@ -23,7 +23,7 @@ class Status(IntEnum):
     CONVERGED = 0
     """The distance left is at most the tolerance, up to rounding."""
     MAX_STEPS = 1
-    """As many actions as allowed."""
+    """As many actions as allowed were found; `refine` may have taken some out again."""
     NO_IMPROVEMENT = 2
     """No action lowers the distance by more than the least gain asked for."""
     BUDGET = 3

@@ -17,7 +17,6 @@ from jshape.planning.kernels import Kernel
 from jshape.planning.search.base import (
     SearchProblem,
     SearchResult,
-    Status,
     compiled,
     empty_result,
     ended,
@@ -233,8 +232,7 @@ def pruned(problem: SearchProblem, result: SearchResult, unsure: float = UNSURE)
         if float(fewer.distance) <= (near if float(result.distance) <= near else enough):
             result = replace(fewer, status=result.status)
             gone.append(unit)
-    full = int(result.steps) < before and int(result.status) == Status.MAX_STEPS
-    return ended(problem, result, Status.NO_IMPROVEMENT if full else None)
+    return ended(problem, result, None)
 
 
 @partial(compiled, static=("count",))

@@ -102,12 +102,18 @@ def next_batch(
     limits: SearchLimits,
     room: Array,
     fine: int | Array,
+    due: Bool[Array, "N"] | None = None,
 ) -> NextBatch:
-    """Stale candidates, as far as there is room, or the next round of a local search."""
+    """Stale candidates, as far as there is room, or the next round of a local search.
+
+    `due`, where it is known, is what is `pending`.
+    """
 
     def look(progress: SearchProgress) -> tuple[Work, Array]:
-        due = pending(state, candidates, progress.cache, progress.used, limits)
-        return work_of(state, candidates, due, room)
+        known = due
+        if known is None:
+            known = pending(state, candidates, progress.cache, progress.used, limits)
+        return work_of(state, candidates, known, room)
 
     def move(progress: SearchProgress) -> tuple[Work, Array]:
         nothing = jnp.zeros_like(progress.cache.stale)
@@ -142,10 +148,14 @@ def step(
     looking = progress.local.round < 0
     spent = jnp.where(looking, batch.count(candidates), 0)
 
+    def waiting(progress: SearchProgress) -> Array:
+        return pending(state, candidates, progress.cache, progress.used, limits)
+
+    due = lax.cond(looking, waiting, lambda s: jnp.zeros_like(s.cache.stale), progress)
+
     def looked(progress: SearchProgress) -> tuple[Local, Array]:
         """A local search begins when nothing is pending any more."""
-        waiting = pending(state, candidates, progress.cache, progress.used, limits).any()
-        return lax.cond(waiting, lambda s: (s.local, jnp.int32(0)), begun, progress)
+        return lax.cond(due.any(), lambda s: (s.local, jnp.int32(0)), begun, progress)
 
     def begun(progress: SearchProgress) -> tuple[Local, Array]:
         cache = known(progress.cache)
@@ -159,9 +169,11 @@ def step(
     result = replace(progress.result, evaluations=began + spent + more)
     progress = replace(progress, result=result, local=local)
     decided = partial(_decided, state=state, candidates=candidates, limits=limits, fine=fine)
-    progress = lax.cond(local.round == fine, decided, lambda s: s, progress)
-    rest = jnp.minimum(room, left - spent) - more
-    return progress, next_batch(progress, state, candidates, limits, jnp.maximum(rest, 0), fine)
+    ends = local.round == fine
+    progress = lax.cond(ends, decided, lambda s: s, progress)
+    due = lax.cond(ends, waiting, lambda _: due, progress)
+    rest = jnp.maximum(jnp.minimum(room, left - spent) - more, 0)
+    return progress, next_batch(progress, state, candidates, limits, rest, fine, due)
 
 
 def _decided(

@@ -29,6 +29,7 @@ def test_the_change_around_is_the_largest_within_reach(rng):
     change[0, 3, 4] = np.nan
     found = jax.jit(around, static_argnums=1)(change, (2, 1))
     np.testing.assert_array_equal(found, around_slowly(change, (2, 1)))
+    np.testing.assert_array_equal(around(change, (2, 1)), found)  # on the host
     assert radii_px(PAPER_BOX) == (19, 19)  # 20 mm at 0.445 m
     assert (radii_px(replace(PAPER_BOX, fx=866.0)), radii_px(replace(PAPER_BOX, fx=1.0))) == (
         (39, 19), (1, 19),

@@ -169,14 +169,11 @@ def _gaps(predicted: np.ndarray, measured: Examples, camera: Camera) -> Errors:
     change = np.where(seen, np.abs(measured.posterior - measured.prior), 0.0)
     pixels, radii = np.zeros((len(seen), SAMPLED, 2), np.float32), radii_px(camera)
     for k, of_pair in enumerate(seen):
-        nearby = np.asarray(_around(predicted[k] - measured.prior[k], radii))
+        nearby = around(predicted[k] - measured.prior[k], radii)
         which = np.flatnonzero(of_pair)
         which = which[np.linspace(0, len(which) - 1, SAMPLED).astype(int)]
         pixels[k] = to_mm * np.stack([error[k].flat[which], nearby.flat[which]], -1)
     return Errors(error.sum((1, 2)) / count * to_mm, change.sum((1, 2)) / count * to_mm, pixels)
-
-
-_around = jax.jit(around, static_argnames="radii")
 
 
 def score(action: str, agent: str, parts: list[tuple[np.ndarray, np.ndarray]], **more) -> Score:

@@ -146,9 +146,7 @@ class Bank:
         seen = tuple(predictor.seen_by(camera, depth) for predictor in self.predictors)
         return replace(self, camera=camera, predictors=seen)
 
-    def half_width_mm(
-        self, name: str, before: ArrayLike, after: ArrayLike
-    ) -> Float[Array, "*B h w"]:
+    def half_width_mm(self, name: str, before: ArrayLike, after: ArrayLike) -> Float[Any, "*B h w"]:
         """Half of the 80 % interval of each pixel of a prediction, mm; NaN: not known.
 
         Args:
@@ -160,8 +158,9 @@ class Bank:
           UnknownName: the bank has no such action.
         """
         self.predictor(name)
-        rows = jnp.full((len(self.actions), 2), jnp.nan) if self.spread is None else self.spread
-        change = metric.to_mm(jnp.asarray(after) - jnp.asarray(before), self.camera)
+        rows = np.full((len(self.actions), 2), np.nan) if self.spread is None else self.spread
+        xp = namespace(before, after)
+        change = metric.to_mm(xp.asarray(after) - xp.asarray(before), self.camera)
         nearby = spreads.around(change, spreads.radii_px(self.camera))
         return spreads.half_width_mm(rows[self.actions.index(name)], nearby)
 

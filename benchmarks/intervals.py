@@ -1,11 +1,15 @@
 """Whether the 80 % intervals of predictions hold on pairs that were held out.
 
     python -m benchmarks.intervals --data DIR [--only fitted] [--partitions 4]
+    python -m benchmarks.intervals --only plans [--count 14]
 
 DIR holds the independent material-point simulation: `pairs` and `pairs_noisy`, one data set a
 folder.  A bank is fitted to 75 % of the pairs of each, as `jshape train` does, its intervals with
 it, and tested on the rest: every pair counts the same (in the next column every pixel, so that a
 grasp counts 18 times as much as a poke).
+
+`plans`: the bundled banks plan for goals that another hand made, and that none did; each plan is
+carried out in the simulator, and after each action d is measured as the camera sees the bed.
 """
 
 import argparse
@@ -14,11 +18,15 @@ import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import jax
 import numpy as np
 
+import jshape
 from benchmarks.console import positive_count, run
+from benchmarks.experiments.open_loop import seen
+from benchmarks.experiments.problems import applied_problems, shape_problems
 from benchmarks.sim_against_mpm import default_data
-from jshape import load_pairs
+from jshape import Plan, load_bank, load_pairs, metric
 from jshape.cli.tables import print_table, progress
 from jshape.data.pairs import Pairs
 from jshape.errors import BadFile
@@ -27,8 +35,19 @@ from jshape.learn.scores import roi_errors
 from jshape.learn.study import split_pairs
 from jshape.learn.validation import fit
 from jshape.models.spread import COVERED, half_width_mm
+from jshape.robot.simulated import SimulatedWorld
 
 FOLDERS = "pairs", "pairs_noisy"
+BANKS = (
+    ("pressed-flour-robot", "flour", "robot"),
+    ("pressed-flour-human", "flour", "human"),
+    ("pressed-sand-human", "sand", "human"),
+)
+"""Bundled ones, the material they plan in and the hand that carries plans out."""
+MAX_STEPS = 8
+"""Most actions of a plan."""
+SEED = 7
+"""Of problems and worlds."""
 
 
 def covered(pairs: Pairs, partitions: int) -> list[np.ndarray]:
@@ -79,6 +98,55 @@ def fitted(options: argparse.Namespace) -> int:
         "pairs", "count", f"in {100 * COVERED:.0f} % intervals (% of a ROI)",
         "(% of all pixels)", "half an interval (mm)",
     )  # fmt: skip
+    return _tell(options, head, rows)
+
+
+def planned(options: argparse.Namespace) -> int:
+    """Coverage of the intervals of d, and of pixels, of plans that are carried out."""
+    rows, everything = [], []
+    for name, material, agent in BANKS:
+        bank = load_bank(name)
+        half = options.count // 2
+        problems = applied_problems(SEED, options.count - half, bank, material=material)
+        problems += shape_problems(SEED, half, material=material)
+        found = []
+        for k, problem in enumerate(progress(problems, len(problems), name)):
+            plan = jshape.plan(
+                problem.start, problem.goal, **jshape.options(bank=bank, max_steps=MAX_STEPS)
+            )
+            key = jax.random.key(SEED + k)
+            world = SimulatedWorld(key, problem.bed, material=material, agent=agent)
+            found += _carried_out(plan, world)
+        everything += found
+        rows.append((name, *_cells(found)))
+    head = (
+        "bank", "looks", "d in its 80 % interval (%)", "half of it (mm)", "pixels of ROIs (%)",
+    )  # fmt: skip
+    return _tell(options, head, [*rows, ("all", *_cells(everything))])
+
+
+def _carried_out(plan: Plan, world: SimulatedWorld) -> list[tuple[bool, float, float]]:
+    """After each action: whether d is in its interval, half of it (mm), share of pixels."""
+    found, halves = [], plan.distance_half_widths_mm
+    assert halves is not None and plan.goal is not None
+    for k, act in enumerate(plan, 1):
+        world.act(act.action, act.position, **act.how)
+        look = seen(world)
+        d_mm = float(metric.to_mm(metric.distance(look, plan.goal), plan.camera))
+        pixels = plan.half_widths_after(k)
+        assert pixels is not None
+        off = np.asarray(metric.to_mm(np.abs(look - plan.images[k]), plan.camera))
+        share = float((off <= pixels)[pixels > 0].mean())
+        found.append((abs(d_mm - plan.distances_mm[k]) <= halves[k], float(halves[k]), share))
+    return found
+
+
+def _cells(found: list[tuple[bool, float, float]]) -> tuple[int | str, ...]:
+    inside, half, pixels = np.mean(found, 0)
+    return len(found), f"{100 * inside:.1f}", f"{half:.2f}", f"{100 * pixels:.1f}"
+
+
+def _tell(options: argparse.Namespace, head: tuple[str, ...], rows: list) -> int:
     print_table(head, rows)
     if options.out:
         options.out.write_text(f"{markdown(head, rows)}\n")
@@ -89,10 +157,12 @@ def main(words: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(description="Whether 80 %% intervals hold.")
     parser.add_argument("--data", type=Path, default=default_data())
-    parser.add_argument("--only", choices=["fitted"])
+    parser.add_argument("--only", choices=["fitted", "plans"], default="fitted")
+    parser.add_argument("--count", type=positive_count, default=14, help="goals per bank")
     parser.add_argument("--partitions", type=positive_count, default=4)
     parser.add_argument("--out", type=Path, help="the table as Markdown")
-    parser.set_defaults(run=fitted)
+    kinds = {"fitted": fitted, "plans": planned}
+    parser.set_defaults(run=lambda options: kinds[options.only](options))
     return run("benchmarks.intervals", parser, words)
 
 

@@ -147,7 +147,7 @@ def story() -> Figure:
         **options(bank=bank, strengths=(0.5, 1.0), max_steps=4),
     )
     figure = pictures.plan_figure(found, rois=bank.rois)
-    for letter, ax in zip("ABCDEF", figure.axes[:6], strict=True):
+    for letter, ax in zip("ABCGDEFH", figure.axes[:8], strict=True):
         ax.text(0.02, 0.97, letter, transform=ax.transAxes, va="top", fontsize=15, zorder=9,
                 fontweight="bold", bbox={"facecolor": "white", "pad": 2})  # fmt: skip
     return figure

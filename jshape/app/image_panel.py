@@ -38,6 +38,7 @@ class ImagePanel:
         """(H, W, 3) its colours."""
         self._line: list[tuple[float, float]] = []  # the brush's way so far
         self._read_mm: np.ndarray | None = None  # what the pointer reads
+        self._half_mm: np.ndarray | None = None  # how far the truth may be from it
         self._views = ui.toggle(list(VIEWS), value=self.view, on_change=self._viewed)
         self._views.props("aria-label=view")
         self._image = ui.interactive_image(cross="#ffffff80", on_mouse=self._mouse, events=POINTER)
@@ -88,7 +89,10 @@ class ImagePanel:
         if image is None or bed is None or goal is None:
             self._under.text = "no bed yet"
             return
-        self.depth = editor.depth_of(image)
+        self.depth, plan = editor.depth_of(image), editor.plan
+        self._half_mm = None
+        if plan is not None and self.view in ("predicted", "difference"):
+            self._half_mm = plan.half_widths_after(editor.selected)
         first, wanted = editor.depth_of(bed), editor.depth_of(goal)
         level = float(np.median(first))
         if self.view == "difference":
@@ -192,6 +196,8 @@ class ImagePanel:
             said = f"{abs(mm):.1f} mm too {'high' if mm > 0 else 'low'}"
         else:
             said = f"{abs(mm):.1f} mm {'above' if mm > 0 else 'below'} the bed's level"
+        if self._half_mm is not None and (half := float(self._half_mm[v, u])) > 0:
+            said += f" (80 %: ±{half:.1f})"
         self._under.text = f"({u}, {v}) px: {said}, {1e3 * self.depth[v, u]:.1f} mm from the camera"
 
     async def _brush(self, kind: str, at: tuple[float, float]) -> None:

@@ -107,19 +107,19 @@ class PlanPanel:
         d = plan.distances_mm
         self._tell()
         with self._steps:
-            self._row(0, "before all of them", d[0])
+            self._row(0, "before all of them", d[0], "")
             for k, act in enumerate(plan, 1):
                 placed = replace(act, strength=1.0)  # the field beside it says how deep
-                self._row(k, f"{k}. {placed.words(plan.camera)}", d[k])
+                self._row(k, f"{k}. {placed.words(plan.camera)}", d[k], plan.interval_after(k))
 
     def _tell(self) -> None:
         """What the plan leaves, beside what any plan must leave once that is known."""
         if (plan := self._editor.plan) is not None:
             d, left = plan.distances_mm, how_good(plan, self._context.limit.ask(self._editor))
-            way = f"{d[0]:.3f} -> {d[-1]:.3f} mm from the goal ({left})"
-            self._said.text = f"{len(plan)} actions, {way}: {plan.status.meaning}"
+            way = f"{d[0]:.3f} -> {d[-1]:.3f} mm from the goal{plan.interval_after(len(plan))}"
+            self._said.text = f"{len(plan)} actions, {way} ({left}): {plan.status.meaning}"
 
-    def _row(self, done: int, words: str, mm: float) -> None:
+    def _row(self, done: int, words: str, mm: float, interval: str) -> None:
         """The line of the image after `done` actions, with the buttons of the last of them."""
         chosen = " bg-blue-100" if done == self._editor.selected else ""
         row = ui.row().classes(f"w-full no-wrap items-center gap-1{chosen}")
@@ -128,7 +128,8 @@ class PlanPanel:
             label.on("click", lambda: self._select(done))
             if done:
                 self._build_edits(done)
-            ui.label(f"{mm:.3f} mm").classes("text-sm text-right").style("width: 4.8em; flex: none")
+            far = ui.label(f"{mm:.3f} mm").classes("text-sm text-right")
+            far.style("width: 4.8em; flex: none").tooltip(f"from the goal{interval}")
 
     def _build_edits(self, done: int) -> None:
         editor, k = self._editor, done - 1

@@ -197,11 +197,14 @@ def _draw(figure: str, found: Plan, **how: Any) -> Any:
 
 
 def _print(found: Plan, planner: str) -> None:
-    """A row for each action."""
+    """A row for each action, and how far from the goal the last ends, where that is known."""
     columns, d = found.columns(), found.distances_mm
-    start = ("", "start", *("" for _ in range(len(columns) - 3)), f"{d[0]:.3f}", "")
+    known = {"action": "start", "to the goal (mm)": f"{d[0]:.3f}"}
+    start = ("", *(known.get(name, "") for name in columns))
     rows = [(k + 1, *row) for k, row in enumerate(zip(*columns.values(), strict=True))]
     print_table(("step", *columns), [start, *rows])
+    if said := found.interval_after(len(found)):
+        print(f"{d[-1]:.3f} mm from the goal{said}")
     spent = f"{planner}, {found.seconds:.2f} s, {found.evaluations} predictions"
     print(f"{found.status.name}: {found.status.meaning} ({spent})")
     if not found.actions and found.status is Status.NO_IMPROVEMENT:

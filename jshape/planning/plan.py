@@ -16,14 +16,16 @@ from jshape.camera import Camera, matrix
 from jshape.data.view import View
 from jshape.errors import JShapeError
 from jshape.height_map import HeightMap, map_of, places_on
-from jshape.planning import plan_file
+from jshape.planning import intervals, plan_file
 from jshape.planning.search.base import Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-ROWS = "positions", "rois", "strengths", "yaws", "offsets", "lengths", "strokes", "clipped"
+ROWS = (
+    "positions", "rois", "strengths", "yaws", "offsets", "lengths", "strokes", "clipped", "spreads",
+)  # fmt: skip
 """Fields of a plan that are arrays with a row for each action."""
 
 
@@ -64,6 +66,9 @@ class Plan:
     """(K, 2) of (u, v): exact places minus `positions`, pixels; 0 for all unless given."""
     clipped: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
     """(K,) share of each predicted ROI that had to be clipped to [0, 1]."""
+    spreads: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    """(K, 2) of (mm, share): the law of the 80 % interval of each predicted ROI, as `Bank.spread`
+    has it; NaN, as for all unless given: not known."""
     filled: tuple[int, int] = (0, 0)
     """Pixels without a depth reading that were filled: in the initial image, in the goal."""
     clamped: tuple[int, int] = (0, 0)
@@ -86,6 +91,7 @@ class Plan:
         for name, shape, value in (
             ("strengths", (count,), 1.0), ("yaws", (count,), 0.0), ("offsets", (count, 2), 0.0),
             ("lengths", (count,), 1.0), ("strokes", (count, 2), 0.0),
+            ("spreads", (count, 2), np.nan),
         ):  # fmt: skip
             if len(getattr(self, name)) != count:
                 fill(self, name, np.full(shape, value, np.float32))
@@ -132,6 +138,8 @@ class Plan:
             found[f"by {axes} (mm)"] = said
         found["to the goal (mm)"] = [f"{mm:.3f}" for mm in self.distances_mm[1:]]
         found["gain (mm)"] = [f"{mm:.3f}" for mm in -np.diff(self.distances_mm)]
+        if (halves := self.distance_half_widths_mm) is not None and np.isfinite(halves).any():
+            found["80 % (mm)"] = [f"±{mm:.2f}" if mm == mm else "" for mm in halves[1:]]
         return found
 
     def __repr__(self) -> str:
@@ -217,6 +225,46 @@ class Plan:
             raise JShapeError("this plan was stored without its images")
         firsts = places.first_pixels(self.positions, self.rois)
         return np.stack([i.copy() for i in successive(self.initial, self.patches, firsts)])
+
+    @cached_property
+    def _halves_mm(self) -> list[tuple[np.ndarray, np.ndarray]] | None:
+        """First pixel and half widths (h, w) of each action's ROI; None: not known of any."""
+        if self.initial is None or not np.isfinite(self.spreads).any():
+            return None
+        firsts, found = places.first_pixels(self.positions, self.rois), []
+        for k, ((left, top), after) in enumerate(zip(firsts, self.patches, strict=True)):
+            h, w = after.shape
+            before = self.images[k, top : top + h, left : left + w]
+            half = intervals.of_action(before, after, self.spreads[k], self.camera)
+            found.append((firsts[k], half))
+        return found
+
+    def half_widths_after(self, done: int) -> np.ndarray | None:
+        """(H, W) half of the 80 % interval of each pixel of `images[done]`, mm.
+
+        0 where no ROI was predicted, NaN where one has no interval; None: none has, or the plan was
+        stored without its images.
+        """
+        halves = self._halves_mm
+        return None if halves is None else intervals.added(self.camera.shape, halves[:done])
+
+    @property
+    def half_widths_mm(self) -> np.ndarray | None:
+        """`half_widths_after` all actions: of the final image."""
+        return self.half_widths_after(len(self))
+
+    @cached_property
+    def distance_half_widths_mm(self) -> np.ndarray | None:
+        """(K+1,) half of the 80 % interval of each of `distances_mm`; NaN, None as for pixels."""
+        halves, shape = self._halves_mm, self.camera.shape
+        return None if halves is None else intervals.of_distances(shape, halves, self.seen)
+
+    def interval_after(self, done: int) -> str:
+        """The interval of d after `done` actions, in words that follow it; "" where not known."""
+        halves = self.distance_half_widths_mm
+        if halves is None or not halves[done] > 0:
+            return ""
+        return f", 80 %: ±{halves[done]:.2f}"
 
     @cached_property
     def volumes_cm3(self) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from jshape._typing import ArrayLike
 from jshape.camera import Camera
 from jshape.data.view import View
 from jshape.errors import BadCamera, BadFile, one_line
@@ -35,6 +36,7 @@ _HALF_TURN = float(np.float32(np.pi))
 def plan_fields(plan: Any) -> dict[str, Any]:
     """What a plan says, as plain values that JSON can hold (without its images)."""
     own, distances_mm = plan.camera_positions, plan.distances_mm
+    halves = plan.distance_half_widths_mm
     on_map = places_on(plan.camera, plan.exact_positions).tolist()
     return {
         "format": FORMAT,
@@ -53,6 +55,8 @@ def plan_fields(plan: Any) -> dict[str, Any]:
                 "stroke": list(act.stroke),
                 "clipped": float(plan.clipped[k]),
                 "distance_mm": float(distances_mm[k + 1]),
+                "spread": _known(plan.spreads[k]),
+                "half_width_mm": None if halves is None else _known(halves[k + 1]),
             }
             | ({"map_m": on_map[k]} if plan.camera.orthographic else {})
             for k, act in enumerate(plan)
@@ -87,7 +91,7 @@ def write_plan(path: str | os.PathLike, plan: Any, *, images: bool = True) -> No
 
 @dataclass(frozen=True)
 class StepFile:
-    """An action of a plan.  Older plans have no strength, yaw, offset, length and stroke."""
+    """An action of a plan.  In older plans they have the first four fields only."""
 
     allow_unknown: ClassVar[bool] = True
 
@@ -101,6 +105,8 @@ class StepFile:
     offset: Annotated[tuple[float, float], Range(-1, 1)] = (0.0, 0.0)
     length: Annotated[float, Range(_SMALLEST)] = 1.0
     stroke: Annotated[tuple[float, float], Range(-STROKE_LIMIT, STROKE_LIMIT)] = (0.0, 0.0)
+    spread: Annotated[tuple[float, float], Range(0, 1e6)] | None = None
+    """(mm, share) of the interval of its prediction; None: not known."""
     camera_position: tuple[int, int] = (0, 0)
 
 
@@ -141,7 +147,8 @@ class PlanFile:
 def read_plan(path: str | os.PathLike) -> dict[str, Any]:
     """The fields of a `Plan` that `write_plan` wrote.
 
-    What follows from the rest (`distances_mm`, `camera_position`, `map_m`) is not read.
+    What follows from the rest (`distances_mm`, `half_width_mm`, `camera_position`, `map_m`) is not
+    read.
 
     Raises:
       BadFile: not a plan, from a newer version, or damaged.
@@ -175,12 +182,20 @@ def read_plan(path: str | os.PathLike) -> dict[str, Any]:
         lengths=each("length", np.float32),
         strokes=each("stroke", np.float32, 2),
         clipped=each("clipped", np.float32),
+        spreads=np.array([step.spread or (np.nan, np.nan) for step in steps], np.float32).reshape(
+            -1, 2
+        ),
         filled=found.filled,
         clamped=found.clamped,
         notes=tuple(found.notes),
         view=None if found.view is None else _view(found.view, camera, f"{where}: view"),
         **_images(found.images, camera, [step.roi for step in steps], f"{where}: images"),
     )
+
+
+def _known(numbers: ArrayLike) -> Any:
+    """Numbers as JSON has them, which knows no NaN."""
+    return np.asarray(numbers).tolist() if np.isfinite(numbers).all() else None
 
 
 def _view_fields(view: View) -> dict[str, Any]:

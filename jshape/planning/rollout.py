@@ -80,11 +80,20 @@ def predict_sequence(
         strokes=_strokes(bank, acts, carries),
         offsets=np.array(offsets, np.float32).reshape(-1, 2),
         clipped=np.array(clipped, np.float32),
+        spreads=_spreads(bank, acts),
         initial=first,
         goal=goal,
         patches=tuple(patches),
         seen=seen,
     )
+
+
+def _spreads(bank: Bank, acts: Sequence[PlacedAction]) -> np.ndarray:
+    """(K, 2) laws of their intervals, as `Plan.spreads`."""
+    if bank.spread is None:
+        return np.full((len(acts), 2), np.nan, np.float32)
+    rows = [bank.actions.index(act.action) for act in acts]
+    return np.asarray(bank.spread)[np.array(rows, int)]
 
 
 def _strokes(

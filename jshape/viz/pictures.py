@@ -21,6 +21,9 @@ from jshape.viz.style import drawn, own_style
 LETTER = 9 * 0.602 / 72
 """Width of a letter of a title of `overlay_figure`, inches: DejaVu Sans Mono's at 9 points."""
 
+BEYOND = "predicted - goal, beyond ±"
+"""Title of what no usual error of the prediction explains."""
+
 
 def height_mm(image: np.ndarray, camera: Camera) -> np.ndarray:
     """Height in mm of a weighed image I above what `_above` says."""
@@ -51,7 +54,8 @@ def plan_figure(
     """The whole story of a plan on one page.
 
     I0 with the numbered actions, the goal, the predicted (and obtained) image, their differences
-    to the goal, and the distance over the actions.
+    to the goal, and the distance over the actions; where the bank knows its intervals, their half
+    widths, and what of the predicted difference is beyond them.
 
     Args:
       plan: with its images and its goal.
@@ -76,12 +80,18 @@ def plan_figure(
     gaps = [h - wanted for k, h in enumerate(heights) if k != 1]
     reach = max(np.abs(extremes(gaps)).max(), 1.0)
 
-    columns = len(shown)
-    figure = Figure(figsize=(4.0 * columns, 6.6), layout="constrained")
-    axes = figure.subplots(2, columns, squeeze=False)
+    half, columns = plan.half_widths_mm, len(shown)
+    figure = Figure(figsize=(4.0 * (columns + (half is not None)), 6.6), layout="constrained")
+    axes = figure.subplots(2, columns + (half is not None), squeeze=False)
+    if half is not None:
+        _draw_interval(axes[0][-1], half, plan.seen)
+        # What is left of the difference when the truth lies at the near end of its interval.
+        beyond = np.abs(gaps[1]) - np.nan_to_num(half)
+        gaps.append(np.sign(gaps[1]) * np.maximum(beyond, 0.0))
+    top = axes[0][:columns]
     names = [name for name, _ in shown]
-    _draw_heights(axes[0], heights, names, _above(camera), plan.seen, shrink=0.85)
-    names = ["now - goal", "predicted - goal", "obtained - goal"]
+    _draw_heights(top, heights, names, _above(camera), plan.seen, shrink=0.85)
+    names = ["now - goal", "predicted - goal", *["obtained - goal"] * bool(looks), BEYOND]
     bottom = [axes[1][0], *axes[1][2:]]
     for ax, name, gap in zip(bottom, names, gaps, strict=False):
         drawn = ax.imshow(gap, cmap="RdBu_r", vmin=-reach, vmax=reach)
@@ -90,7 +100,7 @@ def plan_figure(
     ends = "neither" if plan.seen is None else "both"
     label = "too high: red, + (mm)"
     figure.colorbar(drawn, ax=list(axes[1]), label=label, shrink=0.85, extend=ends)
-    draw_curve(axes[1][1], plan.distances_mm, obtained_mm)
+    draw_curve(axes[1][1], plan.distances_mm, obtained_mm, plan.distance_half_widths_mm)
     if title:
         figure.suptitle(title)
     draw_actions(axes[0][0], plan, rois, strengths=False)
@@ -174,9 +184,31 @@ def _draw_heights(
     axes[0].figure.colorbar(drawn, ax=list(axes), label=label, shrink=shrink, extend=ends)
 
 
-def draw_curve(ax: Axes, predicted_mm: ArrayLike, obtained_mm: ArrayLike | None = None) -> None:
-    """Distance to the goal over the actions."""
+def _draw_interval(ax: Axes, half_mm: np.ndarray, seen: np.ndarray | None) -> None:
+    """Half widths of pixels' intervals, with a scale of their own."""
+    shown = half_mm if seen is None else np.where(seen, half_mm, np.nan)
+    known = shown[np.isfinite(shown)]
+    most = max(float(np.percentile(known, 99.8)) if known.size else 0.0, 1.0)
+    drawn = ax.imshow(shown, cmap="magma", vmin=0.0, vmax=most)
+    mark_unseen(ax, None if known.size == shown.size else np.isfinite(shown))
+    _bare(ax, "four of five pixels are within ±")
+    ax.figure.colorbar(drawn, ax=ax, label="± (mm)", shrink=0.85, extend="max")
+
+
+def draw_curve(
+    ax: Axes,
+    predicted_mm: ArrayLike,
+    obtained_mm: ArrayLike | None = None,
+    half_widths_mm: np.ndarray | None = None,
+) -> None:
+    """Distance to the goal over the actions, with its intervals where they are known."""
     ax.plot(range(np.size(predicted_mm)), predicted_mm, "o--", color="tab:blue", label="predicted")
+    if half_widths_mm is not None:
+        low = np.maximum(np.asarray(predicted_mm) - half_widths_mm, 0.0)
+        ax.fill_between(
+            range(len(low)), low, np.asarray(predicted_mm) + half_widths_mm,
+            color="tab:blue", alpha=0.2, linewidth=0, label="80 %",
+        )  # fmt: skip
     if obtained_mm is not None:
         ax.plot(range(np.size(obtained_mm)), obtained_mm, "s-", color="tab:red", label="obtained")
     largest = max(float(np.max(y)) for y in (predicted_mm, obtained_mm) if y is not None)

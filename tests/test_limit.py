@@ -20,9 +20,10 @@ from jshape.models.bank import Bank
 from jshape.models.difference import Difference
 from jshape.planning import limit as limits
 from jshape.planning.certificate import certified
+from jshape.planning.coarse import Allowance, LevelChange
 from jshape.planning.inputs import search_inputs
 from jshape.planning.options import Constraints, StopCriteria
-from jshape.planning.relaxation import Allowance, LevelChange, level_changes, solved
+from jshape.planning.relaxation import level_changes, solved
 from tests.reference import limit as reference
 from tests.test_search_state import CAMERA, QUARTER, knock_and_poke
 

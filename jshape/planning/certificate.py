@@ -5,14 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from jshape._typing import Float
-from jshape.planning.relaxation import (
-    SIGNS,
-    Allowance,
-    LevelChange,
-    brought_by,
-    fft,
-    levels_of,
-)
+from jshape.planning.coarse import SIGNS, Allowance, LevelChange, fft, levels_of
+from jshape.planning.relaxation import brought_by
 
 SHIFTS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.55, 0.75, 1.0)
 """Shares by which t and q are moved towards t = -1: actions pack material away, so that all of them

@@ -20,60 +20,23 @@ is left, and what one kind of action has in the last sum at all places is a few 
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
-from scipy.ndimage import uniform_filter
 
-from jshape._typing import Bool, Float
+from jshape._typing import Float
+from jshape.planning.coarse import Allowance, CoarseMap, LevelChange
 from jshape.planning.evaluate import Candidates
 from jshape.planning.state import SearchState
 
-fft: Any = scipy.fft
-"""Type checkers are told that its functions return tuples."""
 SIDE = 80
 """Squares along the longer side of the coarse map: 8 mm in the paper's box."""
 STEPS, WORK = 250, 15_000
 """Of the search, and steps times kinds of changes, at most: 4 s on two cores."""
-LEVELS = 0.1, 0.25, 0.45, 0.7, 0.95
-"""Sizes of r at which min(c, r) is computed, shares of the largest; below the first q is 0."""
-SIGNS = 1, -1
-"""Of r."""
-RARE = 0.05
-"""Where r has a sign with less than this share of the distance, q is 0."""
 SOFT = 1.0, 4.0
 """Over which |r - Σ x·c| is rounded in the end and at first, times the mean |r|."""
-
-
-class LevelChange(NamedTuple):
-    """What one action with one direction, length and strength does to a level bed."""
-
-    action: int
-    """Its number in the bank."""
-    strength: float
-    change: Float[np.ndarray, "n m"]
-    """Of the map in its window."""
-    places: Bool[np.ndarray, "P Q"]
-    """First nodes, from `low` on, at which its window may begin."""
-    low: tuple[int, int]
-
-
-class Allowance(NamedTuple):
-    """How many actions a plan may have."""
-
-    steps: int
-    """Actions altogether."""
-    most: Float[np.ndarray, "A"]
-    """Of each action, at most."""
-    carried: frozenset[int]
-    """Actions that take material out and bring it; they bring no more than they took."""
-    stock: float
-    """And a stock beside the bed, in units of Σ map."""
-    lower: float
-    """1 where the map is greater where the bed is lower, else -1."""
 
 
 class Solution(NamedTuple):
@@ -87,6 +50,9 @@ class Solution(NamedTuple):
     """What the fractions leave, r - Σ x·c, of the map's unit."""
     left: Float[np.ndarray, "R C"]
     """What the relaxation counts of that: as much or more, of the map's unit."""
+    prices: Float[np.ndarray, "G"]
+    """What one action of each kind costs beside the price of any: where they may be used some times
+    only, or bring material."""
     short: bool
     """Whether more actions would have been used: they have a price in the end."""
 
@@ -138,63 +104,20 @@ def solved(
 
     FISTA on the coarse map; the prices of actions and of carried material follow by dual ascent.
     """
-    shape = wanted.shape
-    side = max(1, round(max(shape) / SIDE))
-    w = _blocks(weight, side, shape)
-    r = np.divide(_blocks(weight * wanted, side, shape), w, out=np.zeros_like(w), where=w > 0)
+    coarse = CoarseMap.of(wanted, weight, changes, uses, SIDE)
+    w, r, norms, free = coarse.weight, coarse.wanted, coarse.norms, coarse.free
+    sign, truncated = np.sign(r), coarse.truncated
     total = float((w * np.abs(r)).sum())
-    kinds = [_coarse(one, side, w.shape) for one in changes]
-    size = [fft.next_fast_len(n, real=True) for n in w.shape]
-    w, r = (np.pad(a, [(0, s - n) for s, n in zip(size, a.shape, strict=True)]) for a in (w, r))
-    levels = levels_of(wanted, weight)
-    few = levels[::2]
-    cases = [  # the sign of r, a level, and how much of it each square has
-        (s, level, hat.astype("f4"))
-        for s in SIGNS
-        if (w * np.maximum(s * r, 0)).sum() > RARE * total
-        for level, hat in zip(few, _hats(s * r, few), strict=True)
-    ]
-    hats = np.array([hat for _, _, hat in cases], "f4")
-    norms = np.array([np.sqrt((c**2).sum() * w.max()) for c, _, _ in kinds]) + 1e-30
-    parts = [
-        [one.change, *(np.clip(s * one.change, 0, level) for s, level, _ in cases)]
-        for one in changes
-    ]
-    spectra = np.stack(
-        [
-            [fft.rfft2(_blocks(part, side, part.shape).astype("f4"), size) for part in each]
-            for each in zip(*parts, strict=True)
-        ]
-    )
-    spectra /= (side**2 * norms[:, None, None]).astype("f4")
-    free = np.zeros((len(kinds), *size), bool)
-    for mask, one, (_, places, (v, u)) in zip(free, changes, kinds, strict=True):
-        mask[v : v + places.shape[0], u : u + places.shape[1]] = places & (
-            uses.most[one.action] > 0
-        )
-    w, r = w.astype("f4"), r.astype("f4")
-    sign, truncated = np.sign(r), hats.sum(0) > 0
-
-    def changed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Σ x·c and Σ x·min(c, r)."""
-        parts = fft.irfft2((fft.rfft2(x, size)[None] * spectra).sum(1), size)
-        return parts[0], (hats * parts[1:]).sum(0)
-
-    def felt(y: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """<y, c> + <a, min(c, r)> of every place."""
-        fields = fft.rfft2(np.concatenate([y[None], hats * a]), size)
-        return fft.irfft2((fields[:, None] * spectra.conj()).sum(0), size)
-
     x = free.astype("f4")
     for _ in range(8):  # the greatest eigenvalue
-        v, u = changed(x)
+        v, u = coarse.changed(x)
         over = w * truncated * (sign * v - 2 * u)
-        x = felt(w * v + sign * over, -2 * over) * free
+        x = coarse.felt(w * v + sign * over, -2 * over) * free
         steep = float(np.linalg.norm(x))
         x /= max(steep, 1e-30)
     if steep == 0:  # the coarse map has no place
-        none = np.zeros(shape)
-        return Solution(none, none, wanted, np.abs(wanted), short=True)
+        none = np.zeros(wanted.shape)
+        return Solution(none, none, wanted, np.abs(wanted), np.zeros(len(changes)), short=True)
     x[:] = 0
     ahead, momentum = x, 1.0
     unit = (1.0 / norms).astype("f4")
@@ -203,19 +126,19 @@ def solved(
     handful = max(float(np.abs(brought).max(initial=0)), 1e-30)
     step, each, price = 0.0, np.zeros(len(uses.most)), 0.0
     # No action is worth more than the best one at first, nor all together more than the distance.
-    best = float(((felt(w * sign, 0 * w) * free).max((1, 2)) * norms).max())
+    best = float(((coarse.felt(w * sign, 0 * w) * free).max((1, 2)) * norms).max())
     most = np.minimum(uses.most, uses.steps)
     last, first = (soft * total / max(float(w.sum()), 1e-30) for soft in SOFT)
     plain = beyond = np.zeros_like(r)
-    for n in range(min(STEPS, max(WORK // len(kinds), 60))):
+    for n in range(min(STEPS, max(WORK // len(changes), 60))):
         check()
         soft = max(first * 0.985**n, last, 1e-30)
-        v, u = changed(ahead)
-        t, q = _multipliers((r - v) / soft, truncated * (np.abs(r) - 2 * u + sign * v) / soft)
+        v, u = coarse.changed(ahead)
+        t, q = multipliers((r - v) / soft, truncated * (np.abs(r) - 2 * u + sign * v) / soft)
         plain, beyond = 0.95 * plain + 0.05 * t, 0.95 * beyond + 0.05 * q
         rate = np.float32(1.05 * steep / soft)
         cost = ((step + each[actions] + price * brought) * unit).astype("f4")
-        worth = felt(w * (t - q * sign), 2 * w * q)
+        worth = coarse.felt(w * (t - q * sign), 2 * w * q)
         new = np.maximum(ahead + (worth - cost[:, None, None]) / rate, 0) * free
         done = (new.sum((1, 2)) * unit).astype(float)
         step = _ascent(step, done.sum() / uses.steps - 1, min(total / uses.steps, best))
@@ -233,24 +156,13 @@ def solved(
     of = np.bincount(actions, used, len(each))
     fit = np.minimum(1.0, np.divide(most, of, out=np.ones_like(of), where=of > 0))[actions]
     fit *= min(1.0, uses.steps / max(float((used * fit).sum()), 1e-30))
-    v, u = changed(x * fit[:, None, None].astype("f4"))
+    v, u = coarse.changed(x * fit[:, None, None].astype("f4"))
     left = np.maximum(np.abs(r - v), truncated * (np.abs(r) - 2 * u + sign * v))
-    maps = (_fine(a, side, shape) for a in (plain, beyond, r - v, left))
-    return Solution(*maps, short=bool(step > 0))
+    maps = (coarse.on_nodes(a) for a in (plain, beyond, r - v, left))
+    return Solution(*maps, prices=each[actions] + price * brought, short=bool(step > 0))
 
 
-def levels_of(wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Sizes of the change wanted at which what is useful of an action is computed."""
-    return np.array(LEVELS) * max(float(np.percentile(np.abs(wanted[weight > 0]), 99)), 1e-30)
-
-
-def _hats(r: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """(L, R, C) weights with which values at the levels give those at r; 0 below the first."""
-    found = np.stack([np.interp(r, levels, one, left=0.0) for one in np.eye(len(levels))])
-    return found * (r >= levels[0])
-
-
-def _multipliers(far: np.ndarray, beyond: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def multipliers(far: np.ndarray, beyond: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of |r - v| (signed) and of |r| - 2u + v: (|far|, beyond), projected to a sum of 1 at most."""
     p, q = np.abs(far), np.maximum(beyond, 0)
     more = np.maximum(p + q - 1, 0) / 2
@@ -268,29 +180,3 @@ def brought_by(changes: Sequence[LevelChange], uses: Allowance) -> Float[np.ndar
     """What carried actions bring, in units of Σ map; below 0: what they take.  0 of others."""
     brought = np.array([-uses.lower * one.change.sum() for one in changes])
     return np.where([one.action in uses.carried for one in changes], brought, 0.0)
-
-
-def _blocks(field: np.ndarray, side: int, shape: tuple[int, int]) -> np.ndarray:
-    """Sums over squares of `side` nodes."""
-    rows, columns = (-(-n // side) for n in shape)
-    padded = np.pad(field, ((0, rows * side - shape[0]), (0, columns * side - shape[1])))
-    return padded.reshape(rows, side, columns, side).sum((1, 3))
-
-
-def _coarse(
-    one: LevelChange, side: int, shape: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
-    """A change on the coarse map; its places, and the first of them."""
-    change = _blocks(one.change, side, one.change.shape) / side**2
-    low = [-(-n // side) for n in one.low]
-    ahead = [n * side - m for n, m in zip(low, one.low, strict=True)]
-    places = one.places[ahead[0] :: side, ahead[1] :: side]
-    # The last place of a window that was rounded up may be beyond the map.
-    room = [max(n - c - l + 1, 0) for n, c, l in zip(shape, change.shape, low, strict=True)]
-    return change, places[: room[0], : room[1]], (low[0], low[1])
-
-
-def _fine(coarse: np.ndarray, side: int, shape: tuple[int, int]) -> np.ndarray:
-    """Values of squares on the nodes, smoothed over one square."""
-    fine = coarse.repeat(side, 0).repeat(side, 1).astype(np.float64)
-    return uniform_filter(fine, side, mode="nearest")[: shape[0], : shape[1]]

@@ -233,8 +233,9 @@ def limit_images(
         few = {tried[0], tried[len(tried) // 2], tried[-1]}
         these = [one for one in changes if one.strength in few]
         found = solved(r, weight, these, uses, check)
-        multipliers = climbed(r, weight, these, uses, found, check)
-        shape = certified(r, weight, changes, uses, *multipliers, check)
+        multipliers = (found.plain, found.beyond), climbed(r, weight, these, uses, found, check)
+        best = max(multipliers, key=lambda both: certified(r, weight, these, uses, *both, check))
+        shape = certified(r, weight, changes, uses, *best, check)
         if state.node_m is not None:
             shape -= ROUNDING * distance
         short = found.short

@@ -15,7 +15,7 @@ from jshape.app.plan_job import PlanJob
 from jshape.camera import Camera, check_camera, differing
 from jshape.data.view import View, cut_out, image_of_depth, view_above, view_like
 from jshape.errors import BadCamera, JShapeError, quoted
-from jshape.io import banks, folders, formats, images, points
+from jshape.io import folders, formats, images, points
 from jshape.io.cameras import write_camera
 from jshape.io.frames import frame_of, source_of
 from jshape.models.bank import Bank
@@ -31,6 +31,7 @@ from jshape.planning.options import (
     options,
 )
 from jshape.planning.plan import Plan
+from jshape.robot.learning import bank_of
 from jshape.robot.robot import Robot
 
 DEPTH_UNIT = 0.0001
@@ -71,7 +72,7 @@ class EditorState(GoalState):
     _loaded: Bank = field(init=False, repr=False)  # for its own camera
 
     def __post_init__(self) -> None:
-        self.bank = self._loaded = banks.load_bank(self.bank_name)
+        self.bank = self._loaded = bank_of(self.bank_name)
 
     @property
     def camera(self) -> Camera:
@@ -81,7 +82,7 @@ class EditorState(GoalState):
     def use_bank(self, name: str) -> None:
         """Plan with another bank, which must be for the same camera if there is a bed."""
         self.check_free()
-        loaded = bank = banks.load_bank(name)
+        loaded = bank = bank_of(name)
         if self.bed is not None and self._view is not None and self._view.above:
             bank = bank_for(bank, self.camera)
         if self.bed is not None and bank.camera != self.camera:

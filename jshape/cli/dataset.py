@@ -25,6 +25,7 @@ for name, where, what in (
      "find where each pair changed; boxes drawn by hand stay"),
     ("import", "dataset_import:import_dataset", "pairs that others recorded, as a data set"),
     ("merge", "dataset_import:merge", "one data set of several of one camera"),
+    ("from-run", "dataset_run:from_run", "pairs of frames from the actions of a run"),
 ):  # fmt: skip
     dataset.command(f"jshape.cli.{where}", name=name, help=what)
 

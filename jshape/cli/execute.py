@@ -13,10 +13,10 @@ from jshape.cli.robot import Runs, asking, molded, new_session, resumed, robot_o
 from jshape.cli.tables import say
 from jshape.data.view import View, above
 from jshape.errors import BadFile
-from jshape.io import banks
 from jshape.planning.maps import bank_for
 from jshape.planning.options import DEFAULT_BANK, Constraints, StopCriteria
 from jshape.planning.plan import Plan
+from jshape.robot.learning import bank_of
 
 OTHER = 2.0
 """Times a frame's noise by which two looks at one bed differ at most: 1.4 where each is one frame,
@@ -47,7 +47,7 @@ def execute(plan: Path, /, options: ExecuteOptions) -> dict[str, Any]:
         raise BadFile(f"{path}: holds no images, so nothing says what is wanted")
     session = resumed(options) if options.resume else None
     bank_name = options.bank or DEFAULT_BANK
-    bank = banks.load_bank(bank_name)
+    bank = bank_of(bank_name)
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
         eye, view = robot.depth_camera.camera, made.view

@@ -11,10 +11,10 @@ from jshape.cli.plan import are_maps, beds_of, maps_of
 from jshape.cli.search_options import Tries, tries_of
 from jshape.cli.tables import print_table, write_pictures
 from jshape.errors import BadFile
-from jshape.io import banks
 from jshape.planning import limit as limits
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
+from jshape.robot.learning import bank_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ def limit(now: Path, wanted: Path, /, options: LimitOptions = LimitOptions()) ->
             raise BadFile(f"{options.out}: a picture's file ends in .png")
         options.check_new(options.out)
     bank_name = str(options.bank or DEFAULT_BANK)
-    bank, tried = banks.load_bank(bank_name), tries_of(options)
+    bank, tried = bank_of(bank_name), tries_of(options)
     if are_maps(now, wanted, options):
         *maps, mask = maps_of(now, wanted, options)
         found = limits.limit(*maps, bank=bank, **keywords(None, **tried, reachable=mask))

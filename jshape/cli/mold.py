@@ -28,17 +28,18 @@ from jshape.cli.search_options import KEPT, Searches, kept_of, search_of
 from jshape.cli.tables import say
 from jshape.data.intrinsics import within
 from jshape.data.view import View, image_of_depth, view_like
-from jshape.errors import BadCamera, BadFile, BadSetting, quoted
-from jshape.io import banks, formats, points
+from jshape.errors import BadCamera, BadFile, BadSetting, JShapeError
+from jshape.io import formats, points
 from jshape.io.cameras import camera_fields, camera_from
 from jshape.io.frames import Source, frame_of, goal_source, source_of
 from jshape.io.maps import SUFFIX, read_map
 from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
-from jshape.planning.maps import bank_for, over_bed
+from jshape.planning.maps import over_bed
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
 from jshape.robot.cameras.base import traits_of
+from jshape.robot.learning import bank_of, bank_seeing
 from jshape.robot.robot import Robot
 
 
@@ -48,6 +49,10 @@ class MoldOptions(Uses, Searches, Runs):
 
     depth_unit: Positive | None = None
     """Metres per count of DESIRED."""
+    adapt: bool = False
+    """Correct the bank between looks by what each action did; --bank RUN goes on with it."""
+    probe: bool = False
+    """Begin with a test press where the goal asks for nothing, to know hand and material."""
 
 
 def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, Any]:
@@ -63,7 +68,8 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
     if session is not None:
         options = keep_on(session.run.meta, options)
     bank_name = options.bank or (session.run.meta["bank"] if session else DEFAULT_BANK)
-    bank = banks.load_bank(bank_name)
+    bank = bank_of(bank_name)
+    learning_options(options)
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
         ready = partial(at_home, robot, options)
@@ -82,7 +88,16 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
             assert goal is not None
             meta = {"what": "mold", "bank": str(bank_name), "goal": str(desired)}
             session = new_session(options, goal, robot, **meta, **kept_of(options), **known)
+        how |= {"adapt": options.adapt, "probe": options.probe}
         return molded(session, robot, bank, options, confirm=confirm, **how)
+
+
+def learning_options(options: MoldOptions) -> None:
+    """Raise JShapeError where there is nothing to learn from, or nobody to learn."""
+    if options.adapt and options.arm == "dry":
+        raise JShapeError("--adapt learns from what an arm does; --arm dry does nothing")
+    if options.probe and not options.adapt:
+        raise JShapeError("--probe presses once so that --adapt can learn from it; give both")
 
 
 def goal_of(
@@ -160,14 +175,11 @@ def _wanted(
 
 def restored(known: Mapping[str, Any], robot: Robot, bank: Bank) -> Bank:
     """The bank, and the robot, as a run began: see `goal_of`."""
-    fields = known.get("view")
-    if fields is None:
-        return bank
-    if not isinstance(fields, dict):
-        raise BadFile(f"the run's view is {quoted(fields)}; expected the fields of a camera")
-    target = camera_from(fields, "the run's view")
-    robot.view, robot.camera = View(robot.depth_camera.camera, target), target
-    return bank_for(bank, target)
+    bank = bank_seeing(known, bank, "run.json")
+    if "view" in known:
+        target = camera_from(known["view"], "the run's view")
+        robot.view, robot.camera = View(robot.depth_camera.camera, target), target
+    return bank
 
 
 def keep_on(known: Mapping[str, Any], options: MoldOptions) -> MoldOptions:

@@ -30,7 +30,8 @@ class Uses(Common):
     """The option of commands that plan with a bank."""
 
     bank: Bank | None = None
-    """Bank to predict with: a bundled name or a folder (default: pressed-flour-robot)."""
+    """Bank to predict with: a bundled name, a folder, or that of a run, whose bank is corrected by
+    what the run's actions did (default: pressed-flour-robot)."""
 
 
 @dataclass(frozen=True, kw_only=True)

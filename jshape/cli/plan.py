@@ -18,7 +18,7 @@ from jshape.data.missing import said as said_of
 from jshape.data.view import View
 from jshape.errors import BadFile, JShapeError
 from jshape.height_map import HeightMap
-from jshape.io import banks, folders, formats
+from jshape.io import folders, formats
 from jshape.io.frames import frame_of, goal_source, part_of, source_of
 from jshape.io.maps import SUFFIX, read_map
 from jshape.models.bank import Bank
@@ -29,6 +29,7 @@ from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
 from jshape.planning.plan import Plan
 from jshape.planning.search.base import Status
+from jshape.robot.learning import bank_of
 
 CONTENTS = ("plan.json", "plan.png", "actions.png", "steps.png")
 """Files of a plan's folder."""
@@ -61,7 +62,7 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
     read = _of_maps if are_maps(initial, desired, options) else _of_frames
     search = search_of(options)  # first of all: it chooses JAX's devices, and a bank starts JAX
     bank_name = str(options.bank or DEFAULT_BANK)
-    bank = banks.load_bank(bank_name)
+    bank = bank_of(bank_name)
     if options.out is not None:
         folders.check_target(options.out, options.overwrite, contents=CONTENTS)
     found, said, told = read(initial, desired, options, bank, search)

@@ -126,9 +126,17 @@ class Evidence:
         """
         if not self.judged:
             return self.start
-        last, weights = self.judged[-LAST:], self._weights()
-        won = sum(weights[id(one.lesson)] * (one.start_mm - one.learned_mm) for one in last)
-        return replace(self.learned if won >= 0 else self.start, errors_mm=self._errors(last))
+        bank = self.start if self.keeps_start else self.learned
+        return replace(bank, errors_mm=self._errors(self.judged[-LAST:]))
+
+    @property
+    def keeps_start(self) -> bool:
+        """Whether what was learned foretold the last actions worse than the start would have."""
+        weights = self._weights()
+        lost = [
+            weights[id(one.lesson)] * (one.learned_mm - one.start_mm) for one in self.judged[-LAST:]
+        ]
+        return sum(lost) > 0
 
     def _usual_mm(self) -> np.ndarray:
         """(A,) error of each action that the start bank knows of, mm."""
@@ -157,7 +165,7 @@ class Evidence:
         """How much each lesson counts: less where it is off by more than the others are."""
         usual = self._usual_mm()
         times = {id(one.lesson): one.start_mm / usual[one.lesson.action] for one in self.judged}
-        typical = np.clip(np.median(list(times.values())), 1.0, STRANGEST)
+        typical = np.clip(np.median(list(times.values()) or [1.0]), 1.0, STRANGEST)
         most = STRAY * float(typical)
         return {which: float((most / max(off, most)) ** 2) for which, off in times.items()}
 

@@ -7,6 +7,7 @@ sees, so that what came out otherwise than predicted is corrected by the actions
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import pairwise
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -24,6 +25,7 @@ from jshape.planning.evaluate import ONE_BY_ONE, Execution
 from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria, hinted
 from jshape.planning.problem import carries, names
 from jshape.robot.checks import check_still, touched_by
+from jshape.robot.probe import probe as probe_of
 
 
 @runtime_checkable
@@ -139,6 +141,8 @@ def mold(
     first: Plan | None = None,
     afresh: bool = False,
     watch: bool = False,
+    probe: bool = False,
+    learn: Callable[[PlacedAction, np.ndarray, np.ndarray], Bank] | None = None,
     confirm: Callable[[Plan], bool] | None = None,
     on_start: Callable[[float], None] | None = None,
     on_step: Callable[[Step, np.ndarray], None] | None = None,
@@ -173,6 +177,9 @@ def mold(
       afresh: after each look, predict anew from it what is left of `first`, so that what an action
         starts from and what it is predicted to bring come from one look.
       watch: stop where the bed changed beside an action.
+      probe: begin with a test press where the goal asks for nothing: see `robot.probe`.
+      learn: called after each look with every action that was done, and I before and after it, NaN
+        where there was no reading; its bank predicts from then on.
       confirm: called before each action with what is left of the plan, the action first; False ends
         the loop.
       on_start: called with how far the first look is from the image that `first` begins with, mm.
@@ -199,9 +206,9 @@ def mold(
         depth = world.look()
         seen = image_of_depth(depth, bank.camera, max_missing=constraints.max_missing, where="look")
         if wanted is None:
-            return _Look(depth, seen.image, goal, None)
+            return _Look(depth, seen.image, goal, None, seen.known)
         both = known_in_both(seen.known, wanted, "look", "goal")
-        return _Look(depth, seen.image, np.where(both, goal, seen.image), both)
+        return _Look(depth, seen.image, np.where(both, goal, seen.image), both, seen.known)
 
     def plan(now: _Look, **how: Any) -> Plan:
         return plan_images(bank, now.image, now.goal, now.seen, **how, **search)
@@ -213,6 +220,9 @@ def mold(
         patience = PATIENCE
     now = look()
     ahead = first
+    if ahead is None and probe:
+        test = probe_of(bank, now.image, now.goal, constraints)
+        ahead = rollout(now.image, now.goal, [test], bank=bank, seen=now.seen)
     if ahead is None:
         ahead = plan(now, constraints=constraints.of_images(), stop=stop)
     elif on_start is not None:
@@ -243,7 +253,8 @@ def mold(
             return run
         before, now = now, look()
         planned = ahead.distances_mm.tolist()
-        for k, (after, act) in enumerate(zip(before.towards(now, doing), doing, strict=True)):
+        looks = [before, *before.towards(now, doing)]
+        for k, (after, act) in enumerate(zip(looks[1:], doing, strict=True)):
             predicted = planned[k + 1] + (obtained - planned[k] if k else 0.0)
             run.depths.append(after.depth)
             run.images.append(after.image)
@@ -260,6 +271,9 @@ def mold(
         touched = np.any([touched_by(bank.camera, act) for act in doing], 0)
         if watch:
             check_still(before.depth, now.depth, touched)
+        if learn is not None:
+            for act, (old, new) in zip(doing, pairwise(looks), strict=True):
+                bank = learn(act, old.readings, new.readings)
         if declined:
             run.stop = Stop.DECLINED
             return run
@@ -306,6 +320,13 @@ class _Look(NamedTuple):
     """(H, W) the image wanted; the image itself where it does not count."""
     seen: np.ndarray | None
     """(H, W) pixels that count; None: all."""
+    known: np.ndarray
+    """(H, W) pixels with a reading."""
+
+    @property
+    def readings(self) -> np.ndarray:
+        """(H, W) I, NaN where there is no reading."""
+        return np.where(self.known, self.image, np.float32(np.nan))
 
     def towards(self, last: "_Look", doing: Sequence[PlacedAction]) -> Iterator["_Look"]:
         """What would have been seen after each of the actions that lead to another look."""
@@ -314,8 +335,11 @@ class _Look(NamedTuple):
             done, seen = by < k, None
             if self.seen is not None and last.seen is not None:
                 seen = np.where(done, last.seen, self.seen)
-            depth, image = (np.where(done, b, a) for a, b in zip(self[:2], last[:2], strict=True))
-            yield _Look(depth, image, np.where(done, last.goal, self.goal), seen)
+            depth, image, goal, known = (
+                np.where(done, getattr(last, name), getattr(self, name))
+                for name in ("depth", "image", "goal", "known")
+            )
+            yield _Look(depth, image, goal, seen, known)
         yield last
 
     def hides(self, later: "_Look", touched: np.ndarray, camera: Camera) -> float:

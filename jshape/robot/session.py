@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from jshape.actions import PlacedAction
 from jshape.camera import check_same_camera
 from jshape.errors import BadFile, JShapeError, one_line
 from jshape.io import files, formats, images, journal, runs
@@ -25,18 +26,17 @@ from jshape.models.bank import Bank
 from jshape.planning.options import StopCriteria
 from jshape.planning.plan import Plan
 from jshape.robot.arms.base import stop_arm
+from jshape.robot.learning import Learning, learned_from
 from jshape.robot.loop import PATIENCE, Molding, Step, Stop, mold
 from jshape.robot.perform import OperationResult
-from jshape.robot.procedure import NAMES
 from jshape.robot.robot import Robot
+from jshape.robot.run_actions import AT_THE_BED, START
 from jshape.robot.signals import uninterrupted
 
-GOAL, START, SUMMARY, PLAN = "goal.npy", "start.png", "summary.json", "plan.json"
+GOAL, SUMMARY, PLAN = "goal.npy", "summary.json", "plan.json"
 MARK, PICTURES = "plan.sha256.json", ("result.png", "steps.png")
 CONTENTS = (journal.NAME, journal.LOCK, GOAL, START, SUMMARY, PLAN, MARK, *PICTURES)
 """What a session writes beside the run's own files."""
-AT_THE_BED = NAMES[NAMES.index("contact") :]
-"""Operations after which the bed may have changed."""
 
 Say = Callable[[str], Any]
 Draw = Callable[[Molding], Mapping[str, bytes]]
@@ -55,6 +55,7 @@ class Session:
         self._say = say
         self._resumed = resumed
         self._operations: list[list[dict[str, Any]]] = []  # of the actions not looked at yet
+        self._learning: Learning | None = None
 
     @classmethod
     def start(
@@ -109,6 +110,7 @@ class Session:
         plan: Plan | None = None,
         stop: StopCriteria = StopCriteria(),
         blind: bool = False,
+        adapt: bool = False,
         confirm: Callable[[Plan], bool] | None = None,
         draw: Draw | None = None,
         **search: Any,
@@ -123,6 +125,8 @@ class Session:
           stop: when the run ends; its `max_steps` includes actions before it was resumed.
           blind: the bed does not change, as with an arm that only says what it would do: the first
             plan is gone through, whatever is seen.
+          adapt: the bank is corrected by what each action did, those before the run was resumed
+            too.
           confirm: asked before each action; None: nobody is asked.
           draw: makes the pictures of the run.
           **search: other keywords of `jshape.robot.loop.mold`.
@@ -149,6 +153,11 @@ class Session:
                 self._say(f"begun and not looked at, so counted as done: {unseen} of the actions")
             robot.on_operation, robot.on_look = self._operation, self._looked
             search |= {"stop": left, "first": plan, "replan": plan is None and not blind}
+            if adapt:
+                self._learning = learned_from(self.run, bank, self._note)
+                bank, search["learn"] = self._learning.bank, self._learned
+                if done:
+                    search["probe"] = False
             try:
                 self._note("resumed" if self._resumed else "started", steps=done)
                 self._note("homing")
@@ -198,6 +207,14 @@ class Session:
         self.run.append(asdict(step) | {"operations": self._operations.pop(0)}, depth)
         self._say(step.line(len(self.run)))
 
+    def _learned(self, act: PlacedAction, before: np.ndarray, after: np.ndarray) -> Bank:
+        assert self._learning is not None
+        known = self._learning.evidence.count
+        bank = self._learning(act, before, after)
+        if known == 0 and (said := self._learning.looks_like()):
+            self._say(said)
+        return bank
+
     def _same_plan(self, plan: Plan) -> None:
         """Keep what a plan does; BadFile: the run was begun with another plan."""
         doing = [plan.actions, plan.exact_positions.tolist(), plan.strengths.tolist()]
@@ -236,6 +253,8 @@ class Session:
             "why": why if broken is None else f"{why}; {broken}",
             "steps": list(self.run.steps),
         }
+        if self._learning is not None:
+            summary["learned"] = self._learning.told()
         with contextlib.suppress(JShapeError):
             self._note("aborted", error=type(problem).__name__, why=why)
         with contextlib.suppress(JShapeError):
@@ -282,6 +301,8 @@ class Session:
             "steps": steps,
             "out": str(self.run.folder),
         }
+        if self._learning is not None:
+            summary["learned"] = self._learning.told()
         files.write_json(self.run.folder / SUMMARY, summary)
         return summary
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from jshape import metric
 from jshape.app.view.episode import Episode, EpisodeStep
-from jshape.app.view.records import ActionRecord, begun, near, same
 from jshape.camera import Camera
 from jshape.data.view import above, image_of_depth
 from jshape.errors import BadCamera, BadFile, BadImage, JShapeError, one_line
@@ -21,7 +20,8 @@ from jshape.planning.api import check_image, rollout
 from jshape.planning.maps import bank_for
 from jshape.planning.plan import Plan
 from jshape.robot.loop import Stop
-from jshape.robot.session import GOAL, PLAN, START, SUMMARY
+from jshape.robot.run_actions import START, ActionRecord, begun, near, same
+from jshape.robot.session import GOAL, PLAN, SUMMARY
 
 MOST_ACTIONS = 500
 """Of an episode: each keeps up to two images, 0.8 GB at the paper's size."""

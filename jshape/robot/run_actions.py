@@ -1,18 +1,24 @@
 """The actions of a run as its files tell them: `steps.jsonl`, and the journal if there is one."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from jshape._typing import Float
 from jshape.actions import Place, PlacedAction
-from jshape.io import journal
+from jshape.io import images, journal, runs
 from jshape.io.records import OneLine, Range, read_record
-from jshape.robot.session import AT_THE_BED
+from jshape.robot.procedure import NAMES
 
+START = "start.png"
+"""The look before anything, in a run's folder."""
+AT_THE_BED = NAMES[NAMES.index("contact") :]
+"""Operations after which the bed may have changed."""
 SAME = 1e-4
 """Distances that differ relatively by less are of the same look."""
 
@@ -108,3 +114,38 @@ def _time(text: Any) -> float | None:
         return datetime.fromisoformat(text).timestamp()
     except (TypeError, ValueError):
         return None
+
+
+class Done(NamedTuple):
+    """An action of a run that was looked at just before and just after."""
+
+    number: int
+    """Of the run's step, from 0."""
+    act: PlacedAction
+    before: Float[np.ndarray, "H W"]
+    """Depth, metres, NaN = no reading."""
+    after: Float[np.ndarray, "H W"]
+
+
+def done_of(run: runs.Run) -> Iterator[Done]:
+    """The actions of a run that frames on disk tell the beginning and the end of, in order.
+
+    A run that was gone on with looked again first, and that look is not kept: the first action
+    after it is left out, which its distance before tells.
+
+    Raises:
+      BadFile, BadImage: the run is damaged.
+    """
+    where, start = run.folder / runs.STEPS, run.folder / START
+    journal_file = run.folder / journal.NAME
+    events = journal.events(journal_file) if journal_file.is_file() else []
+    anew = any(e.get("event") == "resumed" and e.get("steps") == 0 for e in events)
+    before, before_mm = None, None
+    if start.is_file() and not anew:
+        before = images.read_depth(start, depth_unit=run.depth_unit)
+    for k, row in enumerate(run.steps):
+        done = read_record(ActionRecord, row, f"{where}: line {k + 1}")
+        after = run.depth(k) if "frame" in row else None
+        if before is not None and after is not None and (k == 0 or same(before_mm, done.before_mm)):
+            yield Done(k, done.placed, before, after)
+        before, before_mm = after, done.obtained_mm

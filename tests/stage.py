@@ -77,7 +77,8 @@ class Arm:
             v = round(y / PAPER_Z * camera.fy + camera.v0)
             w, h = self.bank.roi(self.doing.action)
             window = np.s_[v - h // 2 : v - h // 2 + h, u - w // 2 : u - w // 2 + w]
-            self.eye.image[window] = self.bank.predict(self.doing.action, self.eye.image[window])
+            roi, place = self.eye.image[window], np.array([u, v])
+            self.eye.image[window] = self.bank.predict(self.doing.action, roi, position=place)
             self.acted.append((self.doing.action, u, v))
         return Moved(False, 0.0, pose)
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from jshape.cli.options import Writes
-from jshape.data.missing import said as said_of
 from jshape.errors import BadDataset, BadFile
 from jshape.io import datasets, runs
 from jshape.robot.learning import bank_of, bank_seeing
@@ -47,5 +46,6 @@ def from_run(
     ) as add:
         for pair in pairs:
             add(**pair, **whose)
-    print(f"{len(pairs)} pairs: {out}{said_of(left_out)}")
+    why = "".join(f"; left out: {count} ({reason})" for reason, count in left_out.items())
+    print(f"{len(pairs)} pairs: {out}{why}")
     return {"out": str(out), "pairs": len(pairs), "left_out": left_out}

@@ -122,12 +122,17 @@ class Evidence:
     def bank(self) -> Bank:
         """The bank to predict with: `learned`, or the start as long as that foretells no worse.
 
-        Its errors follow those of the run.
+        Its errors and intervals follow those of the run.
         """
         if not self.judged:
             return self.start
         bank = self.start if self.keeps_start else self.learned
-        return replace(bank, errors_mm=self._errors(self.judged[-LAST:]))
+        errors, spread, times = bank.errors_mm, bank.spread, jnp.asarray(self._factors())
+        return replace(
+            bank,
+            errors_mm=None if errors is None else errors * times,
+            spread=None if spread is None else spread * times[:, None],
+        )
 
     @property
     def keeps_start(self) -> bool:
@@ -144,11 +149,9 @@ class Evidence:
         known = np.full(len(self.start.actions), np.nan) if known is None else np.asarray(known)
         return np.where(known > 0, known, UNKNOWN_MM)
 
-    def _errors(self, last: Sequence[Judged]) -> Array | None:
-        if self.start.errors_mm is None:
-            return None
-        usual = self._usual_mm()
-        weights = self._weights()
+    def _factors(self) -> Float[np.ndarray, "A"]:
+        """By how much the run's errors were larger than the start bank takes them to be."""
+        last, usual, weights = self.judged[-LAST:], self._usual_mm(), self._weights()
         weight = np.array([weights[id(one.lesson)] for one in last])
         times = weight * [one.used_mm / usual[one.lesson.action] for one in last]
         action = np.array([one.lesson.action for one in last])
@@ -156,10 +159,8 @@ class Evidence:
         found = []
         for k in range(len(usual)):
             mine = action == k
-            both = DOUBT * all_of_them + times[mine].sum(), DOUBT + weight[mine].sum()
-            found.append(both[0] / both[1])
-        errors = np.asarray(self.start.errors_mm) * np.clip(found, *FACTORS)
-        return jnp.asarray(errors, jnp.float32)
+            found.append((DOUBT * all_of_them + times[mine].sum()) / (DOUBT + weight[mine].sum()))
+        return np.clip(found, *FACTORS).astype(np.float32)
 
     def _weights(self) -> dict[int, float]:
         """How much each lesson counts: less where it is off by more than the others are."""

@@ -2,11 +2,14 @@
 
 import numpy as np
 
+from jshape import metric
 from jshape._typing import Bool, Float
 from jshape.actions import PlacedAction
 from jshape.camera import Camera
 from jshape.data.missing import missing
 from jshape.errors import BadImage
+from jshape.models.bank import Bank
+from jshape.models.spread import surprise
 
 NEARER_MM = 10.0
 """Readings nearer than the camera's range by more than this are not the bed."""
@@ -53,6 +56,26 @@ def check_still(
             f"look: the bed beside the action changed by {moved:.1f} mm (median); at most "
             f"{MOVED_MM:g}: the bed or the camera was moved"
         )
+
+
+def surprise_of(
+    bank: Bank,
+    action: str,
+    before: Float[np.ndarray, "h w"],
+    predicted: Float[np.ndarray, "h w"],
+    after: Float[np.ndarray, "h w"],
+) -> float:
+    """How far a ROI is off, in intervals: `models.spread.surprise`; NaN where they are not known.
+
+    Args:
+      bank: knows the intervals.
+      action: its name.
+      before: I of the ROI before it, gaps filled.
+      predicted: I after it, as predicted.
+      after: I after it, NaN where there was no reading.
+    """
+    error = (after - predicted) * float(metric.to_mm(1.0, bank.camera))
+    return float(surprise(error, bank.half_width_mm(action, before, predicted)))
 
 
 def touched_by(camera: Camera, action: PlacedAction) -> Bool[np.ndarray, "H W"]:

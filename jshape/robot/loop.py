@@ -13,18 +13,19 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from jshape import metric
-from jshape.actions import PlacedAction
+from jshape.actions import PlacedAction, first_pixels
 from jshape.camera import Camera, check_same_camera
 from jshape.data.noise import noise_of_change
 from jshape.data.view import above, image_of_depth, known_in_both
 from jshape.errors import JShapeError, quoted
 from jshape.models.bank import Bank
+from jshape.models.spread import UNLIKELY
 from jshape.planning.api import Plan, check_image, plan_images, rollout
 from jshape.planning.batch import batched, nearest
 from jshape.planning.evaluate import ONE_BY_ONE, Execution
 from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria, hinted
 from jshape.planning.problem import carries, names
-from jshape.robot.checks import check_still, touched_by
+from jshape.robot.checks import check_still, surprise_of, touched_by
 from jshape.robot.probe import probe as probe_of
 
 
@@ -63,6 +64,7 @@ class Stop(StrEnum):
     MAX_STEPS = "as many actions as allowed"
     WORSE = "several looks in a row showed no lower distance than all before"
     BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"
+    UNLIKELY = "what was seen is nothing that the action could leave: has the bed or tool moved?"
     PLAN_ENDED = "the plan is at its end, and it was not to be made anew"
     DECLINED = "the next action was declined"
 
@@ -77,6 +79,9 @@ class Step(PlacedAction):
     """Distance predicted after this action: within a batch from what was measured before it."""
     obtained_mm: float
     """Distance measured after it."""
+    unlikely: bool = False
+    """What the look shows is nothing that the bank's action could leave; always False where the
+    plan was not made from the look before."""
 
     def line(self, number: int) -> str:
         """A line below `HEAD`."""
@@ -232,6 +237,7 @@ def mold(
     if afresh:
         ahead = rollout(now.image, now.goal, ahead, bank=bank, seen=now.seen)
     whole = goal if wanted is None else np.where(wanted, goal, now.image)
+    first_bank = bank  # one that learned from a surprise would find the next one likely
     run = Molding(whole, ahead, [now.image], [now.depth], [now.seen])
     obtained = float(metric.to_mm(now.distance, bank.camera))
     lowest, failures, promised = obtained, 0, 0.0
@@ -262,7 +268,9 @@ def mold(
             start, obtained = obtained, float(metric.to_mm(after.distance, bank.camera))
             u, v = act.position
             done: dict[str, Any] = vars(act) | {"position": (round(u), round(v))}
-            step = Step(**done, before_mm=start, predicted_mm=predicted, obtained_mm=obtained)
+            strange = (replan or afresh) and unlikely(first_bank, ahead, k, looks[k], after)
+            distances = {"before_mm": start, "predicted_mm": predicted, "obtained_mm": obtained}
+            step = Step(**done, **distances, unlikely=strange)
             run.steps.append(step)
             if on_step is not None:
                 on_step(step, after.depth)
@@ -272,10 +280,16 @@ def mold(
         if watch:
             check_still(before.depth, now.depth, touched)
         if learn is not None:
-            for act, (old, new) in zip(doing, pairwise(looks), strict=True):
-                bank = learn(act, old.readings, new.readings)
+            for step, act, (old, new) in zip(
+                run.steps[-len(doing) :], doing, pairwise(looks), strict=True
+            ):
+                if not step.unlikely:
+                    bank = learn(act, old.readings, new.readings)
         if declined:
             run.stop = Stop.DECLINED
+            return run
+        if any(step.unlikely for step in run.steps[-len(doing) :]):
+            run.stop = Stop.UNLIKELY
             return run
         act = doing[-1]
         promised += planned[0] - planned[len(doing)]
@@ -307,6 +321,14 @@ def mold(
                 constraints=replace(constraints.of_images(), max_uses=uses, stock_cm3=stock),
                 stop=replace(stop, max_steps=min(left, steps)),
             )
+
+
+def unlikely(bank: Bank, plan: Plan, k: int, before: "_Look", after: "_Look") -> bool:
+    """Whether a look after action k of a plan shows what that could not leave."""
+    corner = first_pixels(plan.positions[k], plan.rois[k])
+    window = tuple(slice(a, a + n) for a, n in zip(corner[::-1], plan.rois[k][::-1], strict=True))
+    rois = before.image[window], plan.patches[k], after.readings[window]
+    return surprise_of(bank, plan.actions[k], *rois) > UNLIKELY
 
 
 class _Look(NamedTuple):

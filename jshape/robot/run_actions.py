@@ -41,6 +41,8 @@ class ActionRecord:
     before_mm: _Number | None = None
     predicted_mm: _Number | None = None
     obtained_mm: _Number | None = None
+    unlikely: bool = False
+    """It was nothing that the bank's action could leave: see `loop.Step`."""
     operations: list[dict] = field(default_factory=list)
     """How each ended, as far as it is known."""
     seconds: _Number | None = None
@@ -130,6 +132,8 @@ class Done(NamedTuple):
 def done_of(run: runs.Run) -> Iterator[Done]:
     """The actions of a run that frames on disk tell the beginning and the end of, in order.
 
+    Without those that left what none of them can, as when the bed was moved.
+
     A run that was gone on with looked again first, and that look is not kept: the first action
     after it is left out, which its distance before tells.
 
@@ -146,6 +150,7 @@ def done_of(run: runs.Run) -> Iterator[Done]:
     for k, row in enumerate(run.steps):
         done = read_record(ActionRecord, row, f"{where}: line {k + 1}")
         after = run.depth(k) if "frame" in row else None
-        if before is not None and after is not None and (k == 0 or same(before_mm, done.before_mm)):
+        likely = not done.unlikely and (k == 0 or same(before_mm, done.before_mm))
+        if likely and before is not None and after is not None:
             yield Done(k, done.placed, before, after)
         before, before_mm = after, done.obtained_mm

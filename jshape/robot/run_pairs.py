@@ -64,7 +64,7 @@ def pairs_of(run: runs.Run, bank: Bank, left_out: Counter[str]) -> Iterator[dict
             "path_mm": float(hand.path_mm),
         }
     if missed := len(run) - found:
-        left_out["the look before or after is not in the run"] += missed
+        left_out["no look before or after, or an unlikely one"] += missed
 
 
 def turned_back(

@@ -37,7 +37,7 @@ def curves(report: Report, out: Path) -> None:
     pressed = jshape.load_bank(DEFAULT_BANK)
     names = tuple(PAPER_ROIS)
     pressed = replace(
-        pressed, actions=names, errors_mm=None, spread=None,
+        pressed, actions=names, errors_mm=None, intervals=None,
         predictors=tuple(pressed.predictor(name) for name in names),
     )  # fmt: skip
     box = jshape.PAPER_BOX

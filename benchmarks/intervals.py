@@ -61,9 +61,9 @@ def covered(pairs: Pairs, partitions: int) -> list[np.ndarray]:
         for split in splits.values():
             with warnings.catch_warnings(action="ignore"):
                 bank = fit(pairs.select(split.train), "P")
-            assert bank.spread is not None
+            assert bank.intervals is not None
             kept_out = pairs.select(split.test)
-            for name, spread in zip(bank.actions, bank.spread, strict=True):
+            for name, spread in zip(bank.actions, bank.intervals, strict=True):
                 pixels = roi_errors(bank, kept_out, name).pixels_mm
                 half = np.asarray(half_width_mm(spread, pixels[..., 1]))
                 inside = (pixels[..., 0] <= half).mean(1)

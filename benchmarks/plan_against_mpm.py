@@ -78,7 +78,7 @@ def _fitted(data: Path, part: str, group: str) -> Bank:
         actions=one.actions + other.actions,
         predictors=(*one.predictors, *predictors),
         errors_mm=np.concatenate([np.asarray(bank.errors_mm) for bank in (one, other)]),
-        spread=np.concatenate([np.asarray(bank.spread) for bank in (one, other)]),
+        intervals=np.concatenate([np.asarray(bank.intervals) for bank in (one, other)]),
     )
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from jshape.height_map import HeightMap
     from jshape.io.banks import list_banks, load_bank, save_bank
     from jshape.io.datasets import load_pairs, save_pairs
+    from jshape.learn.online import adapt
     from jshape.learn.validation import fit
     from jshape.metric import distance, r_matrix, ray_lengths, to_mm, unweigh, weigh
     from jshape.models.bank import Bank
@@ -51,6 +52,7 @@ __all__ = [
     "SearchSpace",
     "Status",
     "StopCriteria",
+    "adapt",
     "distance",
     "fit",
     "grid",
@@ -79,6 +81,7 @@ _HOMES = {
     "jshape.data.pairs": ("Pairs",),
     "jshape.errors": ("JShapeError",),
     "jshape.height_map": ("HeightMap",),
+    "jshape.learn.online": ("adapt",),
     "jshape.learn.validation": ("fit",),
     "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
     "jshape.planning.search.base": ("Status",),

@@ -45,7 +45,7 @@ def hands():
     chosen = [bank.actions.index(name) for name in ("knock", "poke")]
     predictors = tuple(bank.predictors[k] for k in chosen)
     return replace(
-        bank, actions=("knock", "poke"), predictors=predictors, errors_mm=None, spread=None
+        bank, actions=("knock", "poke"), predictors=predictors, errors_mm=None, intervals=None
     )
 
 

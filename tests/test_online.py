@@ -7,10 +7,11 @@ import pytest
 from scipy import ndimage
 
 import jshape
+from jshape import Pairs, metric
 from jshape.actions import PlacedAction
 from jshape.data.view import image_of_depth
 from jshape.errors import BadBank, BadDataset
-from jshape.learn.lessons import Lesson, hand_of, lesson
+from jshape.learn.lessons import Lesson, hand_of, lesson, lessons_of
 from jshape.learn.online import KEPT, Evidence, corrected
 from jshape.planning.api import rollout
 
@@ -123,6 +124,28 @@ def test_a_lesson_is_in_the_hand_s_own_frame(bank, other, yaw):
     one = lesson(bank, act, image, np.asarray(done))
     true, start = (one.error_mm(hand_of(hands, "press")) for hands in (other, bank))
     assert true < 0.07 and true < 0.3 * start  # half of a node's rounding, turned twice
+
+
+def test_a_bank_adapts_to_pairs_that_were_recorded(bank, other):
+    depth = np.full(bank.camera.shape, 0.445, np.float32)
+    image = image_of_depth(depth, bank.camera).image
+    at = {"press": (150, 150), "pinch": (330, 240), "poke": (240, 100)}
+    done = [
+        np.asarray(rollout(image, image, [PlacedAction(name, at[name])], bank=other).images[1])
+        for name in at
+    ]
+    counts = [
+        np.rint(np.asarray(bank.camera.depth(metric.unweigh(one, bank.camera))) / 1e-5)
+        for one in (image, *done)
+    ]
+    names, count = np.array(list(at)), len(at)
+    pairs = Pairs(
+        bank.camera, 1e-5, np.uint16([counts[0]] * count), np.uint16(counts[1:]),
+        names, np.array(["robot"] * count), np.array(["flour"] * count),
+        np.array(list(at.values()), np.int32), np.array([bank.roi(name) for name in at]), names,
+    )  # fmt: skip
+    found = lessons_of(bank, pairs)
+    assert error(jshape.adapt(bank, pairs), found) < 0.8 * error(bank, found)
 
 
 def test_what_teaches_nothing_is_refused(bank):

@@ -28,7 +28,7 @@ def images(rng):
 
 @pytest.fixture
 def bank(rng):
-    return replace(bank_of(rng, [0.5, 0.5]), spread=jnp.asarray(SPREAD))
+    return replace(bank_of(rng, [0.5, 0.5]), intervals=jnp.asarray(SPREAD))
 
 
 @pytest.fixture
@@ -76,12 +76,12 @@ def test_the_interval_of_d_is_half_of_the_mean_half_width(plan, bank, images):
 
 def test_what_is_not_known_is_not_claimed(bank, images, capsys):
     """A bank without a spread; one that knows that of some actions only."""
-    without = rollout(*images, ACTIONS, AT, bank=replace(bank, spread=None))
+    without = rollout(*images, ACTIONS, AT, bank=replace(bank, intervals=None))
     assert without.half_widths_mm is None and without.distance_half_widths_mm is None
     assert without.interval_after(3) == "" and "80 % (mm)" not in without.columns()
     table._print(without, "greedy")
     assert "80 %" not in capsys.readouterr().out
-    some = replace(bank, spread=jnp.array([[0.3, 0.2], [jnp.nan, jnp.nan]]))
+    some = replace(bank, intervals=jnp.array([[0.3, 0.2], [jnp.nan, jnp.nan]]))
     some = rollout(*images, ACTIONS, AT, bank=some)
     assert np.isfinite(some.half_widths_after(1)).all() and np.isnan(some.half_widths_mm).any()
     np.testing.assert_array_equal(

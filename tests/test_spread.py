@@ -94,26 +94,30 @@ def test_a_bank_says_how_wide_a_prediction_is(rng):
     before = rng.random((2, 9, 12)).astype(np.float32)
     after = bank.predict("grasp", before)
     assert np.isnan(bank.half_width_mm("grasp", before, after)).all()
-    bank = replace(bank, spread=jnp.array([[0.3, 0.2], [np.nan, np.nan]]))
+    bank = replace(bank, intervals=jnp.array([[0.3, 0.2], [np.nan, np.nan]]))
     found = bank.half_width_mm("grasp", before, after)
     nearby = to_mm(around_slowly(np.asarray(after) - before, radii_px(bank.camera)), bank.camera)
     np.testing.assert_allclose(found, np.maximum(0.3 + 0.2 * nearby, LEAST_MM), rtol=1e-5)
     assert np.isnan(bank.half_width_mm("poke", before, after)).all()
+    std = bank.spread("grasp", before) * to_mm(1.0, bank.camera)
+    np.testing.assert_allclose(1.2815516 * std, found, rtol=1e-5)  # 80 % of a normal law
     with pytest.raises(UnknownName):
         bank.half_width_mm("knead", before, after)
 
 
 def test_manifests_keep_the_spread(rng, tmp_path):
     bank = bank_of(rng, [0.5, 0.7])
-    told = replace(bank, spread=jnp.array([[0.3, 0.2], [np.nan, np.nan]]))
+    told = replace(bank, intervals=jnp.array([[0.3, 0.2], [np.nan, np.nan]]))
     folder = save_bank(told, tmp_path / "bank")
     found = load_bank(folder)
-    np.testing.assert_array_equal(found.spread, told.spread)
-    assert load_bank(save_bank(bank, tmp_path / "old")).spread is None
+    np.testing.assert_array_equal(found.intervals, told.intervals)
+    assert load_bank(save_bank(bank, tmp_path / "old")).intervals is None
     for bad in (-0.2, np.nan, np.inf):
         with pytest.raises(BadBank, match="error 1: spread"):
-            save_bank(replace(bank, spread=jnp.full((2, 2), 0.3).at[0, 1].set(bad)), tmp_path / "a")
-    object.__setattr__(told, "spread", jnp.ones((2, 1)))
+            save_bank(
+                replace(bank, intervals=jnp.full((2, 2), 0.3).at[0, 1].set(bad)), tmp_path / "a"
+            )
+    object.__setattr__(told, "intervals", jnp.ones((2, 1)))
     with pytest.raises(BadBank, match=r"spread has shape \(2, 1\), not \(mm, share\) of each"):
         save_bank(told, tmp_path / "bad")
     for bad in ([0.3], "wide", [0.3, "x"], 0.3):

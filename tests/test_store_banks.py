@@ -130,7 +130,7 @@ def test_bundled_banks_know_their_errors(name):
     np.testing.assert_allclose(found.errors_mm, [r["mm"] for r in rows.values()], rtol=1e-6)
     assert (np.asarray(found.error_of_d()) > 0).all()
     np.testing.assert_array_equal(
-        found.spread, np.float32([row["spread"] for row in rows.values()])
+        found.intervals, np.float32([row["spread"] for row in rows.values()])
     )
 
 

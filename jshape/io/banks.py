@@ -273,7 +273,7 @@ def _error_rows(bank: Bank, where: str) -> list[dict[str, Any]]:
     count = len(bank.actions)
     if np.shape(bank.errors_mm) != (count,):
         raise BadBank(f"{where}: errors_mm has shape {np.shape(bank.errors_mm)}, not one an action")
-    spread = np.full((count, 2), np.nan) if bank.spread is None else np.asarray(bank.spread)
+    spread = np.full((count, 2), np.nan) if bank.intervals is None else np.asarray(bank.intervals)
     if spread.shape != (count, 2):
         raise BadBank(f"{where}: spread has shape {spread.shape}, not (mm, share) of each action")
     errors = np.asarray(bank.errors_mm, np.float64).tolist()

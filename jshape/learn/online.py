@@ -23,7 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape._typing import Array, Float
-from jshape.learn.lessons import Lesson, hand_of
+from jshape.data.pairs import Pairs
+from jshape.learn.lessons import Lesson, hand_of, lessons_of
 from jshape.models.bank import Bank
 from jshape.models.imprint import Imprint
 
@@ -127,11 +128,11 @@ class Evidence:
         if not self.judged:
             return self.start
         bank = self.start if self.keeps_start else self.learned
-        errors, spread, times = bank.errors_mm, bank.spread, jnp.asarray(self._factors())
+        errors, spread, times = bank.errors_mm, bank.intervals, jnp.asarray(self._factors())
         return replace(
             bank,
             errors_mm=None if errors is None else errors * times,
-            spread=None if spread is None else spread * times[:, None],
+            intervals=None if spread is None else spread * times[:, None],
         )
 
     @property
@@ -195,6 +196,28 @@ class Evidence:
             numbers = np.linalg.solve(left, right).reshape(count, 3)
             numbers = np.clip(numbers, -np.array(FARTHEST), FARTHEST)
         return numbers
+
+
+def adapt(bank: Bank, pairs: Pairs) -> Bank:
+    """The bank with what a few pairs teach it, in the order in which they were seen.
+
+    At least as good as the bank to begin with on the last pairs, each foretold from those before
+    it; errors and intervals follow those of the pairs.  With a few dozen pairs of each action
+    `jshape.fit(pairs, "P", start=bank)` is better.
+
+    Args:
+      bank: of kind "P".
+      pairs: of its camera; those of actions that it does not have are left out.
+
+    Raises:
+      BadBank: another kind of bank.
+      BadCamera: bank and pairs have different cameras.
+      BadDataset: too little of a pair's ROI was seen, or its path is of another length.
+    """
+    evidence = Evidence(bank)
+    for lesson in lessons_of(bank, pairs):
+        evidence = evidence.note(lesson)
+    return evidence.bank
 
 
 def corrected(predictor: Imprint, numbers: Float[Array, "3"] | np.ndarray) -> Imprint:

@@ -60,7 +60,7 @@ class Validation(NamedTuple):
     useless: bool
     """Even the better of the two is not clearly better than predicting no change."""
     spread: tuple[float, float]
-    """(mm, share) of the 80 % interval of what the bank holds, as `Bank.spread`."""
+    """(mm, share) of the 80 % interval of what the bank holds, as `Bank.intervals`."""
 
     @property
     def kept_mm(self) -> float:
@@ -146,7 +146,7 @@ def fit(
     return replace(
         without_worse(bank, pairs, rows),
         errors_mm=table[:, 0] if known else None,
-        spread=table[:, 1:] if known else None,
+        intervals=table[:, 1:] if known else None,
         fitted_to=f"{len(pairs)} pairs ({who})",
     )
 

@@ -28,7 +28,7 @@ from jshape.models.base import Predictor
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=("camera", "predictors", "errors_mm", "spread"),
+    data_fields=("camera", "predictors", "errors_mm", "intervals"),
     meta_fields=("actions", "kind"),
     drop_fields=("fitted_to",),
 )
@@ -47,7 +47,7 @@ class Bank:
     """How wrong each action's prediction usually is: the mean |true - predicted| over its ROI on
     pairs that it was not fitted to, mm.  NaN: not known for that action; None: for none of them.
     In mm, so that it stays true below another camera."""
-    spread: Float[Array, "A 2"] | None = None
+    intervals: Float[Array, "A 2"] | None = None
     """(mm, share) of each action: the law of its predictions' 80 % interval (`models.spread`).
     NaN: not known for that action; None: for none of them."""
     fitted_to: str = ""
@@ -158,7 +158,7 @@ class Bank:
           UnknownName: the bank has no such action.
         """
         self.predictor(name)
-        rows = np.full((len(self.actions), 2), np.nan) if self.spread is None else self.spread
+        rows = np.full((len(self.actions), 2), np.nan) if self.intervals is None else self.intervals
         xp = namespace(before, after)
         change = metric.to_mm(xp.asarray(after) - xp.asarray(before), self.camera)
         nearby = spreads.around(change, spreads.radii_px(self.camera))
@@ -209,6 +209,24 @@ class Bank:
         roi = jnp.broadcast_to(jnp.asarray(roi, jnp.float32), (*batch, h, w))
         strength = jnp.asarray(strength, jnp.float32)
         return jnp.clip(self.predictor(name)(roi, corner, strength), 0.0, 1.0)
+
+    def spread(
+        self,
+        name: str,
+        roi: ArrayLike,
+        *,
+        position: ArrayLike | None = None,
+        strength: ArrayLike = 1.0,
+    ) -> Float[Array, "*B h w"]:
+        """Standard deviation of what `predict` gives, per pixel of I; NaN: not known.
+
+        That of the normal law whose 80 % lie in the pixel's interval.  Arguments and errors are
+        those of `predict`.
+        """
+        after = self.predict(name, roi, position=position, strength=strength)
+        before = jnp.broadcast_to(jnp.asarray(roi, jnp.float32), after.shape)
+        half = self.half_width_mm(name, before, after)
+        return half / (spreads.PER_STD * metric.to_mm(1.0, self.camera))
 
 
 def _known(values: ArrayLike) -> np.ndarray | None:

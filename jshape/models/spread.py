@@ -21,6 +21,8 @@ from jshape.camera import Camera, namespace, single
 
 COVERED = 0.8
 """Share of the pixels whose true value lies in the interval."""
+PER_STD = 1.2815516
+"""Half of the 80 % interval of a normal law, standard deviations."""
 AROUND_MM = 20.0
 """How far away a predicted change tells of a pixel's error: as far as hands miss their place, and
 walls give way."""
@@ -64,7 +66,7 @@ def half_width_mm(
     """Half of the 80 % interval of each pixel, mm.
 
     Args:
-      spread: (mm, share) of the action, as `Bank.spread` has it; NaN is not known, and gives NaN.
+      spread: (mm, share) of the action, as `Bank.intervals`; NaN is not known, and gives NaN.
       around_mm: the largest predicted change `around` each pixel, mm.  Its first axes
         are those of `spread`.
     """

@@ -67,8 +67,8 @@ class Plan:
     clipped: np.ndarray = field(default_factory=lambda: np.zeros(0, np.float32))
     """(K,) share of each predicted ROI that had to be clipped to [0, 1]."""
     spreads: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
-    """(K, 2) of (mm, share): the law of the 80 % interval of each predicted ROI, as `Bank.spread`
-    has it; NaN, as for all unless given: not known."""
+    """(K, 2) of (mm, share): the law of the 80 % interval of each predicted ROI, as
+    `Bank.intervals` has it; NaN, as for all unless given: not known."""
     filled: tuple[int, int] = (0, 0)
     """Pixels without a depth reading that were filled: in the initial image, in the goal."""
     clamped: tuple[int, int] = (0, 0)

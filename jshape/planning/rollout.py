@@ -90,10 +90,10 @@ def predict_sequence(
 
 def _spreads(bank: Bank, acts: Sequence[PlacedAction]) -> np.ndarray:
     """(K, 2) laws of their intervals, as `Plan.spreads`."""
-    if bank.spread is None:
+    if bank.intervals is None:
         return np.full((len(acts), 2), np.nan, np.float32)
     rows = [bank.actions.index(act.action) for act in acts]
-    return np.asarray(bank.spread)[np.array(rows, int)]
+    return np.asarray(bank.intervals)[np.array(rows, int)]
 
 
 def _strokes(

@@ -1,12 +1,15 @@
 """How fast a bank learns from a run's own actions, replayed pair by pair in random orders.
 
-    python -m benchmarks.online --data MPM [--noisy] [--orders 5]
+    python -m benchmarks.online --data MPM [--noisy] [--orders 5] [--drift]
 
 `MPM` holds `pairs/GROUP`.  The banks are of another hand, material or engine.  Each
 order's first 25 pairs are the run; errors, mm over the ROI, are on all others.  `fitted` is the
 start adapted to the 25 pairs all at once (`jshape.fit(pairs, "P", start=bank)`); numbers behind
 "after" are errors times that bank's, their mean over orders and the standard deviation.
 `worst` is the largest error after any look, times that of the start on the same pairs.
+
+With `--drift` the hand and the material change after 20 looks; errors on later pairs of the new
+ones are times those of the start, of the run / of one that begins with the change.
 """
 
 import argparse
@@ -38,6 +41,13 @@ STARTS = (
 )
 """(group of pairs, bank to begin with)."""
 RUN, LOOKS = 25, (1, 2, 4, 8, 16, 25)
+DRIFTS = (
+    ("irregular_sand_human", "flat_flour_robot", "pressed-flour-robot"),
+    ("flat_flour_robot", "irregular_sand_human", "pressed-flour-human"),
+    ("irregular_flour_robot", "flat_flour_human", "pressed-flour-robot"),
+)
+"""(pairs before the change, pairs after it, bank to begin with)."""
+BEFORE, AFTER = 20, (0, 2, 4, 8, 16)
 
 
 def errors(bank: Bank, lessons: list[Lesson]) -> float:
@@ -71,15 +81,46 @@ def only(bank: Bank, names: tuple[str, ...]) -> Bank:
     return Bank(bank.camera, tuple(map(bank.predictor, names)), names, bank.kind)
 
 
+def drifts(options: argparse.Namespace) -> None:
+    """Print the table of `DRIFTS`."""
+    rows, rng = [], np.random.default_rng(0)
+    for first, then, start in DRIFTS:
+        bank = load_bank(start)
+        old, new = (lessons_of(bank, _pairs(options, group, bank)) for group in (first, then))
+        found = []
+        for _ in range(options.orders):
+            order = rng.permutation(len(new))
+            run, held_out = ([new[k] for k in part] for part in (order[:16], order[16:]))
+            both = [Evidence(bank), Evidence(bank)]
+            for k in rng.permutation(len(old))[:BEFORE]:
+                both[0] = both[0].note(old[k])
+            base = errors(bank, held_out)
+            row = [[errors(one.bank, held_out) / base for one in both]]
+            for lesson in run:
+                both = [one.note(lesson) for one in both]
+                row.append([errors(one.bank, held_out) / base for one in both])
+            found.append([row[n] for n in AFTER])
+        mean = np.mean(found, 0)
+        rows.append((first, then, start, *(f"{a:.2f} / {b:.2f}" for a, b in mean)))
+    print_table(("before", "after", "bank", *(f"{n} looks after" for n in AFTER)), rows)
+
+
+def _pairs(options: argparse.Namespace, group: str, bank: Bank) -> Pairs:
+    folder = options.data / ("pairs_noisy" if options.noisy else "pairs") / group
+    if not folder.is_dir():
+        raise BadFile(f"{folder}: is no folder of pairs")
+    pairs = load_pairs(folder)
+    return pairs.select(np.isin(pairs.action, bank.actions))
+
+
 def measure(options: argparse.Namespace) -> None:
     """Print the table of `STARTS`."""
+    if options.drift:
+        return drifts(options)
     rows, seconds = [], []
     for group, start in STARTS:
-        folder = options.data / ("pairs_noisy" if options.noisy else "pairs") / group
-        if not folder.is_dir():
-            raise BadFile(f"{folder}: is no folder of pairs")
-        bank, pairs = load_bank(start), load_pairs(folder)
-        pairs = pairs.select(np.isin(pairs.action, bank.actions))
+        bank = load_bank(start)
+        pairs = _pairs(options, group, bank)
         rng, found = np.random.default_rng(0), []
         for k in range(options.orders):
             errors_by, took = replayed(bank, pairs, rng.permutation(len(pairs)))
@@ -112,6 +153,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--data", type=Path, required=True, help="folder of pairs/GROUP")
     parser.add_argument("--noisy", action="store_true", help="pairs_noisy/GROUP instead")
+    parser.add_argument("--drift", action="store_true", help="a change of hand and material")
     parser.add_argument("--orders", type=console.positive_count, default=5)
     parser.set_defaults(run=measure)
     return console.run("benchmarks.online", parser, None)

@@ -12,7 +12,7 @@ from jshape.actions import PlacedAction
 from jshape.data.view import image_of_depth
 from jshape.errors import BadBank, BadDataset
 from jshape.learn.lessons import Lesson, hand_of, lesson, lessons_of
-from jshape.learn.online import KEPT, Evidence, corrected
+from jshape.learn.online import CHANGED, KEPT, Evidence, corrected
 from jshape.planning.api import rollout
 
 
@@ -96,6 +96,16 @@ def test_the_start_is_kept_while_it_foretells_better(bank):
     assert kept == (lost > 0)
 
 
+def test_a_change_of_hand_is_got_over_at_once(bank, other):
+    held_out = lessons(bank, 6, seed=1)
+    evidence = noted(bank, lessons(other, 12))
+    assert error(evidence.bank, held_out) > 1.5 * error(bank, held_out)
+    for one in lessons(bank, 3, seed=2):  # now another hand: that of the start
+        evidence = evidence.note(one)
+    assert error(evidence.bank, held_out) < error(bank, held_out) + 0.03
+    assert len(evidence.judged) == 3 - 1 + CHANGED - 1 and evidence.count == 15
+
+
 def test_errors_follow_those_of_the_run(bank, other):
     first = noted(bank, lessons(other, 1)).bank.errors_mm
     assert (np.asarray(first) > 0.25 * np.asarray(bank.errors_mm)).all()
@@ -140,7 +150,8 @@ def test_a_bank_adapts_to_pairs_that_were_recorded(bank, other):
     ]
     names, count = np.array(list(at)), len(at)
     pairs = Pairs(
-        bank.camera, 1e-5, np.uint16([counts[0]] * count), np.uint16(counts[1:]),
+        bank.camera, 1e-5,
+        np.array([counts[0]] * count, np.uint16), np.array(counts[1:], np.uint16),
         names, np.array(["robot"] * count), np.array(["flour"] * count),
         np.array(list(at.values()), np.int32), np.array([bank.roi(name) for name in at]), names,
     )  # fmt: skip

@@ -175,7 +175,7 @@ def with_actions(bank: Bank, names: Sequence[str]) -> Bank:
     rows = np.array(kept, int)
     known = {
         name: table[rows]
-        for name in ("errors_mm", "spread")
+        for name in ("errors_mm", "intervals")
         if (table := getattr(bank, name)) is not None
     }
     predictors = tuple(bank.predictors[k] for k in kept)

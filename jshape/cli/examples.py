@@ -50,6 +50,8 @@ jshape dataset annotate cut pairs --skip  # leave out what changed nothing
 jshape dataset import frames pairs --action poke --agent human \
 --material sand  # NAME_before.png and NAME_after.png
 jshape dataset merge all monday tuesday  # of one camera
+jshape dataset from-run run pairs  # of what a robot did
+jshape dataset from-run run pairs --agent human --material sand  # said of all
 jshape train pairs --out my-bank  # kind P, in seconds
 jshape train pairs --start pressed-flour-human --out my-bank  # 5 to 25 pairs do
 jshape train pairs --kind DCR --epochs 100 --out network  # a network of the paper

@@ -10,7 +10,8 @@ What then is left alike in an action's looks is added to its map `rest`, by as m
 agree.  So one look teaches all actions a little, and eight teach a bank nearly what 25 would.
 
 Nonsense teaches little: nodes and looks that are off by more than the others count for less.  And
-the bank to begin with is kept as long as it predicts this run's actions better.
+the bank to begin with is kept as long as it predicts this run's actions better.  Where hand or
+material change, what was learned foretells worse than the start, and is forgotten.
 """
 
 from collections.abc import Sequence
@@ -48,6 +49,9 @@ AGREED, AGREED_WEIGHT = 0.25, 2.0
 """How alike two looks' rests are before any was compared (cosine), and how many that counts as."""
 LAST = 16
 """Looks that say how good the bank is."""
+CHANGED, WORSE = 2, 1.15
+"""Hand or material are others than before where what was learned foretold so many looks worse than
+the start would have, by so much: all but those are forgotten."""
 DOUBT = 2.0
 """Looks that count as many as those, of a bank that is as good as it says it is."""
 UNKNOWN_MM = 1.0
@@ -92,6 +96,13 @@ class Evidence:
         now = [bank.predictors[lesson.action] for bank in (self.start, self.learned, self.bank)]
         judged = Judged(lesson, *(lesson.error_mm(predictor) for predictor in now))
         kept = (*self.judged, judged)[-KEPT:]
+        last = kept[-CHANGED:]
+        learned, start = sum(one.learned_mm for one in last), sum(one.start_mm for one in last)
+        if len(kept) > CHANGED and learned > WORSE * start:
+            again = Evidence(self.start)
+            for one in last:
+                again = again.note(one.lesson)
+            return replace(again, count=self.count + 1)
         found = replace(self, judged=kept, count=self.count + 1)
         return replace(found, numbers=found._solved())
 

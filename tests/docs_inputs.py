@@ -144,6 +144,14 @@ def run(folder: Path) -> None:
     assert main(words) == 0
 
 
+def learning(folder: Path) -> None:
+    """What `jshape mold --adapt` leaves after one action."""
+    samples(folder)
+    words = ["--arm", "sim:3", "--yes", "--adapt", "--max-steps", "1"]
+    out = str(folder / "runs/sand")
+    assert main(["mold", str(folder / "wanted.png"), *words, "--out", out]) == 0
+
+
 def goal(folder: Path) -> None:
     """What `jshape goal` leaves."""
     assert main(["goal", "flat", "--text", "J", "--out", str(folder / "my-goal")]) == 0
@@ -272,6 +280,7 @@ INPUTS = {
     "my-plan": plan,
     "letter": lambda folder: plan(folder, "letter"),
     "runs/demo": run,
+    "runs/sand": learning,
     "poses.json": samples,
     "pairs.json": samples,
     "base.json": base,

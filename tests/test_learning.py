@@ -73,6 +73,7 @@ def test_the_bank_of_a_run_is_what_the_run_learned(learned, bank, other, bed):  
     _, session, _ = learned
     again = bank_of(session.run.folder)
     assert again.actions == bank.actions and again.camera == bank.camera
+    assert not np.allclose(again.intervals, bank.intervals)
     act = PlacedAction("press", (240, 150))
     true, before, after = (
         np.asarray(rollout(bed, bed, [act], bank=one).images[1]) for one in (other, bank, again)

@@ -106,6 +106,18 @@ def test_a_change_of_hand_is_got_over_at_once(bank, other):
     assert len(evidence.judged) == 3 - 1 + CHANGED - 1 and evidence.count == 15
 
 
+def test_a_shallow_look_says_little_of_deep_ones(bank):
+    (one,) = lessons(bank, 1, actions=("knock",))
+    hand = hand_of(bank, "knock")
+    after = one.before + np.asarray(hand.change(one.before, 0.2)) + np.float32(4e-4)
+    shallow = one._replace(after=after, strength=0.2)
+    found = hand_of(noted(bank, [shallow]).bank, "knock")
+    gap = np.abs(
+        np.asarray(found.change(one.before, 1.0)) - np.asarray(hand.change(one.before, 1.0))
+    )
+    assert 1e3 * gap.mean() < 0.15  # 2 mm, times what one such look is believed
+
+
 def test_errors_follow_those_of_the_run(bank, other):
     first = noted(bank, lessons(other, 1)).bank.errors_mm
     assert (np.asarray(first) > 0.25 * np.asarray(bank.errors_mm)).all()

@@ -33,6 +33,7 @@ from jshape.io import formats, points
 from jshape.io.cameras import camera_fields, camera_from
 from jshape.io.frames import Source, frame_of, goal_source, source_of
 from jshape.io.maps import SUFFIX, read_map
+from jshape.learn.online import Evidence
 from jshape.models.bank import Bank
 from jshape.planning.devices import over_devices
 from jshape.planning.maps import over_bed
@@ -69,7 +70,7 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
         options = keep_on(session.run.meta, options)
     bank_name = options.bank or (session.run.meta["bank"] if session else DEFAULT_BANK)
     bank = bank_of(bank_name)
-    learning_options(options)
+    learning_options(options, bank)
     confirm = asking(options)
     with robot_of(options, options.out, bank) as robot:
         ready = partial(at_home, robot, options)
@@ -92,12 +93,14 @@ def mold(desired: Path | None = None, /, *, options: MoldOptions) -> dict[str, A
         return molded(session, robot, bank, options, confirm=confirm, **how)
 
 
-def learning_options(options: MoldOptions) -> None:
+def learning_options(options: MoldOptions, bank: Bank) -> None:
     """Raise JShapeError where there is nothing to learn from, or nobody to learn."""
     if options.adapt and options.arm == "dry":
         raise JShapeError("--adapt learns from what an arm does; --arm dry does nothing")
     if options.probe and not options.adapt:
         raise JShapeError("--probe presses once so that --adapt can learn from it; give both")
+    if options.adapt:
+        Evidence(bank)  # or BadBank, before there is a run
 
 
 def goal_of(

@@ -84,7 +84,7 @@ class Searches(Tries, StopCriteria, SearchBudget):
 Pixel = Annotated[int, Range(-(2**31), 2**31 - 1)]
 FIELDS = tuple(one.name for kind in GROUPS.values() for one in fields(kind))
 """Of the records."""
-KEPT = ("planner", "batch", *FIELDS)
+KEPT = ("planner", "batch", "adapt", *FIELDS)
 """Options that a resumed run keeps."""
 
 

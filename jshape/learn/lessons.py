@@ -10,7 +10,7 @@ from jshape.actions import PlacedAction, first_pixels
 from jshape.camera import check_same_camera
 from jshape.data.missing import fill_nan
 from jshape.data.pairs import SAME_PATH, Examples, Pairs
-from jshape.errors import BadBank, BadDataset, one_line
+from jshape.errors import BadBank, BadDataset, one_line, quoted
 from jshape.learn.imprint import shown_on
 from jshape.models.bank import Bank
 from jshape.models.imprint import Imprint
@@ -114,6 +114,10 @@ def lessons_of(bank: Bank, pairs: Pairs) -> list[Lesson]:
 def _lesson(bank: Bank, name: str, one: Examples, yaw: float) -> Lesson:
     k = bank.actions.index(name)
     predictor = hand_of(bank, name)
+    if not 1e-3 <= float(one.strengths[0]) <= 100:
+        raise BadDataset(
+            f"{name}: its strength is {quoted(float(one.strengths[0]))}; expected 0.001 to 100"
+        )
     share = float(one.seen.mean())
     if share < LEAST_SEEN:
         raise BadDataset(

@@ -279,11 +279,12 @@ def common(
     """
     stack = zip(lessons, left, weights, strict=True)
     total, counts = np.zeros((2, *left[0].shape))
+    number = 0.0  # of looks at strength 1 that would say as much: a shallow one says little of it
     for lesson, rest, weight in stack:
-        total += weight * lesson.counted * rest
-        counts += weight * lesson.counted * lesson.strength
-    number = sum(weights)
-    mean = _blurred(total / np.maximum(counts, 1e-6), number**-0.5)
+        total += weight * lesson.strength * lesson.counted * rest
+        counts += weight * lesson.strength**2 * lesson.counted
+        number += weight * lesson.strength**2
+    mean = _blurred(total / np.maximum(counts, 1e-6), max(number, 1.0) ** -0.5)
     return (mean * number / (number + (1.0 - alike) / alike)).astype(np.float32)
 
 

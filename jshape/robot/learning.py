@@ -153,7 +153,8 @@ def _bank_of(name_or_folder: str | Path, most: int) -> Bank:
         replace(hand_of(learned, action), grid=hand_of(start, action).grid)
         for action in start.actions
     )
-    return replace(start, predictors=hands, errors_mm=learned.errors_mm)
+    known = {"errors_mm": learned.errors_mm, "intervals": learned.intervals}
+    return replace(start, predictors=hands, **known)
 
 
 def bank_seeing(known: Mapping[str, Any], bank: Bank, where: str) -> Bank:

@@ -225,8 +225,8 @@ def mold(
         patience = PATIENCE
     now = look()
     ahead = first
-    if ahead is None and probe:
-        test = probe_of(bank, now.image, now.goal, constraints)
+    if ahead is None and probe and now.distance > tolerance:
+        test = probe_of(bank, now.image, now.goal, constraints, now.known)
         ahead = rollout(now.image, now.goal, [test], bank=bank, seen=now.seen)
     if ahead is None:
         ahead = plan(now, constraints=constraints.of_images(), stop=stop)

@@ -143,7 +143,7 @@ def done_of(run: runs.Run) -> Iterator[Done]:
     where, start = run.folder / runs.STEPS, run.folder / START
     journal_file = run.folder / journal.NAME
     events = journal.events(journal_file) if journal_file.is_file() else []
-    anew = any(e.get("event") == "resumed" and e.get("steps") == 0 for e in events)
+    anew = any(e.get("event") == "resumed" and e.get("seen", e.get("steps")) == 0 for e in events)
     before, before_mm = None, None
     if start.is_file() and not anew:
         before = images.read_depth(start, depth_unit=run.depth_unit)

@@ -159,7 +159,8 @@ class Session:
                 if done:
                     search["probe"] = False
             try:
-                self._note("resumed" if self._resumed else "started", steps=done)
+                seen = len(self.run)
+                self._note("resumed" if self._resumed else "started", steps=done, seen=seen)
                 self._note("homing")
                 robot.home()
                 result = mold(

@@ -325,7 +325,9 @@ def test_a_trained_bank_knows_its_error(tmp_path, capsys):
 
     printed, result, errors = trained("D")
     expected = cross_validate(pairs, "D")[0].mean_mm
-    assert result["errors"] == [{"action": "poke", "mm": pytest.approx(expected, rel=1e-5)}]
+    (row,) = result["errors"]
+    assert row["action"] == "poke" and row["mm"] == pytest.approx(expected, rel=1e-5)
+    np.testing.assert_allclose(load_bank(out).intervals, [row["spread"]], rtol=1e-5)
     np.testing.assert_allclose(errors, [expected], rtol=1e-5)
     assert printed == f"{expected:.2f}"
     save_bank(fit(pairs), tmp_path / "start")
@@ -333,7 +335,8 @@ def test_a_trained_bank_knows_its_error(tmp_path, capsys):
 
     quick = ["C", "--width", "2", "--epochs", "3", "--batch", "4"]
     _, result, _ = trained(*quick)
-    assert result["errors"] == [{"action": "poke", "mm": result["training"]["poke"]["best_mm"]}]
+    (row,) = result["errors"]
+    assert (row["action"], row["mm"]) == ("poke", result["training"]["poke"]["best_mm"])
     printed, result, errors = trained(*quick, "--validation", "0")
     assert (printed, result["errors"], errors) == ("—", [], None)  # nothing was kept out
     printed, result, errors = trained("D", data=tmp_path / "few")

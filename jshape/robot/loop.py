@@ -64,7 +64,7 @@ class Stop(StrEnum):
     MAX_STEPS = "as many actions as allowed"
     WORSE = "several looks in a row showed no lower distance than all before"
     BUDGET = "the time or the evaluations allowed for a plan were spent before anything helped"
-    UNLIKELY = "what was seen is nothing that the action could leave: has the bed or tool moved?"
+    UNLIKELY = "two looks showed what the actions could not leave: has the bed or tool moved?"
     PLAN_ENDED = "the plan is at its end, and it was not to be made anew"
     DECLINED = "the next action was declined"
 
@@ -98,6 +98,8 @@ PATIENCE = 3
 as it errs by fails once in six times, three in a row once in 250; actions that gain nothing do so
 once in eight.  A look is judged once the actions since the lowest distance were predicted to gain
 more than the noise of two looks hides: what gains as much is hidden once in six times as well."""
+SURPRISES = 2
+"""Unlikely looks one after the other that end the loop: a single slip the next action mends."""
 HEAD = "step  action                  before     predicted  obtained (mm to the goal)"
 """Above the lines of steps."""
 
@@ -237,6 +239,7 @@ def mold(
     if afresh:
         ahead = rollout(now.image, now.goal, ahead, bank=bank, seen=now.seen)
     whole = goal if wanted is None else np.where(wanted, goal, now.image)
+    surprises = 0
     first_bank = bank  # one that learned from a surprise would find the next one likely
     run = Molding(whole, ahead, [now.image], [now.depth], [now.seen])
     obtained = float(metric.to_mm(now.distance, bank.camera))
@@ -288,7 +291,8 @@ def mold(
         if declined:
             run.stop = Stop.DECLINED
             return run
-        if any(step.unlikely for step in run.steps[-len(doing) :]):
+        surprises = surprises + 1 if any(step.unlikely for step in run.steps[-len(doing) :]) else 0
+        if surprises >= SURPRISES:
             run.stop = Stop.UNLIKELY
             return run
         act = doing[-1]

@@ -89,7 +89,10 @@ def _choose(browser, words, shows):
     def chosen():
         shown = [e for e in browser.find_elements("xpath", option) if e.is_displayed()]
         try:
-            (shown or browser.find_elements("css selector", "[aria-label=show]"))[0].click()
+            if shown:  # at the element itself: at its place may by now be the slider below it
+                browser.execute_script("arguments[0].click()", shown[0])
+            else:
+                browser.find_elements("css selector", "[aria-label=show]")[0].click()
         except WebDriverException:  # it moved, or is drawn anew
             pass
         time.sleep(0.5)

@@ -169,6 +169,18 @@ class Page:
         mouse.pointer_up()
         chain.perform()
 
+    def dragged(self, name, start, end, happened, what):
+        """Drag until it has happened: a busy page now and then loses the pointer altogether."""
+        ends = time.monotonic() + 60
+        while time.monotonic() < ends:
+            self.drag(name, start, end)
+            soon = time.monotonic() + 15
+            while time.monotonic() < soon:
+                if happened():
+                    return
+                time.sleep(0.1)
+        pytest.fail(f"waited 60 s for {what}")
+
     def selected(self):
         """Which line of the plan is marked, read at once: lines are drawn anew."""
         marked = "[...document.querySelectorAll('[data-name^=step-].bg-blue-100')]"
@@ -199,8 +211,8 @@ def test_load_draw_plan_step_edit_and_carry_out(page, folder):
 
     page.type("brush width", "70")
     page.press("draw")
-    page.drag("image", (0.3, 0.5), (0.7, 0.5))
-    until(lambda: "; 0.000 mm from" not in page.text("where"), "the drawn goal")
+    drawn = lambda: "; 0.000 mm from" not in page.text("where")  # noqa: E731
+    page.dragged("image", (0.3, 0.5), (0.7, 0.5), drawn, "the drawn goal")
     page.press("plan")
     said = until(lambda: " actions, " in page.text("said") and page.text("said"), "a plan", 120)
     count = int(said.split()[0])
@@ -322,8 +334,8 @@ def test_a_dropped_file_keeps_its_name_and_a_plan_can_be_cancelled(page, folder)
     drop("camera.json", lambda: "read with" in page.text("where"), "the camera")
     drop("SAND.PNG", lambda: "bed: SAND.PNG" in page.text("where"), "the bed")
     page.press("clear")
-    page.drag("image", (0.3, 0.5), (0.7, 0.5))
-    until(lambda: "Press plan" in page.text("hint"), "the drawn goal")
+    drawn = lambda: "Press plan" in page.text("hint")  # noqa: E731
+    page.dragged("image", (0.3, 0.5), (0.7, 0.5), drawn, "the drawn goal")
     page.press("plan")
     until(lambda: page.text("since"), "the search")
     page.press("cancel")
@@ -338,8 +350,8 @@ def test_annotate(page, folder):
     assert "box 40x45" in page.text("title")
     assert EVIL[0] in page.text("title") and EVIL[3] in page.text("title")
     assert page.browser.execute_script("return window.pwned") is None
-    page.drag("difference", (0.25, 0.25), (0.5, 0.5))
-    until(lambda: "not saved yet" in page.text("title"), "the drawn box")
+    drawn = lambda: "not saved yet" in page.text("title")  # noqa: E731
+    page.dragged("difference", (0.25, 0.25), (0.5, 0.5), drawn, "the drawn box")
     page.key(page.keys.ARROW_RIGHT)
     until(lambda: "2 of 2" in page.text("title"), "the second pair")
     page.key("f")

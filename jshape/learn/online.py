@@ -122,7 +122,7 @@ class Evidence:
             [lesson.left_by(hand) for lesson in mine]
             for hand, mine in zip(hands, lessons, strict=True)
         ]
-        weights = self._weights()
+        weights = self._weights
         alike = agreement(lessons, left)
         for k, mine in enumerate(lessons):
             if mine:
@@ -149,7 +149,7 @@ class Evidence:
     @property
     def keeps_start(self) -> bool:
         """Whether what was learned foretold the last actions worse than the start would have."""
-        weights = self._weights()
+        weights = self._weights
         lost = [
             weights[id(one.lesson)] * (one.learned_mm - one.start_mm) for one in self.judged[-LAST:]
         ]
@@ -163,7 +163,7 @@ class Evidence:
 
     def _factors(self) -> Float[np.ndarray, "A"]:
         """By how much the run's errors were larger than the start bank takes them to be."""
-        last, usual, weights = self.judged[-LAST:], self._usual_mm(), self._weights()
+        last, usual, weights = self.judged[-LAST:], self._usual_mm(), self._weights
         weight = np.array([weights[id(one.lesson)] for one in last])
         times = weight * [one.used_mm / usual[one.lesson.action] for one in last]
         action = np.array([one.lesson.action for one in last])
@@ -174,6 +174,7 @@ class Evidence:
             found.append((DOUBT * all_of_them + times[mine].sum()) / (DOUBT + weight[mine].sum()))
         return np.clip(found, *FACTORS).astype(np.float32)
 
+    @cached_property
     def _weights(self) -> dict[int, float]:
         """How much each lesson counts: less where it is off by more than the others are."""
         usual = self._usual_mm()
@@ -184,7 +185,7 @@ class Evidence:
 
     def _solved(self) -> Float[np.ndarray, "A 3"]:
         """The numbers that lessons and prior make most likely."""
-        count, usual, weights = len(self.numbers), 1e-3 * self._usual_mm(), self._weights()
+        count, usual, weights = len(self.numbers), 1e-3 * self._usual_mm(), self._weights
         shared, own = (np.diag(np.square(sizes)) for sizes in (SHARED, OWN))
         prior = np.kron(np.ones((count, count)), shared) + np.kron(np.eye(count), own)
         precision, numbers = np.linalg.inv(prior), self.numbers

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from jshape.models.bank import Bank
     from jshape.planning.api import plan, plan_depth, rollout
     from jshape.planning.limit import Limit, limit
+    from jshape.planning.many import plan_batch
     from jshape.planning.options import (
         PAPER,
         Constraints,
@@ -63,6 +64,7 @@ __all__ = [
     "load_pairs",
     "options",
     "plan",
+    "plan_batch",
     "plan_depth",
     "r_matrix",
     "ray_lengths",
@@ -86,6 +88,7 @@ _HOMES = {
     "jshape.metric": ("distance", "r_matrix", "ray_lengths", "to_mm", "unweigh", "weigh"),
     "jshape.planning.search.base": ("Status",),
     "jshape.planning.api": ("plan", "plan_depth", "rollout"),
+    "jshape.planning.many": ("plan_batch",),
     "jshape.planning.limit": ("Limit", "limit"),
     "jshape.planning.options": (
         "PAPER",

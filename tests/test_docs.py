@@ -38,7 +38,6 @@ SINGLE = (
     "jshape.robot.simulated.SimulatedWorld",
     "jshape.robot.cameras.played.Played",
     "jshape.data.intrinsics.pinhole",
-    "jshape.planning.evaluate.Execution",
 )
 
 

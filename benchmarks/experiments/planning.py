@@ -23,7 +23,7 @@ from jshape import sim
 from jshape.errors import BadDataset, JShapeError, UnknownName
 from jshape.io import banks
 from jshape.planning.api import Plan, plan
-from jshape.planning.evaluate import ONE_BY_ONE, Execution
+from jshape.planning.devices import Execution
 from jshape.planning.options import DEFAULT_BANK
 from jshape.planning.options import options as keywords
 from jshape.robot.loop import Step, mold
@@ -69,7 +69,7 @@ def run_planning(
     *,
     data: Path | None = None,
     overwrite: bool = False,
-    execution: Execution = ONE_BY_ONE,
+    execution: Execution = Execution(),
     say: Callable[[str], Any] = print,
     progress: Callable[[Iterable[Case], int, str], Iterable[Case]] = lambda cases, *_: cases,
 ) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from jshape.height_map import HeightMap
 from jshape.models.bank import Bank
 from jshape.planning import candidates as places
 from jshape.planning import problem as tasks
-from jshape.planning.evaluate import ONE_BY_ONE, Execution
+from jshape.planning.devices import Execution
 from jshape.planning.inputs import (
     as_bank,
     check_image,
@@ -58,7 +58,7 @@ def plan(
     stop: StopCriteria = StopCriteria(),
     budget: SearchBudget = SearchBudget(),
     start: Plan | None = None,
-    execution: Execution = ONE_BY_ONE,
+    execution: Execution = Execution(),
 ) -> Plan:
     """The sequence of actions that molds image I0 into Istar, as the bank predicts it.
 
@@ -107,16 +107,47 @@ def plan_images(
     stop: StopCriteria = StopCriteria(),
     budget: SearchBudget = SearchBudget(),
     start: Plan | None = None,
-    execution: Execution = ONE_BY_ONE,
+    execution: Execution = Execution(),
 ) -> Plan:
     """`plan` of images (H, W) that are checked, of which only pixels that were `seen` count."""
+    records = space, constraints, stop, budget
+    problem, pairs = problem_of(
+        bank, first, goal, seen, planner, *records, start=start, execution=execution
+    )
+    found = jax.device_get(PLANNERS[planner](problem))
+    planned = plan_of(bank, first, goal, seen, problem, found, pairs)
+    return replace(planned, seconds=problem.budget.elapsed)
+
+
+def problem_of(
+    bank: Bank,
+    first: np.ndarray,
+    goal: np.ndarray,
+    seen: np.ndarray | None,
+    planner: str,
+    space: SearchSpace,
+    constraints: Constraints,
+    stop: StopCriteria,
+    budget: SearchBudget,
+    *,
+    start: Plan | None = None,
+    execution: Execution = Execution(),
+    like: SearchProblem | None = None,
+) -> tuple[SearchProblem, tuple[tuple[int, int], ...]]:
+    """What a planner is asked, by `plan`'s options; and the actions that are tried in pairs.
+
+    `like` is the problem of other images, with the same bank and options: they share a budget.
+    """
     if planner not in tuple(PLANNERS):
         raise UnknownName("planner", planner, PLANNERS)
     if start is not None and not isinstance(start, Plan):
         raise JShapeError(f"start is a {type(start).__name__}; it must be a Plan")
     check_records(space, constraints, stop, budget)
+    known = None if like is None else (like.state, like.candidates)
     records = space, constraints, stop
-    state, candidates, limits, pairs = search_inputs(bank, first, goal, seen, planner, *records)
+    state, candidates, limits, pairs = search_inputs(
+        bank, first, goal, seen, planner, *records, known
+    )
     max_steps = int(stop.max_steps)
     stride = places.usual_stride(bank) if space.stride is None else space.stride
     problem = SearchProblem(
@@ -124,20 +155,33 @@ def plan_images(
         candidates=candidates,
         limits=limits,
         max_steps=max_steps,
-        budget=tasks.budget(budget),
+        budget=tasks.budget(budget) if like is None else like.budget,
         fine=tasks.rounds(state, stride) if space.positions is None else 0,
         start=None if start is None else tasks.as_found(start, state, bank, max_steps),
         execution=execution,
     )
-    found = jax.device_get(PLANNERS[planner](problem))
-    spent = problem.budget.elapsed
-    # The search's own distances are sums of changes, which drift by rounding, and on the ground.
+    return problem, pairs
+
+
+def plan_of(
+    bank: Bank,
+    first: np.ndarray,
+    goal: np.ndarray,
+    seen: np.ndarray | None,
+    problem: SearchProblem,
+    found: SearchResult,
+    pairs: tuple[tuple[int, int], ...],
+) -> Plan:
+    """The plan of what a search found.
+
+    The search's own distances are sums of changes, which drift by rounding, and on the ground.
+    """
     planned = predict_sequence(
         bank, first, goal, _acts(found, problem, bank), Status(int(found.status)),
-        float(limits.tolerance), int(found.evaluations), seen, pairs,
+        float(problem.limits.tolerance), int(found.evaluations), seen, pairs,
     )  # fmt: skip
     notes = () if seen is None else outside_domain(first, goal, bank.camera, seen)
-    return replace(planned, seconds=spent, notes=notes)
+    return replace(planned, notes=notes)
 
 
 def _acts(found: SearchResult, problem: SearchProblem, bank: Bank) -> list[PlacedAction]:

@@ -3,16 +3,60 @@
 import hashlib
 import os
 import platform
+from dataclasses import dataclass
 from pathlib import Path
 
 import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from jshape.planning.evaluate import ONE_BY_ONE, Execution
-
 MOST = 8
 """Devices made unless more are asked for: small sweeps gain nothing from more."""
+NODES = 2**24
+"""Nodes of windows that an accelerator evaluates together, at most: some times what it has threads
+for."""
+NODE_BYTES = 2048
+"""Memory that each of them may take: 512 numbers, the features of a U-Net."""
+GOALS = 256
+"""Searches that an accelerator makes together, at most."""
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How candidates are evaluated (static).  Changes no result, only memory and time."""
+
+    chunk: int | None = None
+    """Nodes of windows that are evaluated together, by `vmap` over places and strengths; 0: one
+    place after the other; None: 0 on a CPU, else as much as the device's memory holds."""
+    mesh: Mesh | None = None
+    """Devices that share the places; None is one."""
+
+    @property
+    def nodes(self) -> int:
+        """The chunk, chosen where it is not given."""
+        if self.chunk is not None:
+            return self.chunk
+        memory = accelerator_memory()
+        return 0 if memory is None else min(memory // NODE_BYTES, NODES)
+
+
+def accelerator_memory() -> int | None:
+    """Bytes of memory of the accelerator that JAX uses, 8 GiB if it does not say; None: a CPU."""
+    if jax.default_backend() == "cpu":
+        return None
+    return (jax.local_devices()[0].memory_stats() or {}).get("bytes_limit", 2**33)
+
+
+def goals_together(search_bytes: int, count: int) -> int:
+    """How many searches of so many bytes each are made in one vmapped call: 1 on a CPU.
+
+    Else a power of two, up to what holds all `count` of them, so that few sizes are compiled.
+    """
+    memory = accelerator_memory()
+    if memory is None:
+        return 1
+    fit = max(min(memory // 4 // search_bytes, GOALS), 1)
+    return min(2 ** (fit.bit_length() - 1), 2 ** (count - 1).bit_length())
 
 
 def over_devices(count: int | None = None) -> Execution:
@@ -25,7 +69,7 @@ def over_devices(count: int | None = None) -> Execution:
       count: at most so many; None is as many as this process has cores, at most `MOST`.
     """
     mesh = mesh_of(min(cores(), MOST) if count is None else count, "places")
-    return ONE_BY_ONE if mesh is None else Execution(mesh=mesh)
+    return Execution(mesh=mesh)
 
 
 def mesh_of(count: int, axis: str) -> Mesh | None:

@@ -8,19 +8,22 @@ Places and strengths lie in storage of a few sizes, with masks: another grid, an
 mask or other strengths compile nothing anew.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import PartitionSpec
 
 from jshape import actions
 from jshape._typing import Array, Bool, Float, Int
 from jshape.models.bank import Bank
+from jshape.planning.devices import Execution
 from jshape.planning.state import SearchState
 
 PLACES = 256, 16
@@ -31,20 +34,6 @@ MANY = 2048
 """Places from which on it pays to keep up what stale ones gain at most."""
 SPARE = 108
 """Places left free at the end: a local search puts its own there."""
-
-
-@dataclass(frozen=True)
-class Execution:
-    """How candidates are evaluated (static).  Changes no result, only memory and time."""
-
-    chunk: int = 1
-    """Places evaluated together.  1 is best on a CPU, some hundreds on a GPU."""
-    mesh: Mesh | None = None
-    """Devices that share the places; None is one."""
-
-
-ONE_BY_ONE = Execution()
-"""One device, one place after the other."""
 
 
 @jax.tree_util.register_dataclass
@@ -248,7 +237,7 @@ def evaluate(
     now: Float[Array, "R C"],
     work: Work,
     changes: Float[Array, "N S"],
-    execution: Execution = ONE_BY_ONE,
+    execution: Execution = Execution(),
     share: tuple[int | Array, int] = (0, 1),
 ) -> Float[Array, "N S"]:
     """`changes` with the rows of `work` computed anew; the others are neither read nor computed.
@@ -256,15 +245,16 @@ def evaluate(
     Of `share` (k, n), only the k-th of n parts of each move's places is.
 
     A loop over moves and in it one over places: each step is a slice, on a CPU 2.5 times as fast as
-    one gather over all places, and the loop's length is what there is to do.
+    one gather over all places, and the loop's length is what there is to do.  On an accelerator the
+    inner loop's steps are whole chunks of places and strengths, by `vmap`.
     """
     if execution.mesh is None:
-        return _evaluate(state, now, work, changes, execution.chunk, share)
+        return _evaluate(state, now, work, changes, execution.nodes, share)
     axis, devices = execution.mesh.axis_names[0], execution.mesh.size
 
     def mine(state, now, work, changes):
         share = lax.axis_index(axis).astype(jnp.int32), devices
-        new = _evaluate(state, now, work, jnp.zeros_like(changes), execution.chunk, share)
+        new = _evaluate(state, now, work, jnp.zeros_like(changes), execution.nodes, share)
         new = lax.psum(new, axis)
         row = jnp.arange(len(changes), dtype=jnp.int32)
         done = jnp.zeros(len(changes), bool)
@@ -278,47 +268,62 @@ def evaluate(
     return jax.shard_map(mine, mesh=execution.mesh, **specs)(state, now, work, changes)
 
 
-def _evaluate(state, now, work, changes, chunk, share):
+def _evaluate(state, now, work, changes, nodes, share):
     rank, parts = share
     begins, counts = work.start[:-1], jnp.diff(work.start)
     begins, ends = begins + counts * rank // parts, begins + counts * (rank + 1) // parts
+    way = partial(partial(_vmapped, nodes) if nodes else _in_a_row, state, now, work)
 
     def of_move(number, changes):
-        def of_kernel(kernel, effect, before, changes, begin, end, strengths):
-            count = state.together(kernel) if chunk == 1 else chunk
-            kept = chunk == 1 and count > 1
-
-            def some(g, changes):
-                """Of the g-th places together, all strengths."""
-                row = lax.dynamic_slice(work.order, (begin + g * count,), (count,))
-                first = work.first[row] - before[None]
-                shared = (first, state.windows(kernel, now, first)) if kept else (first, None)
-
-                def new_of(first, windows, strength):
-                    windows = state.windows(kernel, now, first) if windows is None else windows
-                    return state.change(effect, windows, first, strength)
-
-                def with_strength(s, changes):
-                    # Behind a barrier nothing that strengths share is computed for all of them
-                    # beforehand: to keep it takes longer than to compute it again.
-                    (first, windows), strength = lax.optimization_barrier((shared, strengths[s]))
-                    if chunk > 1:
-                        new = jax.vmap(lambda f: new_of(f[None], None, strength)[0])(first)
-                    else:
-                        new = new_of(first, windows, strength)
-                    if count == 1:
-                        return changes.at[row[0], s].set(new[0])
-                    done = jnp.minimum(end - begin - g * count, count)
-                    return lax.fori_loop(0, done, lambda k, c: c.at[row[k], s].set(new[k]), changes)
-
-                return lax.fori_loop(0, work.count, with_strength, changes)
-
-            return lax.fori_loop(0, -(-(end - begin) // count), some, changes)
-
         operands = changes, begins[number], ends[number], work.strengths[number]
-        return state.with_kernel(number, of_kernel, *operands)
+        return state.with_kernel(number, way, *operands)
 
     return lax.fori_loop(0, len(state.moves), of_move, changes)
+
+
+def _in_a_row(state, now, work, kernel, effect, before, changes, begin, end, strengths):
+    """Of one move place after place, or few together, strength after strength."""
+    count = state.together(kernel)
+
+    def some(g, changes):
+        row = lax.dynamic_slice(work.order, (begin + g * count,), (count,))
+        first = work.first[row] - before[None]
+        shared = first, state.windows(kernel, now, first) if count > 1 else None
+
+        def with_strength(s, changes):
+            # Behind a barrier nothing that strengths share is computed for all of them
+            # beforehand: to keep it takes longer than to compute it again.
+            (first, windows), strength = lax.optimization_barrier((shared, strengths[s]))
+            windows = state.windows(kernel, now, first) if windows is None else windows
+            new = state.change(effect, windows, first, strength)
+            if count == 1:
+                return changes.at[row[0], s].set(new[0])
+            done = jnp.minimum(end - begin - g * count, count)
+            return lax.fori_loop(0, done, lambda k, c: c.at[row[k], s].set(new[k]), changes)
+
+        return lax.fori_loop(0, work.count, with_strength, changes)
+
+    return lax.fori_loop(0, -(-(end - begin) // count), some, changes)
+
+
+def _vmapped(nodes, state, now, work, kernel, effect, before, changes, begin, end, strengths):
+    """Of one move all places with all strengths, in chunks of about so many nodes."""
+    chunk = min(max(nodes // math.prod(kernel.shape), 1), changes.size)
+    candidates = (end - begin) * work.count
+
+    def one(first, strength):
+        windows = state.windows(kernel, now, first[None])
+        return state.change(effect, windows, first[None], strength)[0]
+
+    def some(g, changes):
+        number = g * chunk + jnp.arange(chunk, dtype=jnp.int32)
+        place, s = jnp.divmod(number, work.count)
+        row = work.order[begin + place]
+        new = jax.vmap(one)(work.first[row] - before[None], strengths[s])
+        row = jnp.where(number < candidates, row, len(changes))
+        return changes.at[row, s].set(new, mode="drop")
+
+    return lax.fori_loop(0, -(-candidates // chunk), some, changes)
 
 
 def work_of(
@@ -364,7 +369,7 @@ def refresh(
     candidates: Candidates,
     cache: CandidateCache,
     room: int | Array | None = None,
-    execution: Execution = ONE_BY_ONE,
+    execution: Execution = Execution(),
 ) -> tuple[CandidateCache, Int[Array, ""]]:
     """The cache with stale candidates computed anew.  See `work_of`.
 
@@ -373,20 +378,18 @@ def refresh(
     """
     work, due = work_of(state, candidates, cache.stale, room)
     changes = evaluate(state, now, work, cache.changes, execution)
-    return replace(cache, changes=changes, stale=cache.stale & ~due), work.start[
-        -1
-    ] * candidates.num_strengths
+    spent = work.start[-1] * candidates.num_strengths
+    return replace(cache, changes=changes, stale=cache.stale & ~due), spent
 
 
 @jax.jit(static_argnames=["execution"])
 def _sweep(state: SearchState, candidates: Candidates, execution: Execution) -> Float[Array, "N S"]:
-    return refresh(state, state.now, candidates, empty_cache(candidates), execution=execution)[
-        0
-    ].changes
+    fresh = empty_cache(candidates)
+    return refresh(state, state.now, candidates, fresh, execution=execution)[0].changes
 
 
 def sweep(
-    state: SearchState, candidates: Candidates, execution: Execution = ONE_BY_ONE
+    state: SearchState, candidates: Candidates, execution: Execution = Execution()
 ) -> tuple[Array, ...]:
     """Change of d by every candidate: per move (N, S), negative where the goal comes nearer."""
     if not state.moves:

@@ -124,20 +124,23 @@ def search_inputs(
     space: SearchSpace,
     constraints: Constraints,
     stop: StopCriteria,
+    like: tuple[SearchState, Candidates] | None = None,
 ) -> tuple[SearchState, Candidates, SearchLimits, tuple[tuple[int, int], ...]]:
-    """Where a planner works, what it may try and must keep to, and the actions tried in pairs."""
+    """Where a planner works, what it may try and must keep to, and the actions tried in pairs.
+
+    `like` is the state and the candidates of other images, with the same bank and options.
+    """
     constraints.refuse(["max_missing"], "plan takes weighed images; plan_depth reads depth")
     pairs = tasks.carries(bank, space.carries)
     feigned = tasks.feigned(bank, first, goal, seen) if stop.min_gain_mm is None else 0.0
     limits = tasks.limits(bank, stop, constraints.max_uses, pairs, feigned)
-    free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
-    moves = prepared(
-        bank,
-        [
-            (action, np.float32(yaw) if yaw else None, length)
-            for action, yaw, length in tasks.directions(bank, space.yaws, space.lengths, pairs)
-        ],
-    )
+    if like is not None:
+        moves = like[0].moves, like[0].kernels
+    else:
+        turned = tasks.directions(bank, space.yaws, space.lengths, pairs)
+        moves = prepared(
+            bank, [(a, np.float32(y) if y else None, length) for a, y, length in turned]
+        )
     state = on_images(bank, first, goal, *moves, seen)
     stocked = constraints.stock_cm3 is not None
     if planner != "greedy" and stocked:
@@ -145,6 +148,9 @@ def search_inputs(
     worth = tasks.price(state) if pairs and not stocked else None
     state = replace(state, carries=pairs, price=worth)
     limits = replace(limits, stock=tasks.stock(state, constraints))
+    if like is not None:
+        return state, like[1], limits, pairs
+    free = places.reachable(bank.camera, constraints.reachable, constraints.clearance_mm)
     if space.positions is None:
         stride = places.usual_stride(bank) if space.stride is None else space.stride
         where = tasks.at_nodes(state, bank, places.dense_positions(bank, stride))

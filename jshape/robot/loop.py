@@ -22,7 +22,7 @@ from jshape.models.bank import Bank
 from jshape.models.spread import UNLIKELY
 from jshape.planning.api import Plan, check_image, plan_images, rollout
 from jshape.planning.batch import batched, nearest
-from jshape.planning.evaluate import ONE_BY_ONE, Execution
+from jshape.planning.devices import Execution
 from jshape.planning.options import Constraints, SearchBudget, SearchSpace, StopCriteria, hinted
 from jshape.planning.problem import carries, names
 from jshape.robot.checks import check_still, surprise_of, touched_by
@@ -140,7 +140,7 @@ def mold(
     constraints: Constraints = Constraints(),
     stop: StopCriteria = StopCriteria(),
     budget: SearchBudget = SearchBudget(),
-    execution: Execution = ONE_BY_ONE,
+    execution: Execution = Execution(),
     horizon: int | None = None,
     batch: int = 1,
     patience: int | None = None,

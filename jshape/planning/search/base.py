@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 
 from jshape._typing import Array, Bool, Float, Int
-from jshape.planning.evaluate import ONE_BY_ONE, Candidates, Execution
+from jshape.planning.devices import Execution
+from jshape.planning.evaluate import Candidates
 from jshape.planning.state import SearchState
 
 UNLIMITED = 2**31 - 1
@@ -240,7 +241,7 @@ class SearchProblem:
     """Rounds of local search: the neighbours of the best candidates, at ever smaller steps."""
     start: SearchResult | None = None
     """A sequence to begin with, such as what is left of an earlier plan."""
-    execution: Execution = ONE_BY_ONE
+    execution: Execution = Execution()
 
     def __post_init__(self) -> None:
         limits = replace(self.limits, max_steps=self.max_steps)

@@ -1,9 +1,10 @@
 """Algorithm 1: take the action that brings the image nearest to the goal, as long as one does."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,12 +12,10 @@ import numpy as np
 from jax import lax
 
 from jshape._typing import Array, Int
-from jshape.planning.devices import cores
+from jshape.planning.devices import Execution, cores, goals_together
 from jshape.planning.evaluate import (
     MANY,
-    ONE_BY_ONE,
     Candidates,
-    Execution,
     Work,
     evaluate,
 )
@@ -28,6 +27,7 @@ from jshape.planning.search.base import (
     Status,
     compiled,
     ended,
+    room_for,
 )
 from jshape.planning.search.sequence import measured, pruned, warm_start
 from jshape.planning.search.step import (
@@ -109,7 +109,7 @@ def _in_turns(problem: SearchProblem, progress: SearchProgress) -> Iterator[Sear
     """
     state, candidates, execution = problem.state, problem.candidates, problem.execution
     budget, fine = problem.budget, jnp.int32(problem.fine)
-    alone = execution != ONE_BY_ONE or jax.default_backend() != "cpu"
+    alone = execution.mesh is not None or jax.default_backend() != "cpu"
     parts = 1 if alone else min(cores(), SIDE_BY_SIDE)
 
     def one_part(progress: SearchProgress, batch: NextBatch, part: int) -> Array:
@@ -157,7 +157,7 @@ def evaluate_part(
     return evaluate(state, now, work, changes, execution, (part, parts))
 
 
-@jax.jit(static_argnames=["max_steps", "execution"])
+@partial(compiled, static=("max_steps", "execution"))
 def run(
     state: SearchState,
     candidates: Candidates,
@@ -165,20 +165,95 @@ def run(
     *,
     max_steps: int,
     fine: int | Array = 0,
-    execution: Execution = ONE_BY_ONE,
+    room: int | Array = UNLIMITED,
+    execution: Execution = Execution(),
 ) -> SearchResult:
-    """The whole search as one compiled call, for `vmap` over goals and beds.
+    """The whole search as one compiled call, for `vmap` over goals and beds; without `room` none.
 
     Algorithm 1 with strict decrease and ties to the first candidate.  A candidate whose window the
     last action did not touch keeps its value: neither its own nodes nor the goal's have changed,
     so it is not evaluated again.  Nor is one that cannot gain as much any more as others do.
-    A price of material is paid to the end: `search` goes on without.
     """
+    limits = replace(limits, max_steps=jnp.minimum(limits.max_steps, max_steps))
+    room, ever = jnp.asarray(room, jnp.int32), jnp.int32(UNLIMITED)
+
+    def searched(state: SearchState, progress: SearchProgress) -> SearchProgress:
+        given = progress, state, candidates, limits, room, ever, fine
+        return advance(*given, execution=execution)
+
     progress = begin(state, candidates, max_steps)
-    limits = replace(limits, max_steps=max_steps)
-    ever = jnp.int32(UNLIMITED)
-    given = progress, state, candidates, limits, ever, ever, fine
-    return advance(*given, execution=execution).result
+    if state.price is None:
+        return searched(state, progress).result
+    price = jnp.asarray(state.price, jnp.float32)
+
+    def at_price(progress: SearchProgress, paid: Array) -> tuple[SearchProgress, None]:
+        """As `_priced`: at the price, then on at none."""
+        now, result = replace(state, price=jnp.where(paid, price, 0.0)), progress.result
+        again = resume(now, candidates, result, progress.now)
+        again = replace(again, result=replace(again.result, evaluations=result.evaluations))
+        goes_on = paid | ((price != 0) & (result.status == Status.NO_IMPROVEMENT))
+        progress = lax.cond(goes_on, lambda: again, lambda: progress)
+        return searched(now, progress), None
+
+    return lax.scan(at_price, progress, jnp.array([True, False]))[0].result
+
+
+@partial(compiled, static=("max_steps", "execution"))
+def _together(
+    state: SearchState, candidates: Candidates, limits: SearchLimits, each: Any, **how: Any
+) -> SearchResult:
+    """`run` of several goals and beds, vmapped: what differs between them has a leading axis."""
+
+    def one(each: Any) -> SearchResult:
+        maps, numbers = each
+        return run(replace(state, **maps), candidates, replace(limits, **numbers), **how)
+
+    return jax.vmap(one)(each)
+
+
+def search_each(
+    problems: Sequence[SearchProblem], together: int | None = None
+) -> list[SearchResult]:
+    """What `search` finds for problems that differ in goal and bed alone, without a budget (host).
+
+    On a CPU side by side on its cores, by one program for any number of problems: in a vmapped loop
+    all would wait for the slowest, and slices become gathers.  On an accelerator vmapped.
+
+    Args:
+      problems: with one set of candidates.
+      together: how many in one vmapped call; None: by the device and its memory.
+    """
+    one, count = problems[0], len(problems)
+    rooms, maps = one.candidates.first.shape[0] * len(one.candidates.strengths), one.state.now.size
+    together = together or goals_together(16 * (rooms + maps), count)
+    how: dict[str, Any] = {"max_steps": room_for(one.max_steps), "fine": np.int32(one.fine)}
+    if together == 1:
+
+        def alone(problem: SearchProblem, room: int = UNLIMITED) -> SearchResult:
+            given = problem.state, problem.candidates, problem.limits
+            found = run(*given, room=np.int32(room), execution=problem.execution, **how)
+            return jax.block_until_ready(found)
+
+        one.budget.call(alone, one, 0)  # compiled once, not by every thread
+        with ThreadPoolExecutor(min(cores(), count)) as pool:
+            return list(pool.map(alone, problems))
+    how["execution"] = replace(one.execution, chunk=max(one.execution.nodes // together, 1))
+    found = []
+    for start in range(0, count, together):
+        some = list(problems[start : start + together])
+        full = some + some[-1:] * (together - len(some))
+        each = jax.tree.map(lambda *x: jnp.stack(x), *map(_own, full))
+        given = one.state, one.candidates, one.limits, each
+        many = jax.device_get(one.budget.call(_together, *given, **how))
+        found += [jax.tree.map(lambda x, k=k: x[k], many) for k in range(len(some))]
+    return found
+
+
+def _own(problem: SearchProblem) -> Any:
+    """What is a problem's own: of its state, and of its limits."""
+    state, limits = problem.state, problem.limits
+    maps = {name: getattr(state, name) for name in ("now", "goal", "weight", "price")}
+    return maps, {name: jnp.float32(getattr(limits, name)) for name in ("min_gain", "stock")}
 
 
 @partial(compiled, static=("execution",))
@@ -191,7 +266,7 @@ def advance(
     left: Int[Array, ""],
     fine: int | Array = 0,
     *,
-    execution: Execution = ONE_BY_ONE,
+    execution: Execution = Execution(),
 ) -> SearchProgress:
     """Go on until the search ends or about `room` candidates were evaluated, of `left` at most."""
     if not state.moves:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks import page, real_effects
+from benchmarks import gpu, page, real_effects
 from benchmarks.report import Report
 from benchmarks.run import PARTS
 from tests.conftest import ROOT
@@ -92,3 +92,19 @@ def test_the_page_is_renewed_where_its_places_are(tmp_path):
 def test_every_part_has_its_place_on_the_page():
     places = [name for _, name, _ in page.PLACE.findall((ROOT / "docs/benchmarks.md").read_text())]
     assert places == ["machine", *PARTS]
+
+
+@pytest.mark.slow
+def test_the_accelerators_table_runs_where_there_is_none(capsys):
+    gpu.main(["--quick"])
+    head, *rows, last = capsys.readouterr().out.splitlines()
+    assert head.split("  ")[0] == "what" and last == "no accelerator here: the CPU alone"
+    assert len(rows) >= 7 and all(row.split()[-2:] == ["-", "-"] for row in rows)
+
+
+def test_the_accelerators_table_has_ratios_where_both_were_measured():
+    cpu, other = {"sweep: D": 3.0, "training: U": 9.0}, {"sweep: D": 0.5, "training: U": np.nan}
+    assert gpu.rows(cpu, other) == [
+        ("sweep", "D", "3", "0.5", "6"), ("training", "U", "9", "-", "-"),
+    ]  # fmt: skip
+    assert gpu.rows(cpu, None)[0] == ("sweep", "D", "3", "-", "-")

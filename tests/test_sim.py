@@ -37,6 +37,8 @@ from jshape.sim import (
     to_uint16,
     volume,
 )
+from tests.conftest import ROOT
+from tests.documentation import blocks
 from tests.reference import sim_rays
 
 MIDDLE = (0.0, 0.0)
@@ -283,6 +285,43 @@ def test_beds_are_batched_as_a_whole():
     )
     assert after.height.shape == beds.height.shape
     assert volume(after).shape == (2,)
+
+
+@pytest.mark.full
+def test_looks_at_many_beds_with_an_action_each_are_those_of_one_by_one():
+    """Some rest: a place of NaN."""
+    camera = PAPER_BOX.crop(180, 140, 120, 110)
+    keys = jax.random.split(key(15), 3)
+    beds = jax.vmap(lambda k: irregular_bed(k, 0.005, size=(0.3, 0.25)))(keys)
+    strokes = [stroke(*one) for one in (("knock", "robot"), ("grasp", "human"), ("poke", "robot"))]
+    where = jnp.array([[0.02, 0.01], [-0.03, 0.0], [jnp.nan, jnp.nan]])
+    strengths, yaws = jnp.array([0.5, 1.2, 1.0]), jnp.array([0.3, 0.0, 0.0])
+
+    def step(k, bed, hand, place, strength, yaw):
+        bed = apply_action(k, bed, FLOUR, hand, place, strength, yaw)
+        return bed, render(bed, camera)
+
+    each = jax.tree.map(lambda *x: jnp.stack(x), *strokes)
+    given = beds, each, where, strengths, yaws
+    after, looks = jax.jit(jax.vmap(step))(jax.random.split(key(16), 3), *given)
+    for n, one in enumerate(jax.random.split(key(16), 3)):
+        bed, look = jax.jit(step)(one, *jax.tree.map(lambda x, n=n: x[n], given))
+        np.testing.assert_allclose(after.height[n], bed.height, atol=2e-6)
+        np.testing.assert_allclose(looks[n], look, atol=2e-5)
+    np.testing.assert_array_equal(after.height[2], beds.height[2])
+    assert (jnp.abs(after.height - beds.height).max((1, 2)) > 0.003).tolist() == [True, True, False]
+
+
+@pytest.mark.slow
+def test_the_closed_loops_of_the_documentation_run():
+    text = (ROOT / "docs" / "simulator.md").read_text(encoding="utf-8")
+    _, code = (block.text for block in blocks(text) if block.language == "python")
+    done: dict = {}
+    exec(code.replace("COUNT, STEPS, camera = 256, 3", "COUNT, STEPS, camera = 2, 2"), done)
+    left = np.abs(done["image"](done["looks"]) - done["goal"]).mean((1, 2))
+    before = jax.vmap(lambda k: irregular_bed(k, 0.006))(jax.random.split(key(0), 2))
+    first = done["image"](jax.vmap(render, (0, None))(before, PAPER_BOX))
+    assert (left < np.abs(first - done["goal"]).mean((1, 2))).all()
 
 
 @pytest.mark.full

@@ -40,19 +40,22 @@ class Load:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Stroke:
-    """One action of one agent.  A pytree of numbers only: no name, so nothing recompiles."""
+    """One action of one agent.  A pytree of numbers only: no name, so nothing recompiles.
 
-    path: Float[Array, "T F 2 3"]
+    Several, stacked leaf by leaf, are a batch for `vmap`: those that press, or those with a load.
+    """
+
+    path: Float[Array, "*B T F 2 3"]
     """Ends of every finger's lowest line at every waypoint, metres from place and reference."""
-    times: Float[Array, "T"]
+    times: Float[Array, "*B T"]
     """When the waypoints are reached, from 0 to 1."""
-    radius: Float[Array, "F"]
+    radius: Float[Array, "*B F"]
     """Half width of a finger, metres; 0 for an unused one."""
-    rise: Float[Array, "F"]
+    rise: Float[Array, "*B F"]
     """Height of the underside's edge above its lowest line, metres."""
-    flat: Float[Array, "F"]
+    flat: Float[Array, "*B F"]
     """Shape of the underside: 0 a parabola, 1 flat in the middle with a round edge."""
-    reach: Float[Array, "2"]
+    reach: Float[Array, "*B 2"]
     """Half sides (x, y) of the rectangle below the hand whose mean height is the reference, m."""
     yaw: float | Array
     """How far the hand is turned from x towards y, radians."""

@@ -25,6 +25,9 @@ from jshape.planning.search import greedy
 from jshape.planning.search.base import SearchLimits
 from jshape.planning.state import SearchState, search_state
 
+GOALS = 64
+"""Planned at once."""
+
 
 def smooth_bank(rois: dict[str, tuple[int, int]], camera: jshape.Camera = jshape.PAPER_BOX) -> Bank:
     """A bank of smooth craters with these ROI sizes (w, h)."""
@@ -112,7 +115,7 @@ def run(report: Report, out: Path) -> None:
     time = seconds(lambda: jshape.plan(level + heap, level, **how).status, repeats=3)
     report.add(f"jshape.plan, actions that move material: {evaluations} candidates, 1 step",
                1e3 * time, "ms", goal=2000)  # fmt: skip
-    _many_goals(report, three, now, goal, dict.fromkeys(three.actions, positions))
+    _many_goals(report, three, now, goal, positions)
 
 
 def _on_a_grid(report: Report, bank: Bank, now, goal, at: dict[str, np.ndarray]) -> None:
@@ -193,34 +196,24 @@ def _networks(report: Report) -> None:
                tolerance=1.5)  # fmt: skip
 
 
-def _many_goals(report: Report, bank: Bank, now, goal, at: dict[str, np.ndarray]) -> None:
-    """Plans of several goals in one compiled call."""
-    where = candidates_at(search_state(bank, now, goal), bank, at)
-
-    def one(goal):
-        found = greedy.run(search_state(bank, now, goal), where, SearchLimits(), max_steps=4)
-        return found.move, found.node
-
-    together = jax.jit(jax.vmap(one))
-    in_a_loop = jax.jit(lambda goals: jax.lax.map(one, goals))
-    rows = []
-    for count in (1, 4, 16, 64):
-        goals = jnp.stack([jnp.roll(jnp.asarray(goal), k, 0) for k in range(count)])
-        loop = seconds(lambda g=goals: in_a_loop(g), least=0.2, repeats=3) / count
-        if count == 16:
-            vmapped = seconds(lambda g=goals: together(g), least=0.2, repeats=3) / count
-            report.add("16 goals in one call, vmapped: per goal", 1e3 * vmapped, "ms")
-            report.add("16 goals in one call, in a loop: per goal", 1e3 * loop, "ms")
-            alone = [jax.jit(one)(g) for g in goals]
-            same = sum(
-                all(np.array_equal(x[k], y) for x, y in zip(in_a_loop(goals), each, strict=True))
-                for k, each in enumerate(alone)
-            )
-            report.add("16 goals in one call: plans as each alone", same, "", more=True,
-                       tolerance=1)  # fmt: skip
-        rows.append((f"{count}", f"{1e3 * loop:.3g}"))
-    report.table("Goals in one call (`jax.lax.map`), 45 candidates, 4 steps.",
-                 ("goals", "ms per goal"), rows)  # fmt: skip
+def _many_goals(report: Report, bank: Bank, now, goal, positions: np.ndarray) -> None:
+    """Plans of several goals, one by one and at once."""
+    how = jshape.options(jshape.PAPER, bank=bank, positions=positions, max_steps=4)
+    goals = np.stack([np.roll(goal, k, 0) for k in range(GOALS)])
+    calls = {
+        "one by one": lambda: [jshape.plan(now, one, **how) for one in goals],
+        "at once": lambda: jshape.plan_batch(now, goals, **how),
+    }
+    for name, taken in (times := in_turns(calls)).items():
+        report.add(f"{GOALS} goals, {name}: per goal", 1e3 * taken / GOALS, "ms")
+    ratio = times["at once"] / times["one by one"]
+    report.add(f"{GOALS} goals, at once against one by one", ratio, "times", goal=1)
+    plans = zip(*(call() for call in calls.values()), strict=True)
+    same = sum(
+        one.actions == other.actions and np.array_equal(one.positions, other.positions)
+        for one, other in plans
+    )
+    report.add(f"{GOALS} goals, at once: plans as each alone", same, "", more=True, tolerance=1)
 
 
 def _pixels(state: SearchState, candidates: Candidates) -> int:

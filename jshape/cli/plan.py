@@ -13,7 +13,7 @@ from jshape.cli.names import Preset, Uses
 from jshape.cli.options import CameraFile, Common, Part, Positive, Writes, spelled
 from jshape.cli.reachable import base_of, reachable
 from jshape.cli.search_options import Searches, search_of
-from jshape.cli.tables import print_table, warn, write_pictures
+from jshape.cli.tables import print_table, say, warn, write_pictures
 from jshape.data.missing import said as said_of
 from jshape.data.view import View
 from jshape.errors import BadFile, JShapeError
@@ -70,6 +70,11 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
     if options.out is not None:
         with folders.atomic_folder(options.out, options.overwrite, contents=CONTENTS) as folder:
             found.to_json(folder / "plan.json")
+    print(f"bank: {bank_name}; {told}")
+    for note in found.notes:
+        warn(note)
+    _print(found, options.planner)
+    if options.out is not None:
         rois = bank_for(bank, found.camera).rois
         pictures = {
             "plan.png": partial(_draw, "plan_figure", found, rois=rois),
@@ -78,11 +83,6 @@ def plan(initial: Path, desired: Path, /, options: PlanOptions = PlanOptions()) 
         }
         write_pictures(options.out, pictures)
         result["out"] = str(options.out)
-    print(f"bank: {bank_name}; {told}")
-    for note in found.notes:
-        warn(note)
-    _print(found, options.planner)
-    if options.out is not None:
         print(f"plan and pictures: {options.out}")
     return result
 
@@ -207,6 +207,6 @@ def _print(found: Plan, planner: str) -> None:
     if said := found.interval_after(len(found)):
         print(f"{d[-1]:.3f} mm from the goal{said}")
     spent = f"{planner}, {found.seconds:.2f} s, {found.evaluations} predictions"
-    print(f"{found.status.name}: {found.status.meaning} ({spent})")
+    say(f"{found.status.name}: {found.status.meaning} ({spent})")  # pictures take a second more
     if not found.actions and found.status is Status.NO_IMPROVEMENT:
         print("no action of the bank helps at these positions: try a smaller --stride")

@@ -71,7 +71,7 @@ class Searches(Tries, StopCriteria, SearchBudget):
     planner: Annotated[str, Parameter(choices=tuple(PLANNERS), metavar="NAME")] = "greedy"
     """Search to plan with; greedy is the quickest."""
     devices: Devices | None = None
-    """CPU devices that share the work (default: one per core, at most 8)."""
+    """Devices that share the work (default: every accelerator, or the CPU as one)."""
     max_steps: Count = StopCriteria.max_steps
     min_gain_mm: Nonnegative | None = None
     """Least gain of an action, mm (default: what the noise of bed and goal may feign)."""

@@ -10,8 +10,6 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-MOST = 8
-"""Devices made unless more are asked for: small sweeps gain nothing from more."""
 NODES = 2**24
 """Nodes of windows that an accelerator evaluates together, at most: some times what it has threads
 for."""
@@ -60,16 +58,18 @@ def goals_together(search_bytes: int, count: int) -> int:
 
 
 def over_devices(count: int | None = None) -> Execution:
-    """How to share candidates over devices: cores of the CPU, each a device, unless JAX has a GPU.
+    """How to share candidates over devices: accelerators, or devices that are made of the CPU.
 
     Call it before anything is computed: JAX makes its devices then.  Afterwards it is too late for
     more, and those that are there are used.  It changes no result.
 
     Args:
-      count: at most so many; None is as many as this process has cores, at most `MOST`.
+      count: at most so many; None is every accelerator, or the CPU as one device, all cores of
+        which a search uses by itself: more devices are as fast, and all is compiled twice.
     """
-    mesh = mesh_of(min(cores(), MOST) if count is None else count, "places")
-    return Execution(mesh=mesh)
+    if count is None:
+        count = 1 if jax.default_backend() == "cpu" else jax.local_device_count()
+    return Execution(mesh=mesh_of(count, "places"))
 
 
 def mesh_of(count: int, axis: str) -> Mesh | None:
